@@ -110,8 +110,7 @@ def plan_motion(
         # Sums of decimal distances may end a rounding error above the rail's end.
         if not low - 1e-9 <= target <= high + 1e-9:
             raise InputError(
-                f"goes from {here:g} m to {target:g} m and leaves the rail, "
-                f"which reaches from {low:g} m to {high:g} m",
+                f"goes from {here:g} m to {target:g} m and leaves the rail, which reaches from {low:g} m to {high:g} m",
                 place=place,
             )
         shape = KINDS[kind](target - here, limits)
