@@ -1,0 +1,175 @@
+"""`kind: axis`: one inertia, driven directly, linear or rotary.
+
+input = inertia · acceleration + viscous · speed + Coulomb · sign(speed) + gravity,
+where gravity is sine · sin(angle) + constant. A positive constant load opposes
+forward motion. Friction values are magnitudes; loads may have either sign.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from workbench.machine.record import EffectValues, Finite, Identified, NotNegative, Positive, Record, renamed
+
+
+class LinearGravity(Record):
+    constant_n: Finite = 0.0
+
+
+class RotaryGravity(Record):
+    sine_nm: Finite = 0.0
+    constant_nm: Finite = 0.0
+
+
+class LinearFriction(Record):
+    coulomb_forward_n: NotNegative
+    coulomb_backward_n: NotNegative
+    viscous_n_s_per_m: NotNegative
+
+
+class RotaryFriction(Record):
+    coulomb_forward_nm: NotNegative
+    coulomb_backward_nm: NotNegative
+    viscous_nm_s_per_rad: NotNegative
+
+
+class AxisTolerances(Record):
+    """One standard deviation of each nominal value, relative unless the name carries a unit."""
+
+    inertia: NotNegative = 0.02
+    coulomb: NotNegative = 0.15
+    viscous: NotNegative = 0.15
+    gravity: NotNegative = 0.05
+
+
+OFFSET_TOLERANCE = 0.01  # of the largest measured input, where the file gives no tolerance for the offset
+
+
+class LinearTolerances(AxisTolerances):
+    """`torque_gain` and `torque_offset_nm` are accepted as other names of force_gain and force_offset_n."""
+
+    force_gain: NotNegative = 0.005
+    force_offset_n: NotNegative | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _other_names(cls, data: object) -> object:
+        return renamed(renamed(data, "torque_gain", "force_gain"), "torque_offset_nm", "force_offset_n")
+
+
+class RotaryTolerances(AxisTolerances):
+    """`force_gain` and `force_offset_n` are accepted as other names of torque_gain and torque_offset_nm."""
+
+    torque_gain: NotNegative = 0.005
+    torque_offset_nm: NotNegative | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _other_names(cls, data: object) -> object:
+        return renamed(renamed(data, "force_gain", "torque_gain"), "force_offset_n", "torque_offset_nm")
+
+
+class LinearSensors(Record):
+    """Logged force = gain · true force + offset."""
+
+    force_gain: Positive = 1.0
+    force_offset_n: Finite = 0.0
+
+
+class RotarySensors(Record):
+    """Logged torque = gain · true torque + offset."""
+
+    torque_gain: Positive = 1.0
+    torque_offset_nm: Finite = 0.0
+
+
+class Axis(Record):
+    """What linear and rotary axes share. The class attributes name their keys and signals alike."""
+
+    format: Literal[1] = 1
+    kind: Literal["axis"] = "axis"
+    effects: EffectValues = Field(default_factory=dict)
+    identified: Identified = Field(default_factory=dict)
+
+    # role -> dotted name of the value, the same roles for both motions
+    value_of: ClassVar[dict[str, str]] = {}
+    input_signal: ClassVar[str]
+    position_signal: ClassVar[str]
+    speed_signal: ClassVar[str]
+    reference_signal: ClassVar[str]
+
+    def role(self, name: str) -> float:
+        """The value of a role: inertia, coulomb_forward, coulomb_backward, viscous, gravity_sine,
+        gravity_constant, gain, offset, gain_tolerance. A linear axis has no sine load: 0."""
+        target: object = self
+        dotted = self.value_of[name]
+        if not dotted:
+            return 0.0
+        for part in dotted.split("."):
+            target = getattr(target, part)
+        assert isinstance(target, float)
+        return target
+
+    def offset_tolerance(self, largest_input: float) -> float:
+        """Tolerance of the input's offset, in the input's unit; where missing, 1 % of the largest measured input."""
+        tolerances = getattr(self, "tolerances")  # noqa: B009  declared by each motion
+        stated = tolerances.force_offset_n if isinstance(tolerances, LinearTolerances) else tolerances.torque_offset_nm
+        return OFFSET_TOLERANCE * largest_input if stated is None else float(stated)
+
+
+class LinearAxis(Axis):
+    """`motion: linear`: kg, N, m."""
+
+    motion: Literal["linear"] = "linear"
+    name: str = "linear axis"
+    mass_kg: Positive
+    gravity: LinearGravity = LinearGravity()
+    friction: LinearFriction
+    sensors: LinearSensors = LinearSensors()
+    tolerances: LinearTolerances = LinearTolerances()
+
+    value_of: ClassVar[dict[str, str]] = {
+        "inertia": "mass_kg",
+        "coulomb_forward": "friction.coulomb_forward_n",
+        "coulomb_backward": "friction.coulomb_backward_n",
+        "viscous": "friction.viscous_n_s_per_m",
+        "gravity_sine": "",
+        "gravity_constant": "gravity.constant_n",
+        "gain": "sensors.force_gain",
+        "offset": "sensors.force_offset_n",
+        "gain_tolerance": "tolerances.force_gain",
+    }
+    input_signal: ClassVar[str] = "force_n"
+    position_signal: ClassVar[str] = "position_m"
+    speed_signal: ClassVar[str] = "velocity_m_s"
+    reference_signal: ClassVar[str] = "position_reference_m"
+
+
+class RotaryAxis(Axis):
+    """`motion: rotary`: kg m², N m, rad."""
+
+    motion: Literal["rotary"] = "rotary"
+    name: str = "rotary axis"
+    inertia_kg_m2: Positive
+    gravity: RotaryGravity = RotaryGravity()
+    friction: RotaryFriction
+    sensors: RotarySensors = RotarySensors()
+    tolerances: RotaryTolerances = RotaryTolerances()
+
+    value_of: ClassVar[dict[str, str]] = {
+        "inertia": "inertia_kg_m2",
+        "coulomb_forward": "friction.coulomb_forward_nm",
+        "coulomb_backward": "friction.coulomb_backward_nm",
+        "viscous": "friction.viscous_nm_s_per_rad",
+        "gravity_sine": "gravity.sine_nm",
+        "gravity_constant": "gravity.constant_nm",
+        "gain": "sensors.torque_gain",
+        "offset": "sensors.torque_offset_nm",
+        "gain_tolerance": "tolerances.torque_gain",
+    }
+    input_signal: ClassVar[str] = "torque_nm"
+    position_signal: ClassVar[str] = "angle_rad"
+    speed_signal: ClassVar[str] = "speed_rad_s"
+    reference_signal: ClassVar[str] = "angle_reference_rad"

@@ -1,0 +1,104 @@
+"""machine.yaml to a machine and back."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import TypeVar
+
+from workbench.errors import InputError, nearest
+from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
+from workbench.machine.hoist import Hoist
+from workbench.yaml_strict import Document, dumps, load, validate
+
+T = TypeVar("T")
+CheckEffects = Callable[[Mapping[str, Mapping[str, float]]], None]
+_HEAD = ("format", "kind", "motion", "name")
+_TAIL = ("sensors", "tolerances", "effects", "identified")
+
+
+def load_machine(path: str | os.PathLike[str], *, check_effects: CheckEffects | None = None) -> Hoist | Axis:
+    """The machine a machine.yaml describes.
+
+    check_effects: called with the file's effects; raises InputError for a name or
+    parameter it does not know, to which file and line are added here.
+    InputError names file, line, place, value and what was expected.
+    """
+    return machine_from(load(path), check_effects=check_effects)
+
+
+def machine_from(document: Document, *, check_effects: CheckEffects | None = None) -> Hoist | Axis:
+    """The machine a document describes; see `load_machine`."""
+    machine = validate(_record_for(document), document)
+    if check_effects is not None:
+        try:
+            check_effects(machine.effects)
+        except InputError as error:
+            place = tuple((error.place or "effects").split("."))
+            raise InputError(
+                error.problem, file=document.file, line=document.line(place), place=error.place or "effects"
+            ) from error
+    return machine
+
+
+def _record_for(document: Document) -> type[Hoist] | type[LinearAxis] | type[RotaryAxis]:
+    """The record that `kind` and `motion` ask for."""
+    data = document.data
+    if not isinstance(data, dict):
+        raise InputError("is not a block of keys; expected a machine", file=document.file, line=document.line(()))
+    if (version := data.get("format", 1)) != 1:  # first: a newer form may have other keys throughout
+        line = document.line(("format",))
+        raise InputError(f"{version!r}, this version reads format 1", file=document.file, line=line, place="format")
+    if _choice(document, "kind", {"hoist": "hoist", "axis": "axis"}, "hoist") == "hoist":
+        return Hoist
+    motions: dict[str, type[LinearAxis] | type[RotaryAxis]] = {"linear": LinearAxis, "rotary": RotaryAxis}
+    return _choice(document, "motion", motions, None)
+
+
+def _choice(document: Document, key: str, valid: Mapping[str, T], default: str | None) -> T:
+    assert isinstance(document.data, dict)
+    name = document.data.get(key, default)
+    if isinstance(name, str) and name in valid:
+        return valid[name]
+    problem = "is missing" if key not in document.data else f"unknown {key} {name!r}"
+    raise InputError(
+        f"{problem}; {nearest(str(name), valid)}", file=document.file, line=document.line((key,)), place=key
+    )
+
+
+def machine_text(machine: Hoist | Axis) -> str:
+    """A machine as complete YAML: every value, defaults included; what is not set is left out."""
+    free = machine.model_dump(include={"effects", "identified"})  # not ours: kept with whatever nulls it holds
+    data = machine.model_dump(exclude_none=True) | free
+    order = [*_HEAD, *(key for key in data if key not in (*_HEAD, *_TAIL)), *_TAIL]
+    return dumps({key: data[key] for key in order if key in data and data[key] != {}})
+
+
+def save_machine(machine: Hoist | Axis, path: str | os.PathLike[str]) -> None:
+    """Writes machine.yaml whole or not at all, over what is there. InputError when it cannot be written."""
+    file = Path(path)
+    text = machine_text(machine)
+    temporary: str | None = None
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, 0o644)  # mkstemp makes files only their owner can read
+        os.replace(temporary, file)
+    except OSError as error:
+        if temporary is not None and os.path.exists(temporary):
+            os.unlink(temporary)
+        raise InputError(f"cannot be written: {error.strerror}", file=file) from error
+
+
+@cache
+def default_hoist() -> Hoist:
+    """The machine that ships with the package: engineering estimates of a pipe racker's winch."""
+    machine = load_machine(Path(__file__).with_name("default_hoist.yaml"))
+    assert isinstance(machine, Hoist)
+    return machine

@@ -1,0 +1,162 @@
+"""`kind: hoist`: a winch, a wire over a sheave on the carriage, a guided carriage.
+
+Key names and order are those of machine.yaml; units stand in the names. Sources of
+the symbols: the paper's Table of parameters; see docs/formats.md for every key.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from workbench.machine.record import EffectValues, Finite, Identified, NotNegative, Positive, Record
+
+
+class Motor(Record):
+    """`count` equal motors on one gearbox; inertia and nominal torque are one motor's."""
+
+    count: Annotated[int, Field(ge=1, le=100, strict=True)]
+    rotor_inertia_kg_m2: Positive
+    nominal_torque_nm: Positive
+    nominal_speed_rad_s: Positive
+
+
+class Gearbox(Record):
+    """`ratio` is motor speed over drum speed."""
+
+    ratio: Positive
+
+
+class Winch(Record):
+    """The drum with what turns with it."""
+
+    drum_diameter_m: Positive
+    pin_diameter_m: Positive
+    inertia_kg_m2: Positive
+    mass_kg: Positive
+
+    @model_validator(mode="after")
+    def _pin_fits(self) -> Winch:
+        if self.pin_diameter_m >= self.drum_diameter_m:
+            raise ValueError(
+                f"pin_diameter_m {self.pin_diameter_m}, expected less than drum_diameter_m {self.drum_diameter_m}"
+            )
+        return self
+
+
+class Sheave(Record):
+    """The sheave on the carriage."""
+
+    diameter_m: Positive
+    pin_diameter_m: Positive
+    inertia_kg_m2: Positive
+    mass_kg: Positive
+
+    @model_validator(mode="after")
+    def _pin_fits(self) -> Sheave:
+        if self.pin_diameter_m >= self.diameter_m:
+            raise ValueError(f"pin_diameter_m {self.pin_diameter_m}, expected less than diameter_m {self.diameter_m}")
+        return self
+
+
+class Bearing(Record):
+    pin_friction_coefficient: Annotated[float, Field(ge=0.0, lt=1.0, strict=True, allow_inf_nan=False)]
+
+
+class Wire(Record):
+    """Stiffness of one fall is E·A over its free length; `damping_time_s` is c/k."""
+
+    youngs_modulus_pa: Positive
+    effective_area_m2: Positive
+    segment_length_m: Positive
+    damping_time_s: NotNegative
+    breaking_load_n: Positive | None = None
+
+
+class Carriage(Record):
+    mass_kg: Positive
+
+
+class Guide(Record):
+    """Friction force level(direction) · (2/π)·atan(slope · speed); levels are magnitudes."""
+
+    coulomb_hoisting_n: NotNegative
+    coulomb_lowering_n: NotNegative
+    atan_slope_s_per_m: Positive
+
+
+class HoistTolerances(Record):
+    """One standard deviation of each nominal value, relative unless the name carries a unit."""
+
+    rotor_inertia: NotNegative = 0.01
+    carriage_mass: NotNegative = 0.004
+    payload: NotNegative = 0.005
+    coulomb: NotNegative = 0.15
+    pin_friction: NotNegative = 0.1
+    wire_stiffness: NotNegative = 0.05
+    torque_gain: NotNegative = 0.005
+    torque_offset_nm: NotNegative = 3.0
+
+
+class Drive(Record):
+    """`overload` is the largest torque a motor may give over its nominal torque."""
+
+    overload: Positive = 1.6
+
+
+class Rail(Record):
+    """Carriage heights between which the machine may move. No highest position means segment_length_m."""
+
+    lowest_position_m: Finite = 0.0
+    highest_position_m: Finite | None = None
+
+
+class HoistSensors(Record):
+    """Logged torque = gain · true torque + offset, both of the motors' sum."""
+
+    torque_gain: Positive = 1.0
+    torque_offset_nm: Finite = 0.0
+
+
+class Hoist(Record):
+    """A hoist, whole. Raises pydantic's ValidationError; `load_machine` turns that into an InputError."""
+
+    format: Literal[1] = 1
+    kind: Literal["hoist"] = "hoist"
+    name: str = "hoist"
+    motor: Motor
+    gearbox: Gearbox
+    winch: Winch
+    sheave: Sheave
+    bearing: Bearing
+    wire: Wire
+    carriage: Carriage
+    guide: Guide
+    gravity_m_s2: Positive = 9.81
+    drive: Drive = Drive()
+    rail: Rail = Rail()
+    sensors: HoistSensors = HoistSensors()
+    tolerances: HoistTolerances = HoistTolerances()
+    effects: EffectValues = Field(default_factory=dict)
+    identified: Identified = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _rail_lies_below_the_anchor(self) -> Hoist:
+        low, high, top = self.rail.lowest_position_m, self.highest_position_m, self.wire.segment_length_m
+        if not low < high <= top:
+            raise ValueError(
+                f"rail from {low} to {high} m, expected lowest_position_m < highest_position_m <= "
+                f"wire.segment_length_m, which is {top}"
+            )
+        return self
+
+    @property
+    def highest_position_m(self) -> float:
+        high = self.rail.highest_position_m
+        return self.wire.segment_length_m if high is None else high
+
+    @property
+    def lift_m_per_rad(self) -> float:
+        """Carriage travel per motor angle on a stiff wire: two falls, so half of what the drum takes up."""
+        return self.winch.drum_diameter_m / (4.0 * self.gearbox.ratio)

@@ -1,0 +1,30 @@
+"""What every record of machine.yaml shares: frozen, strict about keys and about numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
+
+Positive = Annotated[float, Field(gt=0.0, strict=True, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, strict=True, allow_inf_nan=False)]
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+EffectValues = Mapping[str, Mapping[str, Finite]]
+Identified = Mapping[str, JsonValue]
+
+
+class Record(BaseModel):
+    """A block of machine.yaml. An unknown key, a number as text or a value out of range is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+def renamed(data: object, other: str, canonical: str) -> object:
+    """A mapping with key `other` under its canonical name. Both at once is a ValueError."""
+    if not isinstance(data, dict) or other not in data:
+        return data
+    if canonical in data:
+        raise ValueError(f"'{other}' and '{canonical}' mean the same; give one of them")
+    return {canonical if key == other else key: value for key, value in data.items()}

@@ -1,0 +1,70 @@
+"""A machine's numbers under dotted names: guide.coulomb_hoisting_n."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from workbench.errors import InputError, nearest
+from workbench.machine.axis import Axis
+from workbench.machine.hoist import Hoist
+from workbench.yaml_strict import dotted, problem_lines
+
+AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
+_NOT_VALUES = ("format", "identified")
+
+
+def value_names(machine: Hoist | Axis) -> tuple[str, ...]:
+    """Dotted names of all numbers a machine carries, tolerances and effects included, in file order."""
+    return tuple(name for name, value in _leaves(machine, "") if isinstance(value, float | int))
+
+
+def get_value(machine: Hoist | Axis, name: str) -> float:
+    """One number. InputError for a name the machine does not have, with the nearest one."""
+    for each, value in _leaves(machine, ""):
+        if each == name:
+            if value is None:
+                raise InputError("has no value in this machine", place=name)
+            return float(value)
+    raise _unknown(machine, name)
+
+
+def with_values(machine: AnyMachine, values: Mapping[str, float]) -> AnyMachine:
+    """The machine with other numbers, checked like a file. InputError names the value that does not fit."""
+    known = {name for name, _ in _leaves(machine, "")}
+    data: dict[str, Any] = machine.model_dump()
+    for name, value in values.items():
+        if name not in known:
+            raise _unknown(machine, name)
+        block, parts = data, name.split(".")
+        for part in parts[:-1]:
+            block = block[part]
+        whole = isinstance(block[parts[-1]], int) and float(value).is_integer()
+        block[parts[-1]] = int(value) if whole else float(value)
+    try:
+        return type(machine).model_validate(data)
+    except ValidationError as error:
+        place, problem = problem_lines(type(machine), error, data)[0]
+        raise InputError(problem, place=dotted(place) or None) from error
+
+
+def _unknown(machine: Hoist | Axis, name: str) -> InputError:
+    return InputError(f"the machine has no value '{name}'; {nearest(name, value_names(machine))}")
+
+
+def _leaves(record: BaseModel, prefix: str) -> Iterator[tuple[str, float | None]]:
+    """(dotted name, value) of numbers and of optional numbers that are not set."""
+    for key in type(record).model_fields:
+        value = getattr(record, key)
+        if isinstance(value, BaseModel):
+            yield from _leaves(value, f"{prefix}{key}.")
+        elif key == "effects":
+            for effect, parameters in value.items():
+                for parameter, number in parameters.items():
+                    yield f"effects.{effect}.{parameter}", number
+        elif not prefix and key in _NOT_VALUES:
+            continue
+        elif value is None or isinstance(value, float | int):
+            yield f"{prefix}{key}", value

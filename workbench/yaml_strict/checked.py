@@ -1,0 +1,182 @@
+"""Plain data into a pydantic record; what does not fit becomes one line an engineer can act on."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from workbench.errors import InputError, nearest
+from workbench.yaml_strict.document import Document, Place, dotted
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+    from pydantic_core import ErrorDetails
+
+Model = TypeVar("Model", bound=BaseModel)
+MAX_PROBLEMS = 5
+_BOUNDS = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "of at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "of at most"),
+}
+
+
+def validate(model: type[Model], document: Document) -> Model:
+    """The record a document describes; InputError with file:line: place: problem for up to five problems."""
+    try:
+        return model.model_validate(document.data)
+    except ValidationError as error:
+        found = problem_lines(model, error, document.data)
+        lines = [
+            InputError(text, file=document.file, line=document.line(place), place=dotted(place) or None)
+            for place, text in found
+        ]
+        first = lines[0]
+        rest = [str(line) for line in lines[1:]]
+        raise InputError(
+            "\n".join([first.problem, *rest]), file=first.file, line=first.line, place=first.place
+        ) from error
+
+
+def problem_lines(model: type[BaseModel], error: ValidationError, data: object) -> list[tuple[Place, str]]:
+    """(place, sentence) of each problem, unknown keys first: they often explain what is missing."""
+    details = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
+    found: dict[tuple[Place, str], None] = {}
+    for detail in details:
+        place = _place_in(data, detail["loc"])
+        found[(place, _sentence(model, place, detail, data))] = None
+    problems = list(found)
+    if len(problems) > MAX_PROBLEMS:
+        place, text = problems[MAX_PROBLEMS - 1]
+        problems[MAX_PROBLEMS - 1] = (place, f"{text} (and {len(problems) - MAX_PROBLEMS} more problems)")
+    return problems[:MAX_PROBLEMS]
+
+
+def _place_in(data: object, location: tuple[int | str, ...]) -> Place:
+    """Pydantic's location without the names it adds for the members of a union."""
+    place: list[str | int] = []
+    for index, part in enumerate(location):
+        inside = (isinstance(data, dict) and part in data) or (
+            isinstance(data, list) and isinstance(part, int) and part < len(data)
+        )
+        if inside:
+            data = data[part]  # type: ignore[index]
+            place.append(part)
+        elif isinstance(data, dict) and index == len(location) - 1 and part != "[key]":
+            place.append(part)
+    return tuple(place)
+
+
+def _sentence(model: type[BaseModel], place: Place, detail: ErrorDetails, data: object) -> str:
+    kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
+    if kind == "extra_forbidden":
+        valid = _keys(_models_at(model, place[:-1])) - _present(data, place[:-1])
+        return f"unknown key '{place[-1]}'; {nearest(str(place[-1]), valid)}" if valid else f"unknown key '{place[-1]}'"
+    if kind == "missing":
+        return f"is missing; expected {_expectation(_field_at(model, place))}"
+    if kind in _BOUNDS:
+        name, words = _BOUNDS[kind]
+        return f"{_shown(value)}, expected a number {words} {_shown(context.get(name))}"
+    if kind == "finite_number":
+        return f"{_shown(value)}, expected a finite number"
+    if kind.startswith(("float_", "int_")):
+        whole = "a whole number" if kind.startswith("int_") else "a number"
+        return f"{_shown(value)}, expected {whole}{_number_hint(value)}"
+    if kind.startswith("bool_"):
+        return f"{_shown(value)}, expected true or false"
+    if kind == "string_type":
+        hint = "; put it in quotes" if isinstance(value, int | float) else ""
+        return f"{_shown(value)}, expected text{hint}"
+    if kind == "literal_error":
+        choices = [str(choice) for choice in _choices(_field_at(model, place))]
+        if isinstance(value, str) and difflib.get_close_matches(value, choices, n=1):
+            return f"{_shown(value)}; {nearest(value, choices)}"
+        return f"{_shown(value)}, expected {context.get('expected', ' or '.join(choices))}"
+    if kind in ("model_type", "model_attributes_type", "dict_type", "mapping_type"):
+        return f"{_shown(value)}, expected a block of keys"
+    if kind in ("list_type", "tuple_type"):
+        return f"{_shown(value)}, expected a list"
+    if kind == "value_error":
+        return str(context.get("error", detail["msg"]))
+    message = detail["msg"]
+    return f"{_shown(value)}: {message[:1].lower()}{message[1:]}"
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "empty"
+    text = repr(value) if not isinstance(value, dict | list) else ("a block of keys" if value else "nothing")
+    text = "a list" if isinstance(value, list) else text
+    return text if len(text) <= 60 else text[:57] + "…"
+
+
+def _number_hint(value: object) -> str:
+    if not isinstance(value, str):
+        return ""
+    if re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+\s*", value):
+        return " with a decimal point"
+    try:
+        float(value.replace("_", ""))
+    except ValueError:
+        return "; units belong to the key's name" if re.match(r"\s*[-+.]?[0-9]", value) else ""
+    return " without quotes or underscores"
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models_in(part)]
+
+
+def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
+    models = [model]
+    for part in place:
+        fields = [each.model_fields[part] for each in models if isinstance(part, str) and part in each.model_fields]
+        if fields:
+            models = [inner for field in fields for inner in _models_in(field.annotation)]
+    return models
+
+
+def _field_at(model: type[BaseModel], place: Place) -> FieldInfo | None:
+    for each in _models_at(model, place[:-1]):
+        if place and isinstance(place[-1], str) and place[-1] in each.model_fields:
+            return each.model_fields[place[-1]]
+    return None
+
+
+def _keys(models: list[type[BaseModel]]) -> set[str]:
+    return {field.alias or name for model in models for name, field in model.model_fields.items()}
+
+
+def _present(data: object, place: Place) -> set[str]:
+    for part in place:
+        data = data[part]  # type: ignore[index]
+    return {str(key) for key in data} if isinstance(data, dict) else set()
+
+
+def _choices(field: FieldInfo | None) -> tuple[Any, ...]:
+    return get_args(field.annotation) if field is not None else ()
+
+
+def _expectation(field: FieldInfo | None) -> str:
+    """What a field wants, from its declaration."""
+    if field is None:
+        return "a value"
+    if models := _models_in(field.annotation):
+        return f"a block with {', '.join(sorted(_keys(models)))}"
+    if field.annotation is str:
+        return "text"
+    if field.annotation in (float, int):
+        words = [
+            f"{text} {_shown(getattr(bound, name))}"
+            for bound in field.metadata
+            for name, text in _BOUNDS.values()
+            if getattr(bound, name, None) is not None
+        ]
+        return " ".join(["a whole number" if field.annotation is int else "a number", " and ".join(words)]).strip()
+    choices = [repr(choice) for choice in _choices(field) if isinstance(choice, str | int)]
+    return " or ".join(choices) or "a value"
