@@ -1,0 +1,241 @@
+"""Running the generated kernels: scenarios into lanes, lanes onto threads.
+
+Arrays here have the scenario as their last axis; what comes back has the same.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..plants import NO_EFFECTS, Effects, Plant
+from ..run import Array
+from .cache import announced, compiled_before, load_kernel
+from .source import driven_source, loop_source, module_source, replay_source
+
+T = TypeVar("T")
+
+WIDE = 16  # lanes of a wide kernel; below 16 LLVM does not vectorise the loop
+TOLERANCE = 2e-6  # of the speed scale, per interval between samples; gives 1e-6 over a run
+MOST_STEPS = 64  # between two samples
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """One compiled loop for a fixed number of lanes."""
+
+    name: str
+    lanes: int
+    rows: int  # of the prepared constants
+    prepare: Callable[..., None]
+    call: Callable[..., int]
+
+    def constants(self, parameters: Array) -> Array:
+        """parameters: (names, lanes) -> what the steps read of them, once a scenario."""
+        c = np.empty(self.rows * self.lanes)
+        with announced("simulation kernels", not compiled_before(self.prepare)):
+            self.prepare(np.ascontiguousarray(parameters).ravel(), c)
+        return c
+
+    def __call__(self, *arguments: Any) -> int:
+        with announced("simulation kernels", not compiled_before(self.call)):
+            return self.call(*arguments)
+
+
+def _kernel(text: str, name: str, lanes: int) -> Kernel:
+    module = module_source(text)
+    rows = load_kernel(module, f"PREPARED_{name}")
+    return Kernel(name, lanes, int(rows), load_kernel(module, f"prepare_{name}"), load_kernel(module, name))  # type: ignore[call-overload]
+
+
+@cache
+def replay_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
+    return _kernel(replay_source(plant, effects, tuple(plant.parameters), lanes), "replay", lanes)
+
+
+@cache
+def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
+    return _kernel(driven_source(plant, effects, tuple(plant.parameters), lanes), "driven", lanes)
+
+
+@cache
+def loop_kernel(
+    plant: Plant, effects: Effects, lanes: int, controller: Any, observer: Any, recorded: tuple[str, ...]
+) -> Kernel:
+    parameters = (*plant.parameters, *controller.parameters, *observer.parameters)
+    return _kernel(loop_source(plant, effects, parameters, lanes, controller, observer, recorded), "loop", lanes)
+
+
+def lanes_for(scenarios: int) -> int:
+    return 1 if scenarios == 1 else WIDE
+
+
+def _groups(scenarios: int, lanes: int) -> list[np.ndarray]:
+    """Indices of the scenarios in each call; the last call's spare lanes repeat its last scenario."""
+    padded = -(-scenarios // lanes) * lanes
+    return list(np.minimum(np.arange(padded), scenarios - 1).reshape(-1, lanes))
+
+
+def _lanes(a: Array, group: np.ndarray) -> Array:
+    """The columns of a group, flat: rows of lanes. A single column serves every scenario."""
+    columns = a[..., group] if a.shape[-1] > 1 else np.broadcast_to(a, (*a.shape[:-1], len(group)))
+    return np.array(columns, dtype=float, order="C").reshape(-1)  # a copy: kernels advance states in place
+
+
+def _spread(work: Callable[[np.ndarray], T], groups: Sequence[np.ndarray], threads: int | None) -> list[T]:
+    """Run the groups; kernels let go of the interpreter lock, so threads use all cores."""
+    workers = min(len(groups), threads or os.cpu_count() or 1)
+    first = work(groups[0])  # compiles, if need be, in one thread only
+    if workers == 1 or len(groups) == 1:
+        return [first, *(work(group) for group in groups[1:])]
+    with ThreadPoolExecutor(workers) as pool:
+        return [first, *pool.map(work, groups[1:])]
+
+
+def _joined(parts: Sequence[Array], scenarios: int) -> Array:
+    return parts[0][..., :scenarios] if len(parts) == 1 else np.concatenate(parts, axis=-1)[..., :scenarios]
+
+
+def replay(
+    plant: Plant,
+    parameters: Array,
+    times: Array,
+    inputs: Array,
+    start: Array,
+    speed_scales: Array,
+    *,
+    effects: Effects = NO_EFFECTS,
+    tolerance: float = TOLERANCE,
+    threads: int | None = None,
+) -> Array:
+    """States under inputs given at samples, linear between them.
+
+    parameters: (names, scenarios); times, inputs: (n, scenarios); start: (states,
+    scenarios), positions first; speed_scales: (speeds, scenarios), what the tolerance
+    is relative to. Returns (n, states, scenarios).
+    """
+    scenarios = parameters.shape[1]
+    kernel = replay_kernel(plant, effects, lanes_for(scenarios))
+    n, states = times.shape[0], start.shape[0]
+
+    def work(group: np.ndarray) -> Array:
+        L = kernel.lanes
+        result = np.empty((n, states, L))
+        state = _lanes(start, group)
+        kernel(
+            kernel.constants(parameters[:, group]),
+            _lanes(times, group),
+            _lanes(inputs, group),
+            state,
+            np.empty_like(state),
+            np.empty(L),
+            1.0 / _lanes(speed_scales, group),
+            tolerance,
+            MOST_STEPS,
+            result.reshape(-1),
+        )
+        return result
+
+    return _joined(_spread(work, _groups(scenarios, kernel.lanes), threads), scenarios)
+
+
+def driven(
+    plant: Plant,
+    parameters: Array,
+    times: Array,
+    angles: Array,
+    speeds: Array,
+    accelerations: Array,
+    start: Array,
+    speed_scales: Array,
+    *,
+    effects: Effects = NO_EFFECTS,
+    tolerance: float = TOLERANCE,
+    threads: int | None = None,
+) -> Array:
+    """The input that the measured motion of the driven coordinate takes, and the other states.
+
+    times, angles, speeds, accelerations: (n, scenarios); start: (other states,
+    scenarios). Returns (n, 1 + other states, scenarios), the input first.
+    """
+    scenarios = parameters.shape[1]
+    kernel = driven_kernel(plant, effects, lanes_for(scenarios))
+    n, rows = times.shape[0], 1 + start.shape[0]
+
+    def work(group: np.ndarray) -> Array:
+        L = kernel.lanes
+        result = np.empty((n, rows, L))
+        state = _lanes(start, group)
+        kernel(
+            kernel.constants(parameters[:, group]),
+            *(_lanes(a, group) for a in (times, angles, speeds, accelerations)),
+            state,
+            np.empty_like(state),
+            np.empty(L),
+            1.0 / _lanes(speed_scales[1:], group),
+            tolerance,
+            MOST_STEPS,
+            result.reshape(-1),
+        )
+        return result
+
+    return _joined(_spread(work, _groups(scenarios, kernel.lanes), threads), scenarios)
+
+
+def loop(
+    plant: Plant,
+    controller: Any,
+    observer: Any,
+    recorded: tuple[str, ...],
+    parameters: Array,
+    references: Array,
+    sample_time: float,
+    start: Array,
+    memory: Array,
+    *,
+    every: int = 1,
+    substeps: int = 1,
+    effects: Effects = NO_EFFECTS,
+    threads: int | None = None,
+) -> tuple[Array, Array, Array]:
+    """A sampled controller on the plant.
+
+    parameters: (names, scenarios) of plant, controller and observer; references:
+    (n, references, scenarios); start: (states, scenarios); memory: (controller
+    memory, scenarios). Returns recorded signals (rows, signals, scenarios), the
+    observer's sums (sums, scenarios) and the final states (states, scenarios).
+    """
+    scenarios = parameters.shape[1]
+    kernel = loop_kernel(plant, effects, lanes_for(scenarios), controller, observer, recorded)
+    n = references.shape[0]
+    rows = -(-n // every)
+
+    def work(group: np.ndarray) -> tuple[Array, Array, Array]:
+        L = kernel.lanes
+        result = np.empty((rows, len(recorded), L))
+        state = _lanes(start, group)
+        sums = np.repeat(np.asarray(observer.start, dtype=float), L)
+        kernel(
+            kernel.constants(parameters[:, group]),
+            _lanes(references, group),
+            sample_time,
+            substeps,
+            every,
+            state,
+            _lanes(memory, group),
+            sums,
+            np.empty(L),
+            np.empty(max(1, len(recorded)) * L),
+            result.reshape(-1),
+        )
+        return result, sums.reshape(-1, L), state.reshape(-1, L)
+
+    parts = _spread(work, _groups(scenarios, kernel.lanes), threads)
+    out, totals, end = (_joined([part[i] for part in parts], scenarios) for i in range(3))
+    return out, totals, end

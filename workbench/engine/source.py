@@ -1,0 +1,259 @@
+"""The text of a plant's compiled kernels: loops around straight-line blocks.
+
+Many scenarios run as lanes of one kernel: every array holds `lanes` columns, the
+innermost loop goes over them, and the compiler makes it SIMD. All lanes take the
+same steps, so a lane with a slightly changed parameter gives a derivative free of
+step-size noise.
+
+Steps are aligned with the samples of the log (or of the controller): input and
+reference are smooth within a step. The interval between two samples is halved until
+the embedded error of every lane is within the tolerance, and doubled again after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+from ..plants import Effects, Plant
+from ..trace.emit import Printer
+from ..trace.expr import Expr, Scalar, symbol
+from .preamble import PREAMBLE
+from .rodas3 import rodas3_step
+
+INDENT = "    "
+
+
+def parameter_symbols(names: Sequence[str]) -> SimpleNamespace:
+    """Symbols for parameters; the printer knows them by their prefix."""
+    return SimpleNamespace(**{n: symbol(f"p_{n}") for n in names})
+
+
+def state_symbols(plant: Plant) -> tuple[list[Expr], list[Expr]]:
+    q = [symbol(f"q{i}") for i in range(len(plant.positions))]
+    y = [symbol(f"y{i}") for i in range(len(plant.speeds))]
+    return q, y
+
+
+class KernelText:
+    """Collects one kernel's code: arrays in flat rows of lanes, blocks printed at an indent."""
+
+    def __init__(self, lanes: int, parameters: Sequence[str]) -> None:
+        self.lanes = lanes
+        self.parameters = tuple(parameters)
+        self.printer = Printer()
+        self.rows: dict[str, int] = {}  # names computed by `prepare` -> row in its output
+        self.lines: list[str] = []
+
+    def add(self, indent: int, *lines: str) -> None:
+        self.lines.extend(INDENT * indent + line for line in lines)
+
+    def at(self, array: str, row: object) -> str:
+        return f"{array}[{row * self.lanes if isinstance(row, int) else f'({row}) * {self.lanes}'} + l]"
+
+    def block(self, indent: int, outputs: Sequence[Scalar]) -> list[str]:
+        """Print a block; returns the names that its results have."""
+        body, results, carried = self.printer.block(outputs)
+        for name in carried:
+            row = self.rows.setdefault(name, len(self.rows))
+            self.add(indent, f"{name} = {self.at('c', row)}")
+        self.add(indent, *body)
+        return results
+
+    def load(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
+        self.add(indent, *(f"{name} = {self.at(array, first + i)}" for i, name in enumerate(names)))
+
+    def store(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
+        self.add(indent, *(f"{self.at(array, first + i)} = {name}" for i, name in enumerate(names)))
+
+    def text(self, name: str, arguments: str) -> str:
+        prepare = [
+            f"def prepare_{name}(parameters, c):",
+            f"{INDENT}for l in range({self.lanes}):",
+            *(f"{INDENT * 2}p_{p} = {self.at('parameters', i)}" for i, p in enumerate(self.parameters)),
+            *(INDENT * 2 + line for line in self.printer.setup),
+            *(f"{INDENT * 2}{self.at('c', row)} = {n}" for n, row in self.rows.items()),
+        ]
+        jit = '@njit(cache=True, nogil=True, error_model="numpy")'
+        body = [f"def {name}({arguments}):", *self.lines]
+        size = f"PREPARED_{name} = {max(1, len(self.rows))}"
+        return "\n".join([jit, *prepare, "", "", jit, *body, "", "", size, ""])
+
+
+def _bound(plant: Plant, effects: Effects, p: Any) -> Any:
+    def rates(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar) -> Sequence[Scalar]:
+        return plant.accelerations(t, q, y, u, p, effects)
+
+    return rates
+
+
+def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, Any]) -> None:
+    """Cross from sample k to k+1 in m equal steps, m doubled until the error is small enough.
+
+    `step` holds the outputs of one step (`next`, `errors`) and the lines that load
+    what it reads (`inputs`).
+    """
+    n = len(states)
+    L = k.lanes
+    k.add(2, "while True:")
+    k.add(3, f"for j in range({n * L}):", f"{INDENT}work[j] = state[j]")
+    k.add(3, f"for l in range({L}):", f"{INDENT}worst[l] = 0.0")
+    k.add(3, "for s in range(m):", f"{INDENT}for l in range({L}):")
+    k.add(5, *step["inputs"])
+    k.load(5, "work", states)
+    results = k.block(5, [*step["next"], *step["errors"]])
+    k.store(5, "work", results[:n])
+    k.add(5, "error = worst[l]")
+    for i, name in enumerate(results[n:]):
+        k.add(5, f"e = abs({name}) * {k.at('inverse_scale', i)}", "error = select(e > error, e, error)")
+    k.add(5, "worst[l] = error")
+    k.add(3, "largest = 0.0", f"for l in range({L}):", f"{INDENT}largest = max(largest, worst[l])")
+    k.add(3, "steps += m")
+    k.add(3, "if largest <= tolerance or m >= most:", f"{INDENT}break", "m *= 2")
+    k.add(2, f"for j in range({n * L}):", f"{INDENT}state[j] = work[j]")
+    k.add(2, "if m > 1 and largest < 0.05 * tolerance:", f"{INDENT}m //= 2")
+
+
+def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int) -> str:
+    """Kernel `replay`: the plant under an input given at samples, linear between them.
+
+    times, inputs: (n, lanes); state: (states, lanes), advanced in place; out: (n, speeds
+    and positions, lanes), positions first.
+    """
+    k = KernelText(lanes, parameters)
+    q, y = state_symbols(plant)
+    t, h, u, u_rate = (symbol(s) for s in ("t", "h", "u", "u_rate"))
+    q1, y1, _, errors = rodas3_step(_bound(plant, effects, parameter_symbols(parameters)), t, h, q, y, u, u_rate)
+    states = [e.args[0] for e in (*q, *y)]
+    k.add(1, "n = times.shape[0] // %d" % lanes, "m = 1", "steps = 0")
+    k.add(1, "for k in range(n - 1):")
+    inputs = (
+        f"t0 = {k.at('times', 'k')}",
+        f"H = {k.at('times', 'k + 1')} - t0",
+        f"u0 = {k.at('inputs', 'k')}",
+        f"u_rate = ({k.at('inputs', 'k + 1')} - u0) / H",
+        "h = H / m",
+        "t = t0 + s * h",
+        "u = u0 + u_rate * (s * h)",
+    )
+    k.add(2, f"for j in range({len(states) * lanes}):", f"{INDENT}out[k * {len(states) * lanes} + j] = state[j]")
+    _adaptive_interval(k, states, {"inputs": inputs, "next": [*q1, *y1], "errors": errors})
+    k.add(1, f"for j in range({len(states) * lanes}):")
+    k.add(2, f"out[(n - 1) * {len(states) * lanes} + j] = state[j]")
+    k.add(1, "return steps")
+    return k.text("replay", "c, times, inputs, state, work, worst, inverse_scale, tolerance, most, out")
+
+
+def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int) -> str:
+    """Kernel `driven`: the first coordinate moves as measured, the rest follows; out: the input it takes.
+
+    times, angles, speeds, accelerations: (n, lanes) of the driven coordinate. Between
+    samples its speed is linear. The input enters the first acceleration linearly,
+    a = a|u=0 + (da/du) u, so the input that gives the measured acceleration is
+    (a - a|u=0) / (da/du). out: (n, 1 + rest, lanes), the input, then the other states.
+    """
+    from ..trace.derive import derivative
+
+    k = KernelText(lanes, parameters)
+    p = parameter_symbols(parameters)
+    rates = _bound(plant, effects, p)
+    q, y = state_symbols(plant)
+    t, h, u = symbol("t"), symbol("h"), symbol("u")
+    start, angle, speed, alpha = (symbol(s) for s in ("t0", "angle0", "speed0", "alpha"))
+
+    def rest(time: Scalar, q_rest: Sequence[Scalar], y_rest: Sequence[Scalar], _: Scalar) -> Sequence[Scalar]:
+        since = time - start
+        w = speed + alpha * since
+        th = angle + since * (speed + 0.5 * (alpha * since))
+        return list(rates(time, [th, *q_rest], [w, *y_rest], 0.0))[1:]
+
+    states = [e.args[0] for e in (*q[1:], *y[1:])]
+    traced = rates(t, q, y, u)[0]
+    gain = derivative(traced, u)
+    free = rates(t, q, y, 0.0)[0]
+    needed = (symbol("acceleration") - free) / gain
+    n, L = len(states), lanes
+    k.add(1, f"n = times.shape[0] // {L}", "m = 1", "steps = 0")
+    k.add(1, "for k in range(n):", f"{INDENT}for l in range({L}):")
+    k.add(3, f"t = {k.at('times', 'k')}", f"q0 = {k.at('angles', 'k')}", f"y0 = {k.at('speeds', 'k')}")
+    k.add(3, f"acceleration = {k.at('accelerations', 'k')}")
+    k.load(3, "state", states)
+    (result,) = k.block(3, [needed])
+    k.add(3, f"out[k * {(n + 1) * L} + l] = {result}")
+    for i, name in enumerate(states):
+        k.add(3, f"out[k * {(n + 1) * L} + {(i + 1) * L} + l] = {name}")
+    if n:
+        q1, y1, _, errors = rodas3_step(rest, t, h, q[1:], y[1:], symbol("u_none"), 0.0)
+        inputs = (
+            f"t0 = {k.at('times', 'k')}",
+            f"H = {k.at('times', 'k + 1')} - t0",
+            f"angle0 = {k.at('angles', 'k')}",
+            f"speed0 = {k.at('speeds', 'k')}",
+            f"alpha = ({k.at('speeds', 'k + 1')} - speed0) / H",
+            "h = H / m",
+            "t = t0 + s * h",
+        )
+        k.add(2, "if k == n - 1:", f"{INDENT}break")
+        _adaptive_interval(k, states, {"inputs": inputs, "next": [*q1, *y1], "errors": errors})
+    k.add(1, "return steps")
+    arguments = "c, times, angles, speeds, accelerations, state, work, worst, inverse_scale, tolerance, most, out"
+    return k.text("driven", arguments)
+
+
+def loop_source(
+    plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int, controller: Any, observer: Any, recorded: Sequence[str]
+) -> str:
+    """Kernel `loop`: a sampled controller on the plant, its output held between samples.
+
+    At each sample: read the signals, step the controller, feed the observer's
+    accumulators, record every `every`-th sample; then `substeps` steps of the plant
+    under the held input. references: (n, controller's references, lanes).
+    """
+    k = KernelText(lanes, parameters)
+    p = parameter_symbols(parameters)
+    rates = _bound(plant, effects, p)
+    q, y = state_symbols(plant)
+    t, h, u, dt = symbol("t"), symbol("h"), symbol("u"), symbol("dt")
+    states = [e.args[0] for e in (*q, *y)]
+    memory = [symbol(f"x{i}") for i in range(len(controller.memory))]
+    sums = [symbol(f"a{i}") for i in range(observer.size)]
+    reference = SimpleNamespace(**{name: symbol(f"r{i}") for i, name in enumerate(controller.references)})
+    measured = plant.outputs(t, q, y, 0.0, p, effects)
+    command, memory1 = controller.step(p, memory, reference, SimpleNamespace(**measured), dt)
+    signals = {**plant.outputs(t, q, y, command, p, effects), plant.input: command, **vars(reference)}
+    sums1 = observer.update(sums, signals, p, dt)
+    n, L, nr = len(states), lanes, len(controller.references)
+    memory_names, sum_names = [e.args[0] for e in memory], [e.args[0] for e in sums]
+
+    k.add(1, f"n = references.shape[0] // {nr * L}", "h = dt / substeps", "row = 0")
+    k.add(1, "for k in range(n):", f"{INDENT}now = k * dt", f"{INDENT}for l in range({L}):", f"{INDENT * 2}t = now")
+    for i in range(nr):
+        k.add(3, f"r{i} = references[k * {nr * L} + {i * L} + l]")
+    k.load(3, "state", states)
+    k.load(3, "memory", memory_names)
+    k.load(3, "sums", sum_names)
+    results = k.block(3, [command, *memory1, *sums1, *(signals[name] for name in recorded)])
+    k.add(3, f"held[l] = {results[0]}")
+    k.store(3, "memory", results[1 : 1 + len(memory)])
+    k.store(3, "sums", results[1 + len(memory) : 1 + len(memory) + len(sums)])
+    shown = results[1 + len(memory) + len(sums) :]
+    k.store(3, "shown", shown)
+    size = len(recorded) * L
+    k.add(2, "if k % every == 0:", f"{INDENT}for j in range({size}):")
+    k.add(4, f"out[row * {size} + j] = shown[j]")
+    k.add(3, "row += 1")
+    k.add(2, "if k == n - 1:", f"{INDENT}break")
+    k.add(2, "for s in range(substeps):", f"{INDENT}t1 = now + s * h", f"{INDENT}for l in range({L}):")
+    k.add(4, "t = t1", "u = held[l]")
+    k.load(4, "state", states)
+    q1, y1, _, _ = rodas3_step(rates, t, h, q, y, u, 0.0)
+    results = k.block(4, [*q1, *y1])
+    k.store(4, "state", results)
+    k.add(1, "return row")
+    return k.text("loop", "c, references, dt, substeps, every, state, memory, sums, held, shown, out")
+
+
+def module_source(*kernels: str) -> str:
+    """One importable module of kernels."""
+    return "\n\n".join(["# Generated; see workbench/engine/source.py." + PREAMBLE, *kernels])

@@ -1,0 +1,23 @@
+"""The machines' physics: pure functions on scalars, no files, no clock.
+
+A new plant is one file that makes a `Plant`, and a line in the table below.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .axis import AXIS_LINEAR, AXIS_ROTARY
+from .base import NO_EFFECTS, PLACES, Effects, Output, Plant
+from .hoist import HOIST
+
+PLANTS = {plant.kind: plant for plant in (HOIST, AXIS_LINEAR, AXIS_ROTARY)}
+
+
+def plant_of(machine: Any) -> Plant:
+    """The plant that a machine record describes."""
+    kind = machine.kind if machine.kind in PLANTS else f"{machine.kind}-{machine.motion}"
+    return PLANTS[kind]
+
+
+__all__ = ["NO_EFFECTS", "PLACES", "PLANTS", "Effects", "Output", "Plant", "plant_of"]

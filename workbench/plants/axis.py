@@ -1,0 +1,112 @@
+"""The axis: one inertia, linear or rotary, driven directly.
+
+    input = M a + B v + F S(v) + G sin(position) + C
+
+M inertia (kg, kg m^2), B viscous, F Coulomb with a level for each way, G sine load
+(rotary only), C constant load, positive against forward motion. Source: the axis'
+equation of docs/formats.md; real logs of such an axis: A. Janot, M. Gautier,
+M. Brunot, "Data Set and Reference Models of EMPS", Nonlinear System Identification
+Benchmarks, 2019.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..trace.expr import Scalar, clip, cos, sin, where
+from .base import NO_EFFECTS, Effects, Output, Plant
+
+
+def friction(v: Scalar, p: Any) -> Scalar:
+    """Coulomb and viscous friction along v; N or N m. Linear within the standstill speed."""
+    level = where(v > 0.0, p.F_f, p.F_b)
+    return level * clip(v / p.v_s, -1.0, 1.0) + p.B * v
+
+
+def accelerations(
+    t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
+) -> list[Scalar]:
+    """Acceleration of the axis under the input u (N or N m)."""
+    (x,), (v,) = q, y
+    M = p.M + effects.at("axis_inertia", p, t=t, x=x)
+    load = p.G * sin(x) + p.C
+    extra = effects.at("axis_force", p, t=t, v=v, x=x, u=u, load=load, friction=friction(v, p))
+    return [(u - friction(v, p) - load + extra) / M]
+
+
+def equilibrium(position: float, p: Any) -> tuple[list[float], float]:
+    """Standing still at a position, and the input that holds it without friction's help."""
+    return [position], float(p.G * sin(position) + p.C)
+
+
+def start_of(position: float, speed: float, p: Any) -> tuple[list[float], list[float], float]:
+    q, hold = equilibrium(position, p)
+    return q, [speed], hold
+
+
+def energy(q: Sequence[Scalar], y: Sequence[Scalar], p: Any) -> Scalar:
+    """Kinetic and load energy, J, the sine load's zero at angle 0."""
+    return p.M * (y[0] * y[0]) / 2.0 + p.G * (1.0 - cos(q[0])) + p.C * q[0]
+
+
+def dissipation(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any) -> Scalar:
+    """Power lost in friction, W; never negative."""
+    return friction(y[0], p) * y[0]
+
+
+def _plant(kind: str, position: str, speed: str, drive: str, parameters: Mapping[str, str | float]) -> Plant:
+    acceleration = "acceleration_m_s2" if kind == "axis-linear" else "acceleration_rad_s2"
+
+    def outputs(
+        t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
+    ) -> Mapping[str, Scalar]:
+        (a,) = accelerations(t, q, y, u, p, effects)
+        return {position: q[0], speed: y[0], acceleration: a}
+
+    return Plant(
+        kind=kind,
+        positions=(position,),
+        speeds=(speed,),
+        input=drive,
+        parameters=parameters,
+        signals=(Output(position, "position"), Output(speed, "speed"), Output(acceleration, "acceleration")),
+        accelerations=accelerations,
+        outputs=outputs,
+        equilibrium=equilibrium,
+        energy=energy,
+        dissipation=dissipation,
+        start_of=start_of,
+    )
+
+
+AXIS_LINEAR = _plant(
+    "axis-linear",
+    "position_m",
+    "velocity_m_s",
+    "force_n",
+    {
+        "M": "mass_kg",
+        "B": "friction.viscous_n_s_per_m",
+        "F_f": "friction.coulomb_forward_n",
+        "F_b": "friction.coulomb_backward_n",
+        "v_s": "friction.standstill_speed_m_s",
+        "G": 0.0,
+        "C": "gravity.constant_n",
+    },
+)
+AXIS_ROTARY = _plant(
+    "axis-rotary",
+    "angle_rad",
+    "speed_rad_s",
+    "torque_nm",
+    {
+        "M": "inertia_kg_m2",
+        "B": "friction.viscous_nm_s_per_rad",
+        "F_f": "friction.coulomb_forward_nm",
+        "F_b": "friction.coulomb_backward_nm",
+        "v_s": "friction.standstill_speed_rad_s",
+        "G": "gravity.sine_nm",
+        "C": "gravity.constant_nm",
+    },
+)

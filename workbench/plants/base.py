@@ -1,0 +1,94 @@
+"""What a plant is: the names of its states, and the pure functions that are its physics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+from ..machine import get_value
+from ..trace.expr import Scalar
+
+# A place where effects may add, and what is added there. Always summed, zero when nothing is there.
+PLACES: Mapping[str, str] = {
+    "guide_force_n": "force on the carriage along the rail, up positive",
+    "carriage_mass_kg": "mass moving with the carriage",
+    "wound_length_m": "wire taken in by the drum beyond radius times angle",
+    "motor_torque_nm": "torque on the motor shaft, hoisting positive",
+    "motor_inertia_kg_m2": "inertia turning with the motor shaft",
+    "platform_acceleration_m_s2": "acceleration of the platform, up positive",
+    "wire_compliance_m_per_n": "compliance of one fall of wire beyond the nominal",
+    "line_mass_kg_per_m": "mass per metre of each fall beyond the bare wire",
+    "axis_force": "force (torque) on an axis, forward positive",
+    "axis_inertia": "inertia of an axis",
+}
+
+
+class Effects:
+    """The unmodelled pieces that are switched on: at each place, the sum of what they add.
+
+    `pieces` maps a place to functions of (signals, parameters). The empty set adds
+    exactly nothing: the traced plant is then the plain one, operation by operation.
+    """
+
+    def __init__(self, pieces: Mapping[str, Sequence[Callable[[Any, Any], Scalar]]] | None = None) -> None:
+        self.pieces = dict(pieces or {})
+        for place in self.pieces:
+            if place not in PLACES:
+                raise ValueError(f"no place '{place}' for an effect; places: {', '.join(PLACES)}")
+
+    def at(self, place: str, p: Any, **signals: Scalar) -> Scalar:
+        total: Scalar = 0.0
+        for piece in self.pieces.get(place, ()):
+            total = total + piece(SimpleNamespace(**signals), p)
+        return total
+
+
+NO_EFFECTS = Effects()
+
+
+@dataclass(frozen=True)
+class Output:
+    """A signal that a plant shows: name with unit, and in words."""
+
+    name: str
+    meaning: str
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A lumped machine with one driven coordinate, the first, and one input acting on it.
+
+    positions, speeds: the states; the derivative of positions[i] is speeds[i].
+    parameters: the symbol in the equations -> the key in machine.yaml, or a fixed number.
+    accelerations(t, q, y, u, p, effects): y' for positions q, speeds y, input u.
+    outputs(t, q, y, u, p, effects): name -> value, every signal named in `signals`.
+    equilibrium(height, p): positions hanging still there, and the input that holds it.
+    start_of(height, speed, p): positions, speeds and holding input of an even motion.
+    energy(q, y, p) and dissipation(t, q, y, u, p): J and W, for the balance
+    input power = d energy/dt + dissipation.
+    """
+
+    kind: str
+    positions: tuple[str, ...]
+    speeds: tuple[str, ...]
+    input: str
+    parameters: Mapping[str, str | float]
+    signals: tuple[Output, ...]
+    accelerations: Callable[..., Sequence[Scalar]]
+    outputs: Callable[..., Mapping[str, Scalar]]
+    equilibrium: Callable[[float, Any], tuple[list[float], float]]
+    energy: Callable[..., Scalar]
+    dissipation: Callable[..., Scalar]
+    start_of: Callable[..., tuple[list[float], list[float], float]]
+
+    def values(self, machine: Any, payload_kg: float = 0.0) -> SimpleNamespace:
+        """The parameters of one scenario as numbers, by symbol."""
+        return SimpleNamespace(**{s: _value(machine, key, payload_kg) for s, key in self.parameters.items()})
+
+
+def _value(machine: Any, key: str | float, payload_kg: float) -> float:
+    if isinstance(key, float):
+        return key
+    return float(payload_kg if key == "payload_kg" else get_value(machine, key))

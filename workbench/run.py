@@ -1,0 +1,55 @@
+"""A run: signals over time, measured on a machine or simulated. Both are this one type."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Signals of one run of one machine.
+
+    time_s: (n,) rising, need not be regular. signals: name -> (n,), names and units of
+    the campaign format; up, hoisting and forward positive. `payload_kg` is what the
+    carriage holds (0 on an axis), `start_position_m` the carriage height at the first
+    sample, `start_time_s` when the run began in its campaign. `notes` say what was
+    repaired or pointed out while reading.
+    """
+
+    name: str
+    time_s: Array
+    signals: Mapping[str, Array]
+    payload_kg: float = 0.0
+    start_position_m: float = 0.0
+    start_time_s: float = 0.0
+    source: str = "simulated"
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        n = len(self.time_s)
+        for name, values in self.signals.items():
+            if np.shape(values) != (n,):
+                raise ValueError(f"run {self.name}: signal {name} has shape {np.shape(values)}, time has ({n},)")
+        object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
+
+    def __getitem__(self, signal: str) -> Array:
+        return self.signals[signal]
+
+    def __contains__(self, signal: str) -> bool:
+        return signal in self.signals
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.time_s[-1] - self.time_s[0])
+
+    @property
+    def sample_time_s(self) -> float:
+        """The median step of time."""
+        return float(np.median(np.diff(self.time_s)))

@@ -1,0 +1,1 @@
+"""Simulations that an engineer asks for: replay of a log, inverse simulation, the closed loop."""
