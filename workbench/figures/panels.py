@@ -1,0 +1,150 @@
+"""A grid of panels over one common horizontal axis.
+
+Built as plain dicts and handed to plotly once: ten times as fast as adding traces one by one,
+which is what lets a study end within two seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..run import Array
+from .style import GREY, TEMPLATE
+from .thin import thin
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+class Panels:
+    """Rows of quantities, columns of cases. Rows and columns count from 0, from the top left.
+
+    All panels share the horizontal axis; the panels of a row share the vertical one, so that
+    columns compare at a glance and a zoom moves them together.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        row_titles: Sequence[str],
+        column_titles: Sequence[str] = ("",),
+        x_title: str = "time (s)",
+        row_weights: Sequence[float] | None = None,
+        link_rows: bool = True,
+    ):
+        self.title, self.row_titles, self.column_titles, self.x_title = title, row_titles, column_titles, x_title
+        self.link_rows = link_rows
+        self.weights = np.asarray(row_weights if row_weights is not None else np.ones(len(row_titles)), dtype=float)
+        self.traces: list[dict[str, Any]] = []
+        self.shapes: list[dict[str, Any]] = []
+        self.annotations: list[dict[str, Any]] = []
+        self.in_legend: set[str] = set()
+
+    def _number(self, row: int, column: int) -> str:
+        number = row * len(self.column_titles) + column + 1
+        return "" if number == 1 else str(number)
+
+    def line(
+        self, row: int, column: int, x: Array, y: Array, name: str, line: dict[str, Any], unit: str = "", **more: Any
+    ) -> None:
+        """A line, thinned; lines of one name stand in the legend once and are switched together."""
+        x, y = thin(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+        number = self._number(row, column)
+        self.traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "x": x.astype(np.float32),
+                "y": y.astype(np.float32),
+                "name": name,
+                "legendgroup": name,
+                "showlegend": name not in self.in_legend,
+                "line": line,
+                "xaxis": f"x{number}",
+                "yaxis": f"y{number}",
+                "hovertemplate": f"%{{y:.4~g}} {unit}",
+                **more,
+            }
+        )
+        self.in_legend.add(name)
+
+    def level(self, row: int, column: int, y: float, text: str = "", dash: str = "4px,3px") -> None:
+        """A horizontal line over the whole width, such as a limit."""
+        number = self._number(row, column)
+        place = {"xref": f"x{number} domain", "yref": f"y{number}"}
+        self.shapes.append(
+            {"type": "line", "x0": 0, "x1": 1, "y0": y, "y1": y, **place}
+            | {"line": {"color": GREY, "width": 1.2, "dash": dash}}
+        )
+        if text:
+            self.annotations.append(
+                {"text": text, "x": 1, "y": y, "xanchor": "right", "yanchor": "bottom", "showarrow": False, **place}
+                | {"font": {"size": 11, "color": GREY}, "bgcolor": "rgba(255,255,255,0.6)", "borderpad": 1}
+            )
+
+    def shade(self, row: int, column: int, start: float, end: float, colour: str) -> None:
+        """A stretch of the horizontal axis."""
+        number = self._number(row, column)
+        self.shapes.append(
+            {"type": "rect", "x0": start, "x1": end, "y0": 0, "y1": 1, "layer": "below", "line": {"width": 0}}
+            | {"xref": f"x{number}", "yref": f"y{number} domain", "fillcolor": colour, "opacity": 0.3}
+        )
+
+    def figure(
+        self,
+        height: int,
+        x_range: tuple[float, float] | None = None,
+        y_ranges: dict[int, tuple[float, float]] | None = None,
+    ) -> Figure:
+        """The figure; y_ranges: by row, where plotly's own choice would not do."""
+        import plotly.graph_objects as go
+
+        rows, columns = len(self.row_titles), len(self.column_titles)
+        gap_x, gap_y = (0.035 if columns > 1 else 0.0), min(0.05, 0.12 / rows)
+        width = (1.0 - gap_x * (columns - 1)) / columns
+        heights = (1.0 - gap_y * (rows - 1)) * self.weights / self.weights.sum()
+        headed = any(self.column_titles)
+        layout: dict[str, Any] = {
+            "template": TEMPLATE,
+            "height": height,
+            "title": {"text": self.title, "y": 1.0 - 22.0 / height, "yanchor": "middle"},
+            "legend": {"y": 1.0 - (68.0 if headed else 72.0) / height, "traceorder": "normal"},
+            "shapes": self.shapes,
+            "margin": {"t": 100 if headed else 80},
+        }
+        annotations = list(self.annotations)
+        top = 1.0
+        for row in range(rows):
+            bottom = max(top - float(heights[row]), 0.0)
+            for column in range(columns):
+                number = self._number(row, column)
+                left = column * (width + gap_x)
+                x_axis: dict[str, Any] = {"domain": [left, min(left + width, 1.0)], "anchor": f"y{number}"}
+                y_axis: dict[str, Any] = {"domain": [bottom, top], "anchor": f"x{number}"}
+                if number:
+                    x_axis["matches"] = "x"
+                elif x_range is not None:
+                    x_axis["range"] = list(x_range)
+                if row == rows - 1:
+                    x_axis["title"] = {"text": self.x_title}
+                else:
+                    x_axis["showticklabels"] = False
+                if column == 0:
+                    y_axis["title"] = {"text": self.row_titles[row]}
+                    if y_ranges and row in y_ranges:
+                        y_axis["range"] = list(y_ranges[row])
+                elif self.link_rows:
+                    y_axis |= {"matches": f"y{self._number(row, 0)}", "showticklabels": False}
+                layout[f"xaxis{number}"], layout[f"yaxis{number}"] = x_axis, y_axis
+                if row == 0 and self.column_titles[column]:
+                    annotations.append(
+                        {"text": f"<b>{self.column_titles[column]}</b>", "x": left + width / 2, "y": 1.0}
+                        | {"xref": "paper", "yref": "paper", "xanchor": "center", "yanchor": "bottom"}
+                        | {"yshift": 3, "showarrow": False, "font": {"size": 13}}
+                    )
+            top = bottom - gap_y
+        layout["annotations"] = annotations
+        return go.Figure({"data": self.traces, "layout": layout})

@@ -1,0 +1,121 @@
+"""The paper's figures of a validation (Figures 6 to 8), and the torque residual."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..run import Array, Run
+from .panels import Panels
+from .style import BLACK, GREY, ORANGE, VERMILLION, line
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+# Runs side by side in a grid of this many columns.
+COLUMNS = 2
+
+
+def _grid(title: str, y_title: str, names: Sequence[str]) -> tuple[Panels, list[tuple[int, int]], int]:
+    """A panel a run: panels, (row, column) of each run, height."""
+    columns = min(COLUMNS, len(names))
+    rows = -(-len(names) // columns)
+    panels = Panels(title, [y_title] * rows, [""] * columns)
+    places = [divmod(index, columns) for index in range(len(names))]
+    for (row, column), name in zip(places, names, strict=True):
+        number = panels._number(row, column)
+        panels.annotations.append(
+            {"text": f"<b>{name}</b>", "x": 0.01, "y": 0.99, "xref": f"x{number} domain", "yref": f"y{number} domain"}
+            | {"xanchor": "left", "yanchor": "top", "showarrow": False, "font": {"size": 13}}
+            | {"bgcolor": "rgba(255,255,255,0.7)"}
+        )
+    return panels, places, 150 + max(220 * rows, 330)
+
+
+def torque_profiles(runs: Sequence[Run], nominal_torque_nm: float) -> Figure:
+    """Fig. 6: both motors' measured torque over one motor's nominal torque, a panel a run."""
+    panels, places, height = _grid("Measured motor torque", "torque / nominal", [run.name for run in runs])
+    for (row, column), run in zip(places, runs, strict=True):
+        if "torque_motor1_nm" in run and "torque_motor2_nm" in run:
+            for number in (1, 2):
+                torque = run[f"torque_motor{number}_nm"] / nominal_torque_nm
+                panels.line(row, column, run.time_s, torque, f"motor {number}", line(f"motor {number}", width=1.4))
+        else:
+            torque = run["torque_motor_nm"] / (2.0 * nominal_torque_nm)
+            panels.line(row, column, run.time_s, torque, "mean of both motors", line("measured", width=1.4))
+    return panels.figure(height)
+
+
+def speed_comparison(
+    pairs: Sequence[tuple[Run, Run]],
+    nominal_speed: float,
+    rmse_percent: Sequence[float] | None = None,
+    signal: str = "speed_motor_rad_s",
+) -> Figure:
+    """Fig. 8: measured and simulated speed in per cent of `nominal_speed`, a panel a run.
+
+    pairs: (measured, simulated), each with `signal`, in the unit of nominal_speed; their times may differ.
+    rmse_percent: said beside the run's name.
+    """
+    names = [measured.name for measured, _ in pairs]
+    if rmse_percent is not None:
+        names = [f"{name}</b>, RMSE {value:.2f} %<b>" for name, value in zip(names, rmse_percent, strict=True)]
+    panels, places, height = _grid("Measured and simulated speed", "speed (% of nominal)", names)
+    for (row, column), pair in zip(places, pairs, strict=True):
+        for name, run in zip(("measured", "simulated"), pair, strict=True):
+            speed = run[signal] * (100.0 / nominal_speed)
+            panels.line(row, column, run.time_s, speed, name, line(name, width=1.6), "%")
+    return panels.figure(height)
+
+
+def torque_residual(
+    names: Sequence[str],
+    times_s: Sequence[Array],
+    residuals: Sequence[Array],
+    unit: str = "N m",
+    noise_rms: float | None = None,
+    windows: Sequence[Sequence[tuple[float, float]]] = (),
+) -> Figure:
+    """Measured minus predicted torque (or force) over time, a panel a run, both low-passed alike.
+
+    noise_rms: drawn as ± twice its value. windows: for each run stretches to shade.
+    """
+    quantity = "torque" if unit == "N m" else "force"
+    panels, places, height = _grid(f"{quantity.capitalize()} residual", f"{quantity} residual ({unit})", names)
+    for index, (row, column) in enumerate(places):
+        look = {"color": VERMILLION, "dash": "solid", "width": 1.3}
+        panels.line(row, column, times_s[index], residuals[index], "measured − predicted", look, unit)
+        if noise_rms is not None:
+            for side in (-2.0, 2.0):
+                text = f"± 2 × noise ({noise_rms:.2g} {unit})" if side > 0 and index == 0 else ""
+                panels.level(row, column, side * noise_rms, text)
+        for start, end in windows[index] if index < len(windows) else ():
+            panels.shade(row, column, start, end, ORANGE)
+    return panels.figure(height)
+
+
+def friction_law(
+    speed: Array,
+    laws: Sequence[tuple[str, Array]],
+    weight: float,
+    measured: tuple[Array, Array] | None = None,
+    speed_unit: str = "m/s",
+) -> Figure:
+    """Fig. 7: friction force over the weight of the combined mass, against speed.
+
+    speed: (m,); laws: name -> force (m,), such as nominal and identified; weight: what the force is
+    divided by, in the same unit; measured: (speed, force) points of a force balance, drawn small and grey.
+    """
+    panels = Panels("Friction law", ["friction force / weight (–)"], x_title=f"speed ({speed_unit})")
+    if measured is not None:
+        points = {"mode": "markers", "marker": {"size": 4, "color": GREY, "opacity": 0.35}}
+        # Every so many points, in order of speed: a cloud has no peaks that min-max thinning would keep.
+        step = max(len(measured[0]) // 1400, 1)
+        order = np.argsort(measured[0])[::step]
+        panels.line(0, 0, measured[0][order], measured[1][order] / weight, "force balance of the log", {}, "", **points)
+    looks = [line("simulated", width=2.4), {"color": BLACK, "dash": "6px,3px", "width": 2.0}]
+    for number, (name, force) in enumerate(laws):
+        panels.line(0, 0, speed, force / weight, name, looks[number] if number < 2 else line(name, number))
+    return panels.figure(520)

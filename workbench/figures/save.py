@@ -1,0 +1,75 @@
+"""One self-contained page of figures: the only place here that writes a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<style>
+ body {{ font-family: "DejaVu Sans", "Segoe UI", Arial, sans-serif; color: #222; background: white;
+        margin: 0 auto; max-width: 1500px; padding: 8px 16px; }}
+ p.lead {{ font-size: 15px; line-height: 1.45; margin: 8px 16px; max-width: 75em; }}
+ h1 {{ font-size: 20px; margin: 12px 16px 4px; }}
+ table {{ border-collapse: collapse; font-size: 13px; margin: 12px 16px; }}
+ th, td {{ text-align: right; padding: 3px 10px; border-bottom: 1px solid #ddd; }}
+ th {{ vertical-align: bottom; border-bottom: 1.5px solid #666; }}
+ th.text, td.text {{ text-align: left; }}
+ @media print {{ .figure {{ break-inside: avoid; }} }}
+</style>
+<script>{plotly_js}</script></head><body>
+{body}
+</body></html>
+"""
+
+
+def save(
+    figures: Figure | Sequence[Figure],
+    path: Path,
+    title: str = "workbench",
+    sentences: Sequence[str] = (),
+    table: tuple[Sequence[str], Sequence[Sequence[str]]] | None = None,
+) -> None:
+    """Write the figures one below the other to one HTML file that needs no network.
+
+    sentences: paragraphs above the figures. table: (head, rows) of ready text; a column whose
+    head starts with a blank holds words and is set left.
+    """
+    from plotly.io import to_html
+    from plotly.offline import get_plotlyjs
+
+    listed = list(figures) if isinstance(figures, list | tuple) else [figures]
+    parts = [f"<h1>{escape(title)}</h1>"]
+    parts += [f'<p class="lead">{escape(sentence)}</p>' for sentence in sentences]
+    if table is not None:
+        parts.append(_table(*table))
+    for number, figure in enumerate(listed):
+        # A fixed id instead of a random one: the same figures give the same bytes.
+        html = to_html(
+            figure,
+            include_plotlyjs=False,
+            full_html=False,
+            div_id=f"figure-{number + 1}",
+            config={"responsive": True, "displaylogo": False},
+        )
+        parts.append(f'<div class="figure">{html}</div>')
+    page = _PAGE.format(title=escape(title), plotly_js=get_plotlyjs(), body="\n".join(parts))
+    path.write_text(page, encoding="utf-8")
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    kinds = [' class="text"' if name.startswith(" ") else "" for name in head]
+
+    def cells(tag: str, values: Sequence[str]) -> str:
+        pairs = zip(kinds, values, strict=True)
+        return "".join(f"<{tag}{kind}>{escape(value.strip())}</{tag}>" for kind, value in pairs)
+
+    body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
+    return f"<table><thead><tr>{cells('th', head)}</tr></thead><tbody>{body}</tbody></table>"

@@ -1,0 +1,83 @@
+"""What every figure shares: the palette, the names, the look of the axes.
+
+The palette is Okabe and Ito's, which stays apart for the colour-blind (jfly.uni-koeln.de/color).
+What a colour stands for never changes: a reference, measured or simulated keeps its own everywhere.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+GREY, FAINT = "#6B6B6B", "#E4E4E4"
+
+# Each line: colour and dash, so that a black-and-white print tells them apart too.
+LINES: dict[str, tuple[str, str]] = {
+    "trapezoid": (VERMILLION, "solid"),
+    "ruckig": (BLUE, "solid"),
+    "ruckig_equal_time": (GREEN, "6px,3px"),
+    "measured": (BLACK, "solid"),
+    "simulated": (ORANGE, "solid"),
+    "set point": (GREY, "2px,2px"),
+    "motor 1": (SKY, "solid"),
+    "motor 2": (PURPLE, "4px,2px"),
+}
+NAMES = {
+    "trapezoid": "trapezoid",
+    "ruckig": "ruckig, same limits",
+    "ruckig_equal_time": "ruckig, same move time",
+}
+# For what has no colour of its own, in this order.
+SPARE = ((PURPLE, "solid"), (SKY, "6px,3px"), (ORANGE, "6px,3px"), (BLACK, "2px,2px"))
+MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
+
+
+def line(name: str, number: int = 0, width: float = 1.8) -> dict[str, Any]:
+    """The line of a named thing; `number` chooses among the spare ones for a name without its own."""
+    colour, dash = LINES.get(name, SPARE[number % len(SPARE)])
+    return {"color": colour, "dash": dash, "width": width}
+
+
+def label(name: str) -> str:
+    return NAMES.get(name, name)
+
+
+AXIS: dict[str, Any] = {
+    "showline": True,
+    "linecolor": GREY,
+    "linewidth": 1,
+    "ticks": "outside",
+    "tickcolor": GREY,
+    "ticklen": 4,
+    "gridcolor": FAINT,
+    "zeroline": True,
+    "zerolinecolor": "#BDBDBD",
+    "zerolinewidth": 1,
+    "title": {"font": {"size": 13}, "standoff": 6},
+    "tickfont": {"size": 12},
+    "automargin": True,
+}
+
+TEMPLATE: dict[str, Any] = {
+    "layout": {
+        "font": {"family": "DejaVu Sans, Segoe UI, Arial, sans-serif", "size": 13, "color": "#222222"},
+        "paper_bgcolor": "white",
+        "plot_bgcolor": "white",
+        "title": {"x": 0.0, "xref": "container", "xanchor": "left", "pad": {"l": 16}, "font": {"size": 17}},
+        "margin": {"l": 84, "r": 28, "t": 84, "b": 52},
+        "hovermode": "x",
+        "hoverlabel": {"font": {"size": 12}, "namelength": -1},
+        "legend": {
+            "orientation": "h",
+            "x": 0.0,
+            "xanchor": "left",
+            "y": 1.0,
+            "yanchor": "bottom",
+            "yref": "container",
+            "font": {"size": 13},
+        },
+        "xaxis": AXIS,
+        "yaxis": AXIS,
+    }
+}
