@@ -1,0 +1,83 @@
+# `make demo` and `make test` do all the set-up on a fresh machine with Python 3.11 or newer and make.
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test bench lint lock clean
+
+VENV := .venv
+PY := $(VENV)/bin/python
+STAMP := $(VENV)/.set-up
+BENCH_STAMP := $(VENV)/.set-up-bench
+PIP := $(PY) -m pip --disable-pip-version-check install -qq
+
+# Where the demo finds a recorded campaign; without one it shows the study only.
+DEMO_CAMPAIGN ?= ../shared/data/campaigns/01
+DEMO_OUT := results/demo
+# More words for pytest: make test ARGS="-k replay -x"
+ARGS ?=
+SOURCES = $(wildcard workbench tests benchmarks app.py)
+
+# An environment whose interpreter has gone (a system upgrade) is set up again.
+ifneq ($(shell [ -x $(PY) ] || echo gone),)
+$(shell rm -f $(STAMP) $(BENCH_STAMP))
+endif
+
+help: ## this list
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 8
+
+demo: $(STAMP) ## run the first study and, where data are there, a replay and an identification
+	@rm -rf $(DEMO_OUT)
+	$(PY) -m workbench study scenarios/payloads.yaml --out $(DEMO_OUT)/study
+	@if [ -d "$(DEMO_CAMPAIGN)" ]; then set -ex; \
+	  $(PY) -m workbench replay "$(DEMO_CAMPAIGN)" --out $(DEMO_OUT)/replay; \
+	  $(PY) -m workbench identify "$(DEMO_CAMPAIGN)" --out $(DEMO_OUT)/identify; \
+	else echo "no recorded campaign at $(DEMO_CAMPAIGN): replay and identification are left out"; fi
+	@echo "tables and figures lie in $(DEMO_OUT)"
+
+test: $(STAMP) ## run all tests
+	$(PY) -m pytest -n 2 $(ARGS)
+
+bench: $(BENCH_STAMP) ## measure against the peers; writes benchmarks/results.json
+	$(PY) -m benchmarks.run
+
+lint: $(STAMP) ## ruff and mypy
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m mypy $(SOURCES)
+
+lock: ## write requirements.lock anew for what pyproject.toml names; UPGRADE=1 takes the newest of all
+	@$(MAKE) -s $(PY)
+	@[ -x $(VENV)-lock/bin/uv ] || { $(PY) -m venv $(VENV)-lock && $(VENV)-lock/bin/python -m pip install -qq uv; }
+	$(VENV)-lock/bin/uv pip compile pyproject.toml --extra app --extra test --extra dev \
+	  --universal --python-version 3.11 --fork-strategy fewest --only-binary :all: \
+	  --no-emit-index-url --no-emit-find-links --no-annotate --custom-compile-command "make lock" \
+	  $(if $(UPGRADE),--upgrade) --quiet -o requirements.lock
+
+clean: ## remove the environment, the caches and the demo's results
+	rm -rf $(VENV) $(VENV)-lock $(DEMO_OUT) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +
+
+# PYTHON=... chooses the interpreter.
+$(PY):
+	@found=; for python in $(PYTHON) python3.13 python3.12 python3.11 python3.14 python3 python; do \
+	  if "$$python" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' 2>/dev/null; then \
+	    found=$$python; break; fi; done; \
+	if [ -z "$$found" ]; then echo "workbench needs Python 3.11 to 3.14; none is on the PATH (make PYTHON=/path/to/python ...)" >&2; exit 1; fi; \
+	if ! "$$found" -c 'import ensurepip, venv' 2>/dev/null; then \
+	  echo "$$found cannot make environments; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; fi; \
+	echo "setting up $(VENV) with $$("$$found" --version) (once, about a minute)"; \
+	"$$found" -m venv --clear $(VENV)
+
+# What is exactly pinned is installed, and nothing beside it: the build backend comes from the lock too.
+# An environment without its stamp is a set-up that was interrupted: it is made anew.
+$(STAMP): requirements.lock pyproject.toml Makefile
+	@[ -f $@ ] || rm -rf $(VENV)
+	@$(MAKE) -s $(PY)
+	@echo "installing requirements.lock into $(VENV)"
+	@$(PIP) -r requirements.lock
+	@$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(BENCH_STAMP): $(STAMP)
+	@echo "installing the peers to measure against"
+	@$(PIP) -c requirements.lock -e '.[bench]' --no-build-isolation
+	@touch $@

@@ -1,0 +1,254 @@
+"""The house rules that a machine can check: pins, versions, help texts, nothing of one machine's own."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import subprocess
+import sys
+import time
+import tomllib
+import zipfile
+from pathlib import Path
+
+import click
+import pytest
+
+import workbench
+from workbench.cli import COMMANDS, cli, main
+from workbench.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+LOCK = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+
+# Folders of one machine or one person. A path from the paper's or the user's machine has no place in the project.
+MACHINE_PATH = re.compile(r"(?<![\w.)\]}~-])/(?:home|root|Users|work|opt)/\w")
+# Hosts that the project may name; whatever else is named is either a registry or a server that may vanish.
+ALLOWED_HOSTS = {
+    "doi.org",
+    "json-schema.org",
+    "localhost",
+    "127.0.0.1",
+    "www.w3.org",
+    "keepachangelog.com",
+    "semver.org",
+    "yaml.org",
+}
+HOST = re.compile(
+    r"(?:https?://|\b(?=[\w-]+\.[\w.-]*(?:org|com|net)\b))([\w.-]+\.(?:org|com|net|io|dev)|[\d.]+|localhost)\b"
+)
+
+
+def normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def named(requirements: list[str]) -> set[str]:
+    return {normal(re.split(r"[\s<>=!~;\[]", requirement)[0]) for requirement in requirements}
+
+
+def pins() -> dict[str, str]:
+    """name -> version of requirements.lock; anything but an exact pin fails."""
+    found = {}
+    for line in LOCK.splitlines():
+        if line.strip() and not line.startswith("#"):
+            match = re.fullmatch(r"([\w.-]+)==([\w.+!]+)(?: ; [^#]+)?", line)
+            assert match, f"not an exact pin: {line!r}"
+            found[normal(match[1])] = match[2]
+    return found
+
+
+def tracked_text() -> list[tuple[str, str]]:
+    """(path, text) of every text file that git tracks or would track."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("allowed: not a git checkout")
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    texts = []
+    for name in filter(None, listed.split("\0")):
+        path = ROOT / name
+        data = path.read_bytes() if path.is_file() else b""
+        if b"\0" not in data:
+            texts.append((name, data.decode("utf-8", "replace")))
+    return texts
+
+
+def test_the_lock_holds_exact_pins_and_names_no_place():
+    assert len(pins()) > 40
+    for word in ("http", "://", "--", "/work", "@", ".whl", "file:"):
+        assert word not in LOCK, word
+
+
+def test_the_lock_pins_everything_that_pyproject_names():
+    extras = PROJECT["optional-dependencies"]
+    wanted = named(PROJECT["dependencies"] + extras["app"] + extras["test"] + extras["dev"])
+    assert wanted - set(pins()) == set()
+    assert "streamlit" in pins()
+
+
+def test_the_peers_of_the_benchmark_are_pinned_where_they_are_named():
+    assert all(re.fullmatch(r"[\w-]+==[\d.]+", peer) for peer in PROJECT["optional-dependencies"]["bench"])
+
+
+def test_the_environment_is_the_one_of_the_lock():
+    from importlib.metadata import PackageNotFoundError, version
+
+    for package in ("numpy", "scipy", "numba", "ruckig", "pydantic"):
+        try:
+            assert version(package) == pins()[package], package
+        except PackageNotFoundError:
+            pytest.fail(f"{package} is not installed")
+
+
+def test_version_is_the_same_everywhere():
+    first_entry = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert first_entry
+    assert first_entry[1] == workbench.__version__ == PROJECT["version"]
+
+
+def test_no_file_names_a_folder_of_one_machine():
+    found = [f"{name}: {hit[0]}" for name, text in tracked_text() for hit in MACHINE_PATH.finditer(text)]
+    assert found == []
+
+
+def test_no_file_names_a_host_beyond_the_few_that_stay():
+    found = {f"{name}: {hit[1]}" for name, text in tracked_text() for hit in HOST.finditer(text)}
+    assert {line for line in found if line.rsplit(": ")[1] not in ALLOWED_HOSTS} == set()
+
+
+@pytest.mark.parametrize("text", ["see |home|eve", 'open("|root|a")', "cd |opt|tool", "file:|||Users|eve"])
+def test_a_folder_of_one_machine_is_seen(text: str):
+    assert MACHINE_PATH.search(text.replace("|", "/"))  # spelt so that this file passes its own rule
+
+
+@pytest.mark.parametrize("text", ["../shared/work/x", "a/home/b", "results/root/", "PATH/opt/x"])
+def test_a_folder_inside_the_project_is_no_machine_path(text: str):
+    assert not MACHINE_PATH.search(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["https://a|example|org/simple", "get it from files|example|com", "http://10|0|0|1:80"]
+)
+def test_a_host_is_seen(text: str):
+    hit = HOST.search(text.replace("|", "."))
+    assert hit and hit[1] not in ALLOWED_HOSTS
+
+
+@pytest.mark.parametrize("text", ["import plotly.io", "scipy.io.loadmat", "a.common_b", "run.commands"])
+def test_a_python_module_is_no_host(text: str):
+    assert not HOST.search(text)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help_for_itself_and_each_option(name: str):
+    where, line = COMMANDS[name]
+    module, attribute = where.split(":")
+    command = getattr(importlib.import_module(module), attribute)
+    assert isinstance(command, click.Command)
+    assert line.endswith(".") and len(line) <= 70
+    assert command.help and command.help.strip()
+    silent = [p.name for p in command.params if isinstance(p, click.Option) and not p.help]
+    assert silent == [], f"options of {name} without help"
+
+
+def exit_of(words: list[str]) -> object:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    return ended.value.code
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch):
+    """Makes `workbench replay --out DIR` end with the given exception or value."""
+
+    def arrange(outcome: BaseException | int | None) -> None:
+        @click.command()
+        @click.option("--out", help="folder")
+        def command(out: str | None) -> int | None:
+            if isinstance(outcome, BaseException):
+                raise outcome
+            return outcome
+
+        monkeypatch.setattr(type(cli), "get_command", lambda self, ctx, name: command)
+
+    return arrange
+
+
+@pytest.mark.parametrize(
+    ("outcome", "status", "line"),
+    [
+        (None, 0, ""),
+        (1, 1, ""),
+        (InputError("unknown key 'mas'", file="m.yaml", line=3), 2, "error: m.yaml:3: unknown key 'mas'\n"),
+        (OSError(28, "No space left on device"), 2, "error: there: No space left on device\n"),
+        (PermissionError(13, "Permission denied", "r/x.json"), 2, "error: r/x.json: Permission denied\n"),
+        (OSError("arrow could not open it\nat frame 7"), 2, "error: there: arrow could not open it\n"),
+        (MemoryError(), 2, "error: not enough memory for this input; try fewer or shorter runs\n"),
+        (KeyboardInterrupt(), 130, "\ninterrupted\n"),
+    ],
+)
+def test_a_command_ends_with_one_line_and_a_status(failing, capsys, outcome, status: int, line: str):
+    failing(outcome)
+    assert exit_of(["replay", "--out", "there"]) == status
+    assert capsys.readouterr().err == line
+
+
+def test_debugging_keeps_the_traceback(failing, monkeypatch: pytest.MonkeyPatch):
+    failing(InputError("unknown key"))
+    monkeypatch.setenv("WORKBENCH_DEBUG", "1")
+    with pytest.raises(InputError):
+        main(["replay"])
+
+
+def test_a_defect_of_workbench_is_never_hidden(failing):
+    failing(ZeroDivisionError("a defect"))
+    with pytest.raises(ZeroDivisionError):
+        main(["replay"])
+
+
+def test_a_misspelt_command_is_answered_with_the_nearest(capsys):
+    assert exit_of(["replya"]) == 2
+    assert "unknown command 'replya'; did you mean 'replay'?" in capsys.readouterr().err
+
+
+def test_version_and_help_are_printed(capsys):
+    assert exit_of(["--version"]) == 0
+    assert capsys.readouterr().out == f"workbench {workbench.__version__}\n"
+    assert exit_of(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out and line in out for name, (_, line) in COMMANDS.items())
+
+
+def test_help_is_quick():
+    """The target is 0.3 s; the best of five forgives what else the machine does meanwhile."""
+    taken = []
+    for _ in range(5):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "workbench", "--help"], cwd=ROOT, capture_output=True, check=True)
+        taken.append(time.perf_counter() - start)
+    assert min(taken) < 0.3
+
+
+def test_a_reader_that_leaves_early_is_no_error():
+    code = "import workbench.cli as c; c.cli.format_help = lambda *a: print('x' * 10**6); c.main(['--help'])"
+    program = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert program.stdout and program.stderr
+    program.stdout.close()
+    assert program.stderr.read() == b""
+    program.stderr.close()
+    assert program.wait(10) == 1
+
+
+def test_the_wheel_carries_every_module_and_yaml_file(tmp_path: Path):
+    builders = pytest.importorskip("hatchling.builders.wheel", reason="hatchling is not installed")
+    (built,) = builders.WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
+    inside = set(zipfile.ZipFile(built).namelist())
+    ours = {
+        str(p.relative_to(ROOT))
+        for p in (ROOT / "workbench").rglob("*")
+        if p.suffix in {".py", ".yaml"} and p.is_file()
+    }
+    assert ours - inside == set()

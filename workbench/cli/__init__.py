@@ -1,0 +1,109 @@
+"""The `workbench` command: a table of sub-commands, each imported only when it is called."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+import click
+
+from workbench import __version__
+from workbench.errors import InputError, nearest
+
+# name -> (where the click command stands, its line in `workbench --help`). The line stands here
+# so that the help imports no numpy, numba or pydantic.
+COMMANDS: dict[str, tuple[str, str]] = {
+    "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign; write the machine."),
+    "replay": ("workbench.cli.replay:command", "Replay a campaign's measured torque; compare the speeds."),
+    "study": ("workbench.cli.study:command", "Run a scenario file: closed-loop moves, tables, figures."),
+}
+
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+
+class LazyGroup(click.Group):
+    """A click group that knows its sub-commands by `COMMANDS` and imports the one that runs."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module, attribute = COMMANDS[cmd_name][0].split(":")
+        command = getattr(importlib.import_module(module), attribute)
+        assert isinstance(command, click.Command)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] not in COMMANDS and not args[0].startswith("-"):
+            ctx.fail(f"unknown command '{args[0]}'; {nearest(args[0], COMMANDS)}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="workbench", message="%(prog)s %(version)s")
+def cli() -> None:
+    """Control-design and what-if studies for a winch-driven pipe-handling machine.
+
+    Every command reads files, prints a table and writes what it found to --out. Exit status:
+    0 done, 1 the command's own answer is no, 2 bad input, 130 interrupted.
+    """
+
+
+def main(args: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line and exit; a command may return its exit status, None is 0.
+
+    What the user can mend ends as one line on stderr and exit status 2; WORKBENCH_DEBUG=1 keeps
+    its traceback. Any other exception is a defect of workbench and always shows where it arose.
+    """
+    words = list(sys.argv[1:] if args is None else args)
+    try:
+        status = cli.main(words, prog_name="workbench", standalone_mode=False)
+        sys.stdout.flush()
+        sys.exit(status if isinstance(status, int) else 0)
+    except (click.Abort, KeyboardInterrupt):  # Abort is click's word for Ctrl-C
+        click.echo("interrupted", err=True)
+        sys.exit(EXIT_INTERRUPTED)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except BrokenPipeError:  # the reader, `head` say, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except (InputError, OSError, MemoryError) as error:
+        if os.environ.get("WORKBENCH_DEBUG") == "1":
+            raise
+        click.echo(f"error: {_sentence(error, words)}", err=True)
+        sys.exit(EXIT_BAD_INPUT)
+
+
+def _sentence(error: InputError | OSError | MemoryError, words: Sequence[str]) -> str:
+    """The error in one line, with the path that it is about."""
+    if isinstance(error, MemoryError):
+        return "not enough memory for this input; try fewer or shorter runs"
+    if isinstance(error, InputError):
+        return str(error)
+    # A full disk is met by write(), which knows no path: then it is --out that cannot be filled.
+    path = error.filename if error.filename is not None else _value_of("--out", words)
+    reason = error.strerror or str(error).partition("\n")[0] or type(error).__name__
+    return f"{path}: {reason}" if path else reason
+
+
+def _value_of(option: str, words: Sequence[str]) -> str | None:
+    for word, following in zip(words, [*words[1:], None], strict=True):
+        if word == option:
+            return following
+        if word.startswith(f"{option}="):
+            return word.partition("=")[2]
+    return None
