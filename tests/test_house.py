@@ -36,7 +36,7 @@ ALLOWED_HOSTS = {
     "yaml.org",
 }
 HOST = re.compile(
-    r"(?:https?://|\b(?=[\w-]+\.[\w.-]*(?:org|com|net)\b))([\w.-]+\.(?:org|com|net|io|dev)|[\d.]+|localhost)\b"
+    r"(?:https?://|\b(?=[\w-]+\.[\w.-]*(?:org|com|net)\b))([\w.-]+\.(?:org|com|net|io|dev)|[\d.]{7,}|localhost)\b"
 )
 
 
