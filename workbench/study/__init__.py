@@ -1,0 +1,1 @@
+"""Studies: a scenario file, its runs, their index and the folder that keeps them."""
