@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
 
@@ -44,7 +44,7 @@ def with_values(machine: AnyMachine, values: Mapping[str, float]) -> AnyMachine:
         whole = isinstance(block[parts[-1]], int) and float(value).is_integer()
         block[parts[-1]] = int(value) if whole else float(value)
     try:
-        return type(machine).model_validate(data)
+        return cast(AnyMachine, type(machine).model_validate(data))
     except ValidationError as error:
         place, problem = problem_lines(type(machine), error, data)[0]
         raise InputError(problem, place=dotted(place) or None) from error

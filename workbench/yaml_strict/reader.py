@@ -84,19 +84,20 @@ class _Builder:
         next(self.events)  # document end
         event = next(self.events)
         if not isinstance(event, yaml.StreamEndEvent):
-            raise self.fail("a second document starts here; expected one", event.start_mark.line + 1)
+            raise self.fail("a second document starts here; expected one", _line(event))
         return root
 
     def node(self, event: yaml.Event, depth: int) -> _Node:
-        line = event.start_mark.line + 1
+        line = _line(event)
         if depth > MAX_DEPTH:
             raise self.fail(f"is nested more than {MAX_DEPTH} deep", line)
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self.anchors:
                 raise self.fail(f"alias *{event.anchor} stands for nothing above it", line)
             return self.anchors[event.anchor]
-        if event.tag not in _PLAIN_TAGS:
-            raise self.fail(f"tag '{event.tag}' is not accepted; write the plain value", line)
+        tag, anchor = getattr(event, "tag", None), getattr(event, "anchor", None)
+        if tag not in _PLAIN_TAGS:
+            raise self.fail(f"tag '{tag}' is not accepted; write the plain value", line)
         if isinstance(event, yaml.ScalarEvent):
             node = _Node(line, value=meaning(event.value) if event.implicit[0] else event.value)
         elif isinstance(event, yaml.SequenceStartEvent):
@@ -106,15 +107,15 @@ class _Builder:
             node = _Node(line, items=tuple(items))
         else:
             node = _Node(line, entries=self.mapping(depth))
-        if event.anchor is not None:
-            self.anchors[event.anchor] = node
+        if anchor is not None:
+            self.anchors[anchor] = node
         return node
 
     def mapping(self, depth: int) -> tuple[tuple[str, int, _Node], ...]:
         entries: list[tuple[str, int, _Node]] = []
         seen: dict[str, int] = {}
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
-            line = event.start_mark.line + 1
+            line = _line(event)
             if not isinstance(event, yaml.ScalarEvent):
                 raise self.fail("a key must be a plain word", line)
             key = event.value
@@ -142,6 +143,11 @@ class _Builder:
                 lines[(*place, key)] = line
             return {key: self.plain(value, (*place, key), lines) for key, _, value in node.entries}
         return node.value
+
+
+def _line(event: yaml.Event) -> int:
+    mark = event.start_mark
+    return 1 if mark is None else mark.line + 1
 
 
 def _syntax_error(error: yaml.YAMLError, file: Path, text: str) -> InputError:

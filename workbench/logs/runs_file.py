@@ -1,0 +1,97 @@
+"""runs.yaml: the list of runs, and how a log's columns map to signals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, StringConstraints, field_validator, model_validator
+
+from workbench.errors import InputError, nearest
+from workbench.machine import Axis, Hoist
+from workbench.machine.record import Finite, NotNegative, Record
+from workbench.yaml_strict import Document, dotted, load, validate
+
+Fail = Callable[..., InputError]
+Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f/\\]+$")]
+
+
+class Column(Record):
+    """signal = scale · column + offset"""
+
+    column: Annotated[str, StringConstraints(min_length=1)]
+    scale: Finite = 1.0
+    offset: Finite = 0.0
+
+    @field_validator("scale")
+    @classmethod
+    def _not_zero(cls, value: float) -> float:
+        if value == 0.0:
+            raise ValueError("0.0, expected a number other than 0: it would erase the signal")
+        return value
+
+
+class Entry(Record):
+    """One run as runs.yaml lists it. Hoists need payload and start position; see `read_runs`."""
+
+    name: Name
+    file: Annotated[str, StringConstraints(min_length=1)]
+    payload_kg: NotNegative | None = None
+    start_position_m: Finite | None = None
+    start_time_s: Finite | None = None
+
+
+class RunsFile(Record):
+    """The whole of runs.yaml."""
+
+    format: Literal[1] = 1
+    columns: dict[str, Column] = Field(default_factory=dict)
+    runs: Annotated[list[Entry], Field(min_length=1)]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_columns(cls, data: object) -> object:
+        """`signal: column` is short for `signal: {column: column}`."""
+        if isinstance(data, dict) and isinstance(columns := data.get("columns"), dict):
+            long = {key: {"column": value} if isinstance(value, str) else value for key, value in columns.items()}
+            return {**data, "columns": long}
+        return data
+
+
+def read_runs(file: Path, machine: Hoist | Axis, signals: tuple[str, ...]) -> tuple[RunsFile, Document]:
+    """runs.yaml, checked against its machine. InputError names file, line and place."""
+    document = load(file)
+    runs = validate(RunsFile, document)
+
+    def fail(problem: str, *place: str | int) -> InputError:
+        return InputError(problem, file=file, line=document.line(place), place=dotted(place))
+
+    for signal in runs.columns:
+        if signal not in signals:
+            raise fail(f"unknown signal '{signal}'; {nearest(signal, signals)}", "columns", signal)
+    seen: dict[str, int] = {}
+    for index, entry in enumerate(runs.runs):
+        if entry.name in seen:
+            first = document.line(("runs", seen[entry.name], "name"))
+            raise fail(f"'{entry.name}' is used twice; it names the run on line {first} too", "runs", index, "name")
+        seen[entry.name] = index
+        if isinstance(machine, Hoist):
+            _check_hoist_entry(entry, index, machine, fail)
+    return runs, document
+
+
+def _check_hoist_entry(entry: Entry, index: int, machine: Hoist, fail: Fail) -> None:
+    if entry.payload_kg is None:
+        raise fail(f"run '{entry.name}' needs payload_kg, in kg and at least 0", "runs", index, "payload_kg")
+    top = machine.wire.segment_length_m
+    if entry.start_position_m is None:
+        raise fail(
+            f"run '{entry.name}' needs start_position_m, the carriage height at the first sample",
+            "runs", index, "start_position_m",
+        )  # fmt: skip
+    if not 0.0 <= entry.start_position_m <= top:
+        raise fail(
+            f"{entry.start_position_m} m, expected a height from 0 to {top} m, where the dead anchor is",
+            "runs", index, "start_position_m",
+        )  # fmt: skip

@@ -1,0 +1,100 @@
+"""Which signals a machine's logs carry, and how a file's columns become them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from workbench.errors import InputError, nearest
+from workbench.logs.runs_file import Column
+from workbench.logs.table import LogFile, Table
+from workbench.machine import Axis, Hoist
+from workbench.run import Array
+
+TIME = "time_s"
+TORQUE, TORQUE_1, TORQUE_2 = "torque_motor_nm", "torque_motor1_nm", "torque_motor2_nm"
+
+
+@dataclass(frozen=True)
+class SignalSet:
+    """`needed`: of each group one alternative must be there, whole. `optional`: taken when there."""
+
+    needed: tuple[tuple[tuple[str, ...], ...], ...]
+    optional: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        listed = [name for group in self.needed for alternative in group for name in alternative]
+        return tuple(dict.fromkeys([*listed, *self.optional]))
+
+
+def signals_of(machine: Hoist | Axis) -> SignalSet:
+    """The signals of a machine's logs, as docs/formats.md lists them."""
+    if isinstance(machine, Hoist):
+        return SignalSet(
+            needed=(((TIME,),), ((TORQUE_1, TORQUE_2), (TORQUE,)), (("speed_motor_rad_s",),)),
+            optional=("speed_reference_rad_s", "position_carriage_m", "tension_dead_line_n"),
+        )
+    position, speed = machine.position_signal, machine.speed_signal
+    return SignalSet(
+        needed=(((TIME,),), ((machine.input_signal,),), ((position,), (speed,))),
+        optional=(machine.reference_signal,),
+    )
+
+
+@dataclass(frozen=True)
+class Raw:
+    """One run's signals as logged, in SI: not yet checked, time not yet known to rise."""
+
+    table: Table
+    columns: Mapping[str, str]  # signal -> column of the file
+    values: dict[str, Array]
+    ignored: tuple[str, ...]
+
+    def label(self, signal: str) -> str:
+        """The signal's name, with the column's where that is another one."""
+        column = self.columns.get(signal, signal)
+        return signal if column == signal else f"{signal} (column '{column}')"
+
+
+def read_signals(log: LogFile, wanted: SignalSet, mapping: Mapping[str, Column], run: str) -> Raw:
+    """The signals of one log. InputError when a needed one has no column, with the columns there are."""
+    columns = {
+        signal: mapping[signal].column if signal in mapping else signal
+        for signal in wanted.names
+        if signal in mapping or signal in log.names
+    }
+    for signal, column in columns.items():
+        if column not in log.names:
+            raise _missing(log, f"column '{column}' for {signal}", column, run)
+    for group in wanted.needed:
+        if not any(all(name in columns for name in alternative) for alternative in group):
+            words = " or ".join(" and ".join(alternative) for alternative in group)
+            first = next((name for alternative in group for name in alternative if name not in columns), TIME)
+            raise _missing(log, f"column {words}", first, run)
+    table = log.read(list(dict.fromkeys(columns.values())))
+    values: dict[str, Array] = {}
+    for signal, column in columns.items():
+        rule = mapping.get(signal)
+        plain = rule is None or (rule.scale == 1.0 and rule.offset == 0.0)
+        values[signal] = (
+            table.columns[column] if plain or rule is None else rule.scale * table.columns[column] + rule.offset
+        )
+    used = set(columns.values())
+    return Raw(table, columns, values, tuple(name for name in log.names if name not in used))
+
+
+def _missing(log: LogFile, what: str, name: str, run: str) -> InputError:
+    if not log.names:
+        return InputError(f"no {what}: the file holds no columns of numbers", file=log.file, place=run)
+    hint = nearest(name, log.names)
+    if hint.startswith("did you mean"):
+        hint += f" The file has: {_listed(log.names)}"
+    else:
+        hint = f"the file has: {_listed(log.names)}"
+    return InputError(f"no {what}; {hint}", file=log.file, place=run)
+
+
+def _listed(names: tuple[str, ...], most: int = 30) -> str:
+    shown = [repr(name)[1:-1] for name in names[:most]]
+    return ", ".join(shown) + (f" and {len(names) - most} more" if len(names) > most else "")
