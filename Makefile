@@ -39,10 +39,12 @@ test: $(STAMP) ## run all tests
 bench: $(BENCH_STAMP) ## measure against the peers; writes benchmarks/results.json
 	$(PY) -m benchmarks.run
 
-lint: $(STAMP) ## ruff and mypy
-	$(PY) -m ruff check .
-	$(PY) -m ruff format --check .
-	$(PY) -m mypy $(SOURCES)
+lint: $(STAMP) ## ruff and mypy, all three whatever the first one says
+	@status=0; set -x; \
+	$(PY) -m ruff check --output-format concise . || status=1; \
+	$(PY) -m ruff format --check --output-format concise . || status=1; \
+	$(PY) -m mypy $(SOURCES) || status=1; \
+	{ set +x; } 2>/dev/null; exit $$status
 
 lock: ## write requirements.lock anew for what pyproject.toml names; UPGRADE=1 takes the newest of all
 	@$(MAKE) -s $(PY)

@@ -22,7 +22,7 @@ LAYERS = [
     ("machine",),
     ("plants",),
     ("engine",),
-    ("logs", "control", "references"),
+    ("logs", "control", "references", "metrics"),
     ("simulate",),
     ("identify",),
     ("study",),
