@@ -1,0 +1,52 @@
+"""`workbench study`: run a scenario file, print what came out, say where it lies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+
+@click.command(name="study")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Folder to make; without it results/<name of the study>.")
+def command(file: Path, out: Path | None) -> None:
+    """Run the scenario FILE: every payload with every reference, in closed loop."""
+    from ..study.load import load_study
+    from ..study.results import place_for, read_rows, write_results
+    from ..study.run import run_study
+
+    study = load_study(file)
+    place = place_for(study, out)
+    if place.finished:
+        rows = read_rows(place.folder)
+    else:
+        from ..figures.study_page import save_study_page
+
+        rows = list(write_results(lambda: run_study(study), place.folder, {"study.html": save_study_page}).rows)
+    from ..study.summary import CAPTION, HEAD, sentences, table
+
+    _print_table(HEAD, table(rows))
+    limit = study.machine.motor.nominal_torque_nm * study.machine.drive.overload
+    done = f"{place.folder} holds this very study already; nothing was run." if place.finished else ""
+    for line in [CAPTION, "", *sentences(rows, limit), "", done, place.note]:
+        if line or line == "":
+            click.echo(line)
+    click.echo(f"Figure: {place.folder / 'study.html'}\nIndex:  {place.folder / 'index.parquet'}")
+
+
+def _print_table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    shown = Table(box=None, pad_edge=False, padding=(0, 1))
+    for name in head:
+        shown.add_column(name.strip(), justify="left" if name.startswith(" ") else "right", no_wrap=True)
+    for line in lines:
+        shown.add_row(*line)
+    # A pipe has no width of its own; the table's is kept whole there.
+    if not console.is_terminal:
+        console = Console(width=100)
+    console.print(shown)

@@ -1,0 +1,66 @@
+"""The page of a study: conclusions, table and figures in one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..study.run import StudyResult
+from ..study.summary import CAPTION, HEAD, sentences, table
+from .save import save
+from .study import overview, peak_torque_over_payload
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+def study_figures(result: StudyResult) -> list[Figure]:
+    """The runs over time, the start of the first move at larger scale, the torque peak over payload."""
+    machine = result.study.machine
+    nominal = machine.motor.nominal_torque_nm
+    limit = nominal * machine.drive.overload
+    name = result.study.scenario.name
+    good = [(row.reference, result.runs[row.run_id]) for row in result.rows if row.ok]
+    if not good:
+        return []
+    figures = [overview(good, nominal, limit, f"Study {name}: closed loop at each payload")]
+    start, shape = next(iter(result.study.plans.values())).moves[0]
+    # Speed ramp and what rings after it: the longest of the references' ramps is below 3 v/a.
+    ramp = 3.0 * shape.limits.speed_m_s / shape.limits.acceleration_m_s2
+    window = (max(start - 0.4, 0.0), start + min(shape.duration_s, ramp) + 0.6)
+    figures.append(
+        overview(good, nominal, limit, f"Study {name}: start of the first move", window, ("speed", "error", "torque"))
+    )
+    payloads = np.array(sorted({row.payload_kg for row in result.rows}))
+    if len(payloads) > 1:
+        held = {row.payload_kg: row["hold_torque_nm"] / machine.motor.count for row in result.rows}
+        peaks = {
+            kind: np.array([_peak(result, payload, kind) for payload in payloads])
+            for kind in result.study.scenario.references
+        }
+        static = np.array([held[payload] for payload in payloads])
+        figures.append(peak_torque_over_payload(payloads, peaks, nominal, limit, static))
+    return figures
+
+
+def _peak(result: StudyResult, payload_kg: float, kind: str) -> float:
+    for row in result.rows:
+        if row.payload_kg == payload_kg and row.reference == kind:
+            return row["peak_torque_motor_nm"]
+    return float("nan")
+
+
+def save_study_page(result: StudyResult, path: Path) -> None:
+    """Write the page of a study; it needs no network."""
+    machine = result.study.machine
+    said = sentences(result.rows, machine.motor.nominal_torque_nm * machine.drive.overload)
+    lead = [" ".join(said), result.study.scenario.description, CAPTION]
+    save(
+        study_figures(result),
+        path,
+        title=f"Study {result.study.scenario.name} — {machine.name}",
+        sentences=[sentence for sentence in lead if sentence],
+        table=(HEAD, table(result.rows)),
+    )

@@ -1,0 +1,212 @@
+"""The results folder of a study: written whole or not at all, found again, never overwritten.
+
+results/<study>/
+  index.parquet         one row a run
+  runs/<run_id>/signals.parquet
+  scenario.yaml, machine.yaml   as run, complete
+  manifest.json         what made it; written last
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..errors import InputError
+from ..machine import save_machine
+from ..yaml_strict import dumps
+from .load import Study
+from .run import Row, StudyResult
+
+MANIFEST = "manifest.json"
+INDEX = "index.parquet"
+DEFAULT_FOLDER = Path("results")
+_TEXTS = ("run_id", "scenario", "status", "reason", "reference")
+_LIBRARIES = ("numpy", "numba", "scipy", "ruckig", "pyarrow", "plotly")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a study's results go. `finished`: they are there already. `note`: why not under the usual name."""
+
+    folder: Path
+    finished: bool
+    note: str = ""
+
+
+def place_for(study: Study, out: Path | None = None) -> Place:
+    """Where this study's results belong.
+
+    out: the wanted folder; InputError where it is a file or holds something else than this very study's
+    finished result. Without it results/<name>, or the first of results/<name>-2, -3, … that is free or
+    holds this very study.
+    """
+    if out is not None:
+        if _holds(out, study):
+            return Place(out, finished=True)
+        if not _free(out):
+            raise InputError(f"{_what_is_in(out)}; nothing is overwritten, choose another --out", file=out)
+        return Place(out, finished=False)
+    first = DEFAULT_FOLDER / study.scenario.name
+    folder, number = first, 1
+    while not _free(folder) and not _holds(folder, study):
+        number += 1
+        folder = first.with_name(f"{first.name}-{number}")
+    note = "" if number == 1 else f"{first} {_what_is_in(first)}, so this one is in {folder}."
+    return Place(folder, finished=_holds(folder, study), note=note)
+
+
+def write_results(
+    run: Callable[[], StudyResult], folder: Path, extras: Mapping[str, Callable[[StudyResult, Path], None]]
+) -> StudyResult:
+    """Run a study and write it to `folder`, which is free; extras: name -> how to write one more file.
+
+    Everything goes to a hidden folder beside it, which takes the name at the end: what stops in the
+    middle leaves no results. The hidden folder comes first, so that a place that cannot be written is
+    known before the time is spent. InputError where a file cannot be written.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        hidden = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
+    except OSError as error:
+        raise InputError(f"no results can be written there: {error.strerror or error}", file=folder) from error
+    try:
+        result = run()
+        _fill(hidden, result)
+        for name, write in extras.items():
+            write(result, hidden / name)
+        _write_json(hidden / MANIFEST, manifest(result.study))
+        hidden.chmod(0o755)  # mkdtemp makes folders only their owner can enter
+        hidden.rename(folder)
+    except OSError as error:
+        raise InputError(f"no results written: {error.strerror or error}", file=folder) from error
+    finally:
+        shutil.rmtree(hidden, ignore_errors=True)
+    return result
+
+
+def _fill(folder: Path, result: StudyResult) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    pq.write_table(index_table(result.rows), folder / INDEX)
+    for run_id, run in result.runs.items():
+        place = folder / "runs" / run_id
+        place.mkdir(parents=True)
+        table = pa.table({"time_s": run.time_s} | dict(run.signals))
+        pq.write_table(table, place / "signals.parquet", compression="zstd", use_dictionary=False)
+    save_machine(result.study.machine, folder / "machine.yaml")
+    scenario = result.study.scenario.model_dump(mode="json") | {"machine": "machine.yaml"}
+    scenario["moves"] = [{k: v for k, v in move.items() if v is not None} for move in scenario["moves"]]
+    (folder / "scenario.yaml").write_text(dumps(scenario), encoding="utf-8")
+
+
+def index_table(rows: Sequence[Row]) -> Any:
+    """The index as an Arrow table: the same rows give the same bytes."""
+    import pyarrow as pa
+
+    columns: dict[str, Any] = {
+        name: pa.array([getattr(row, name) for row in rows], pa.string() if name in _TEXTS else pa.float64())
+        for name in ("run_id", "scenario", "status", "reason", "payload_kg", "reference")
+    }
+    for name in rows[0].metrics:
+        columns[name] = pa.array([row.metrics[name] for row in rows], pa.float64())
+    return pa.table(columns)
+
+
+def read_rows(folder: Path) -> list[Row]:
+    """The rows of a finished result. InputError where the index is not there or not readable."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        records = pq.read_table(folder / INDEX).to_pylist()
+        return [_row(record) for record in records]
+    except (OSError, KeyError, pa.ArrowInvalid) as error:
+        raise InputError(f"is no readable index of a study: {error}", file=folder / INDEX) from error
+
+
+def _row(record: dict[str, Any]) -> Row:
+    own = ("run_id", "scenario", "status", "reason", "payload_kg", "reference")
+    return Row(
+        **{name: record[name] for name in own},
+        metrics={name: value for name, value in record.items() if name not in own},
+    )
+
+
+def manifest(study: Study) -> dict[str, Any]:
+    """What made a result: versions, hashes, platform, and the commit where the program is a checkout."""
+    from importlib.metadata import version
+
+    return {
+        "format": 1,
+        "study": study.scenario.name,
+        "fingerprint": study.fingerprint,
+        "scenario_hash": study.scenario_hash,
+        "machine_hash": study.machine_hash,
+        "machine": study.machine.name,
+        "versions": {"workbench": __version__, "python": platform.python_version()}
+        | {name: version(name) for name in _LIBRARIES},
+        "platform": f"{platform.system()} {platform.machine()}",
+        "commit": _commit(Path(__file__).resolve().parents[2]),
+    }
+
+
+def _commit(checkout: Path) -> str | None:
+    """The commit that is checked out, read from .git itself: git may not be installed."""
+    try:
+        git = checkout / ".git"
+        head = (git / "HEAD").read_text().strip()
+        if not head.startswith("ref: "):
+            return head
+        name = head.removeprefix("ref: ")
+        if (git / name).is_file():
+            return (git / name).read_text().strip()
+        packed = (git / "packed-refs").read_text().splitlines()
+        return next((line.split()[0] for line in packed if line.endswith(f" {name}")), None)
+    except OSError:
+        return None
+
+
+def _free(folder: Path) -> bool:
+    """Not there, or an empty folder."""
+    return not os.path.lexists(folder) or (folder.is_dir() and not any(folder.iterdir()))
+
+
+def _holds(folder: Path, study: Study) -> bool:
+    """Whether the finished result of this very study is there."""
+    said = _read_manifest(folder)
+    return said is not None and said.get("fingerprint") == study.fingerprint and (folder / INDEX).is_file()
+
+
+def _read_manifest(folder: Path) -> dict[str, Any] | None:
+    try:
+        said = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return said if isinstance(said, dict) else None
+
+
+def _what_is_in(folder: Path) -> str:
+    if not folder.is_dir():
+        return "is a file, expected a folder to be made"
+    said = _read_manifest(folder)
+    if said is None:
+        return "is not empty"
+    return f"holds another result ('{said.get('study')}', of another scenario, machine or program version)"
+
+
+def _write_json(path: Path, data: object) -> None:
+    with path.open("w", encoding="utf-8") as stream:
+        json.dump(data, stream, indent=1, ensure_ascii=False)
+        stream.write("\n")
+        stream.flush()
+        os.fsync(stream.fileno())

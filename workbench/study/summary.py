@@ -1,0 +1,134 @@
+"""What a study comes to: a table of ready text, and its conclusions as plain sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from .run import Row
+
+# Heads that start with a blank are words, set left. The second line is the unit.
+HEAD = (
+    "payload\nkg",
+    " reference",
+    "peak\nN m",
+    "peak\n%",
+    "above\nstatic N m",
+    "RMS\nN m",
+    "error RMS\nrad/s",
+    "error max\nrad/s",
+    "min wire\nkN",
+    "moves\ns",
+)
+CAPTION = (
+    "Peak and RMS: torque of one motor, per cent of its nominal; above static: both motors together, above the "
+    "torque that holds the load; error: motor speed against its set point; moves: time in motion."
+)
+
+
+def table(rows: Sequence[Row]) -> list[list[str]]:
+    """A line a run, under HEAD; a failed run says why in place of its figures."""
+    lines = []
+    for row in rows:
+        start = [f"{row.payload_kg:g}", row.reference]
+        if row.ok:
+            figures = [
+                f"{row['peak_torque_motor_nm']:.0f}",
+                f"{row['peak_torque_percent']:.0f}",
+                f"{row['peak_torque_above_static_nm']:.0f}",
+                f"{row['rms_torque_motor_nm']:.0f}",
+                f"{row['speed_error_rms_rad_s']:.2f}",
+                f"{row['speed_error_max_rad_s']:.1f}",
+                f"{row['min_wire_tension_n'] / 1000.0:.1f}",
+            ]
+        else:
+            figures = ["failed"] + ["–"] * 6
+        lines.append([*start, *figures, f"{row['move_time_s']:.2f}"])
+    return lines
+
+
+def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
+    """Conclusions computed from the rows; the first is the answer to the study's question.
+
+    torque_limit_nm: the largest torque of one motor.
+    """
+    good = [row for row in rows if row.ok]
+    return [*_comparison(good), *_limits(good, torque_limit_nm), *_slack(good), *_failures(rows)]
+
+
+def _comparison(good: Sequence[Row]) -> list[str]:
+    """Jerk-limited against trapezoid, at the heaviest payload that has both."""
+    by_case = {(row.payload_kg, row.reference): row for row in good}
+    for payload in sorted({row.payload_kg for row in good}, reverse=True):
+        trapezoid = by_case.get((payload, "trapezoid"))
+        if trapezoid is None:
+            continue
+        said = []
+        if (smooth := by_case.get((payload, "ruckig"))) is not None:
+            longer = (smooth["move_time_s"] - trapezoid["move_time_s"]) / smooth["moves"]
+            said.append(
+                f"At {payload:g} kg ruckig with the same limits takes {longer:.2g} s longer per move and "
+                f"{_effect(smooth, trapezoid)}."
+            )
+        if (equal := by_case.get((payload, "ruckig_equal_time"))) is not None:
+            start = "In" if said else f"At {payload:g} kg, in"
+            said.append(f"{start} the trapezoid's own time ruckig {_effect(equal, trapezoid)}.")
+        if said:
+            return said
+    if not good:
+        return []
+    worst = max(good, key=lambda row: row["peak_torque_motor_nm"])
+    return [
+        f"The largest torque peak is {worst['peak_torque_motor_nm']:.0f} N m per motor "
+        f"({worst['peak_torque_percent']:.0f} % of nominal), with {worst.reference} at {worst.payload_kg:g} kg."
+    ]
+
+
+def _effect(row: Row, base: Row) -> str:
+    peak = _change(row["peak_torque_above_static_nm"], base["peak_torque_above_static_nm"])
+    error = _change(row["speed_error_max_rad_s"], base["speed_error_max_rad_s"])
+    return (
+        f"{_verb(peak)} the torque peak above static "
+        f"({base['peak_torque_above_static_nm']:.0f} → {row['peak_torque_above_static_nm']:.0f} N m) and "
+        f"{_verb(error)} the largest speed error"
+    )
+
+
+def _change(value: float, base: float) -> float:
+    return 100.0 * (value - base) / base if base else math.nan
+
+
+def _verb(percent: float) -> str:
+    if math.isnan(percent):
+        return "cannot be compared in"
+    if abs(percent) < 0.5:
+        return "changes nothing in"
+    return f"takes {-percent:.0f} % off" if percent < 0.0 else f"adds {percent:.0f} % to"
+
+
+def _limits(good: Sequence[Row], torque_limit_nm: float) -> list[str]:
+    at_limit = [row for row in good if row["peak_torque_motor_nm"] >= torque_limit_nm * (1.0 - 1e-9)]
+    if not at_limit:
+        return []
+    return [f"The torque limit of {torque_limit_nm:.0f} N m per motor is reached: {_list(at_limit)}."]
+
+
+def _slack(good: Sequence[Row]) -> list[str]:
+    slack = [row for row in good if row["slack_time_s"] > 0.0]
+    if not slack:
+        return []
+    longest = max(slack, key=lambda row: row["slack_time_s"])
+    return [
+        f"The wire goes slack: {_list(slack)}; longest {longest['slack_time_s']:.2g} s in "
+        f"{longest['slack_events']:.0f} {'event' if longest['slack_events'] == 1 else 'events'} ({longest.run_id}). "
+        "It tightens again with a jerk."
+    ]
+
+
+def _failures(rows: Sequence[Row]) -> list[str]:
+    return [f"{row.run_id} failed: {row.reason}." for row in rows if not row.ok]
+
+
+def _list(rows: Sequence[Row]) -> str:
+    names = [row.run_id for row in rows]
+    return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:5])} and {len(names) - 5} more"
