@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from ..study.results import Place
+    from ..study.run import Row
 
 
 @click.command(name="study")
@@ -13,26 +19,28 @@ import click
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to make; without it results/<name of the study>.")
 def command(file: Path, out: Path | None) -> None:
     """Run the scenario FILE: every payload with every reference, in closed loop."""
+    from ..figures.study_page import save_study_page
     from ..study.load import load_study
     from ..study.results import place_for, read_rows, write_results
-    from ..study.run import run_study
+    from ..study.run import motor_torque_limit_nm, run_study
 
     study = load_study(file)
     place = place_for(study, out)
-    if place.finished:
-        rows = read_rows(place.folder)
-    else:
-        from ..figures.study_page import save_study_page
+    if not place.finished:
+        write_results(lambda: run_study(study), place.folder, {"study.html": save_study_page})
+    _report(read_rows(place.folder), motor_torque_limit_nm(study.machine), place)
 
-        rows = list(write_results(lambda: run_study(study), place.folder, {"study.html": save_study_page}).rows)
+
+def _report(rows: Sequence[Row], torque_limit_nm: float, place: Place) -> None:
     from ..study.summary import CAPTION, HEAD, sentences, table
 
     _print_table(HEAD, table(rows))
-    limit = study.machine.motor.nominal_torque_nm * study.machine.drive.overload
-    done = f"{place.folder} holds this very study already; nothing was run." if place.finished else ""
-    for line in [CAPTION, "", *sentences(rows, limit), "", done, place.note]:
-        if line or line == "":
-            click.echo(line)
+    click.secho(textwrap.fill(CAPTION, 98), dim=True)
+    click.echo("\n" + "\n".join(sentences(rows, torque_limit_nm)) + "\n")
+    if place.finished:
+        click.echo(f"{place.folder} holds this very study already; nothing was run.")
+    if place.note:
+        click.echo(place.note)
     click.echo(f"Figure: {place.folder / 'study.html'}\nIndex:  {place.folder / 'index.parquet'}")
 
 

@@ -96,7 +96,6 @@ class Panels:
     def figure(
         self,
         height: int,
-        x_range: tuple[float, float] | None = None,
         y_ranges: dict[int, tuple[float, float]] | None = None,
     ) -> Figure:
         """The figure; y_ranges: by row, where plotly's own choice would not do."""
@@ -126,8 +125,6 @@ class Panels:
                 y_axis: dict[str, Any] = {"domain": [bottom, top], "anchor": f"x{number}"}
                 if number:
                     x_axis["matches"] = "x"
-                elif x_range is not None:
-                    x_axis["range"] = list(x_range)
                 if row == rows - 1:
                     x_axis["title"] = {"text": self.x_title}
                 else:

@@ -17,6 +17,7 @@ _PAGE = """<!DOCTYPE html>
  body {{ font-family: "DejaVu Sans", "Segoe UI", Arial, sans-serif; color: #222; background: white;
         margin: 0 auto; max-width: 1500px; padding: 8px 16px; }}
  p.lead {{ font-size: 15px; line-height: 1.45; margin: 8px 16px; max-width: 75em; }}
+ p.caption {{ font-size: 12px; color: #555; margin: 0 16px 16px; max-width: 92em; }}
  h1 {{ font-size: 20px; margin: 12px 16px 4px; }}
  table {{ border-collapse: collapse; font-size: 13px; margin: 12px 16px; }}
  th, td {{ text-align: right; padding: 3px 10px; border-bottom: 1px solid #ddd; }}
@@ -36,11 +37,12 @@ def save(
     title: str = "workbench",
     sentences: Sequence[str] = (),
     table: tuple[Sequence[str], Sequence[Sequence[str]]] | None = None,
+    caption: str = "",
 ) -> None:
     """Write the figures one below the other to one HTML file that needs no network.
 
     sentences: paragraphs above the figures. table: (head, rows) of ready text; a column whose
-    head starts with a blank holds words and is set left.
+    head starts with a blank holds words and is set left; caption: a line below it.
     """
     from plotly.io import to_html
     from plotly.offline import get_plotlyjs
@@ -50,6 +52,8 @@ def save(
     parts += [f'<p class="lead">{escape(sentence)}</p>' for sentence in sentences]
     if table is not None:
         parts.append(_table(*table))
+    if caption:
+        parts.append(f'<p class="caption">{escape(caption)}</p>')
     for number, figure in enumerate(listed):
         # A fixed id instead of a random one: the same figures give the same bytes.
         html = to_html(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,7 +38,7 @@ def overview(
     """Speed and set point, tracking error, torque of the harder-worked motor, wire tension; a column a payload.
 
     runs: (reference, run) with the closed loop's signals. nominal_torque_nm, torque_limit_nm: of one motor.
-    window_s: what is shown first. quantities: some of QUANTITIES. Of more than three payloads the
+    window_s: the stretch of time drawn; without it all. quantities: some of QUANTITIES. Of more than three payloads the
     lightest, a middle and the heaviest are drawn, and the title says so.
     """
     payloads = sorted({run.payload_kg for _, run in runs})
@@ -56,14 +57,16 @@ def overview(
     for number, reference in enumerate(references):
         for kind, run in runs:
             if kind == reference and run.payload_kg in shown:
-                _draw(panels, shown.index(run.payload_kg), run, quantities, label(kind), line(kind, number))
+                part = run if window_s is None else _within(run, *window_s)
+                _draw(panels, shown.index(run.payload_kg), part, quantities, label(kind), line(kind, number))
     if "torque" in quantities:
         row = quantities.index("torque")
         for column in range(len(shown)):
-            last = column == len(shown) - 1
-            panels.level(row, column, nominal_torque_nm, f"nominal {nominal_torque_nm:.4g} N m" if last else "", "dot")
-            panels.level(row, column, torque_limit_nm, f"limit {torque_limit_nm:.4g} N m" if last else "", "dash")
-    return panels.figure(height, window_s)
+            # The lightest payload leaves the most room below the lines for their names.
+            first = column == 0
+            panels.level(row, column, nominal_torque_nm, f"nominal {nominal_torque_nm:.4g} N m" if first else "", "dot")
+            panels.level(row, column, torque_limit_nm, f"limit {torque_limit_nm:.4g} N m" if first else "", "dash")
+    return panels.figure(height)
 
 
 def _draw(panels: Panels, column: int, run: Run, quantities: Sequence[str], name: str, look: dict[str, Any]) -> None:
@@ -84,6 +87,12 @@ def _draw(panels: Panels, column: int, run: Run, quantities: Sequence[str], name
                 panels.shade(row, column, start, end, PURPLE)
 
 
+def _within(run: Run, start_s: float, end_s: float) -> Run:
+    inside = (run.time_s >= start_s) & (run.time_s <= end_s)
+    signals = {name: values[inside] for name, values in run.signals.items()}
+    return replace(run, time_s=run.time_s[inside], signals=signals)
+
+
 def harder_worked_nm(run: Run) -> Array:
     """The torque of whichever motor carries more at each time; half the sum where motors are not told apart."""
     if "torque_motor1_nm" not in run or "torque_motor2_nm" not in run:
@@ -94,9 +103,9 @@ def harder_worked_nm(run: Run) -> Array:
 
 def slack_stretches(run: Run) -> list[tuple[float, float]]:
     """Start and end (s) of each stretch in which a wire carries nothing."""
-    if "wire_tension_min_n" not in run:
+    if "tension_min_n" not in run:
         return []
-    slack = np.concatenate(([False], run["wire_tension_min_n"] <= 0.0, [False]))
+    slack = np.concatenate(([False], run["tension_min_n"] <= 0.0, [False]))
     starts, ends = np.flatnonzero(slack[1:] & ~slack[:-1]), np.flatnonzero(~slack[1:] & slack[:-1])
     return [(float(run.time_s[a]), float(run.time_s[b - 1])) for a, b in zip(starts, ends, strict=True)]
 

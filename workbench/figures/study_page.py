@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..study.run import StudyResult
+from ..study.run import StudyResult, motor_torque_limit_nm
 from ..study.summary import CAPTION, HEAD, sentences, table
 from .save import save
 from .study import overview, peak_torque_over_payload
@@ -20,7 +20,7 @@ def study_figures(result: StudyResult) -> list[Figure]:
     """The runs over time, the start of the first move at larger scale, the torque peak over payload."""
     machine = result.study.machine
     nominal = machine.motor.nominal_torque_nm
-    limit = nominal * machine.drive.overload
+    limit = motor_torque_limit_nm(machine)
     name = result.study.scenario.name
     good = [(row.reference, result.runs[row.run_id]) for row in result.rows if row.ok]
     if not good:
@@ -55,12 +55,13 @@ def _peak(result: StudyResult, payload_kg: float, kind: str) -> float:
 def save_study_page(result: StudyResult, path: Path) -> None:
     """Write the page of a study; it needs no network."""
     machine = result.study.machine
-    said = sentences(result.rows, machine.motor.nominal_torque_nm * machine.drive.overload)
-    lead = [" ".join(said), result.study.scenario.description, CAPTION]
+    said = sentences(result.rows, motor_torque_limit_nm(machine))
+    paragraphs = [result.study.scenario.description, " ".join(said)]
     save(
         study_figures(result),
         path,
         title=f"Study {result.study.scenario.name} — {machine.name}",
-        sentences=[sentence for sentence in lead if sentence],
+        sentences=[paragraph for paragraph in paragraphs if paragraph],
         table=(HEAD, table(result.rows)),
+        caption=CAPTION,
     )

@@ -23,13 +23,14 @@ from .. import __version__
 from ..errors import InputError
 from ..machine import save_machine
 from ..yaml_strict import dumps
+from . import arrow
 from .load import Study
 from .run import Row, StudyResult
 
 MANIFEST = "manifest.json"
 INDEX = "index.parquet"
 DEFAULT_FOLDER = Path("results")
-_TEXTS = ("run_id", "scenario", "status", "reason", "reference")
+_OWN = ("run_id", "scenario", "status", "reason", "payload_kg", "reference")
 _LIBRARIES = ("numpy", "numba", "scipy", "ruckig", "pyarrow", "plotly")
 
 
@@ -94,15 +95,15 @@ def write_results(
 
 
 def _fill(folder: Path, result: StudyResult) -> None:
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     pq.write_table(index_table(result.rows), folder / INDEX)
     for run_id, run in result.runs.items():
         place = folder / "runs" / run_id
         place.mkdir(parents=True)
-        table = pa.table({"time_s": run.time_s} | dict(run.signals))
-        pq.write_table(table, place / "signals.parquet", compression="zstd", use_dictionary=False)
+        columns = {"time_s": run.time_s} | dict(run.signals)
+        signals = arrow.table({name: arrow.numbers(values) for name, values in columns.items()})
+        pq.write_table(signals, place / "signals.parquet", compression="zstd", use_dictionary=False)
     save_machine(result.study.machine, folder / "machine.yaml")
     scenario = result.study.scenario.model_dump(mode="json") | {"machine": "machine.yaml"}
     scenario["moves"] = [{k: v for k, v in move.items() if v is not None} for move in scenario["moves"]]
@@ -111,15 +112,13 @@ def _fill(folder: Path, result: StudyResult) -> None:
 
 def index_table(rows: Sequence[Row]) -> Any:
     """The index as an Arrow table: the same rows give the same bytes."""
-    import pyarrow as pa
-
-    columns: dict[str, Any] = {
-        name: pa.array([getattr(row, name) for row in rows], pa.string() if name in _TEXTS else pa.float64())
-        for name in ("run_id", "scenario", "status", "reason", "payload_kg", "reference")
-    }
+    columns: dict[str, Any] = {}
+    for name in _OWN:
+        values = [getattr(row, name) for row in rows]
+        columns[name] = arrow.numbers(values) if name == "payload_kg" else arrow.texts(values)
     for name in rows[0].metrics:
-        columns[name] = pa.array([row.metrics[name] for row in rows], pa.float64())
-    return pa.table(columns)
+        columns[name] = arrow.numbers([row.metrics[name] for row in rows])
+    return arrow.table(columns)
 
 
 def read_rows(folder: Path) -> list[Row]:
@@ -135,10 +134,9 @@ def read_rows(folder: Path) -> list[Row]:
 
 
 def _row(record: dict[str, Any]) -> Row:
-    own = ("run_id", "scenario", "status", "reason", "payload_kg", "reference")
     return Row(
-        **{name: record[name] for name in own},
-        metrics={name: value for name, value in record.items() if name not in own},
+        **{name: record[name] for name in _OWN},
+        metrics={name: value for name, value in record.items() if name not in _OWN},
     )
 
 

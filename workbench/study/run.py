@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from ..machine import Hoist
 from ..references import motor_speed_rad_s
 from ..run import Run
 from ..simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
@@ -84,6 +85,11 @@ def run_study(study: Study) -> StudyResult:
     results = simulate_loop(cases, record_every=max(1, round(RECORDED_EVERY_S / sample_time)))
     rows = [_row(study, kind, result) for kind, result in zip(kinds, results, strict=True)]
     return StudyResult(study, rows, {row.run_id: result.run for row, result in zip(rows, results, strict=True)})
+
+
+def motor_torque_limit_nm(machine: Hoist) -> float:
+    """The largest torque of one motor."""
+    return machine.motor.nominal_torque_nm * machine.drive.overload
 
 
 def _row(study: Study, kind: str, result: LoopResult) -> Row:

@@ -67,7 +67,7 @@ def _comparison(good: Sequence[Row]) -> list[str]:
         if (smooth := by_case.get((payload, "ruckig"))) is not None:
             longer = (smooth["move_time_s"] - trapezoid["move_time_s"]) / smooth["moves"]
             said.append(
-                f"At {payload:g} kg ruckig with the same limits takes {longer:.2g} s longer per move and "
+                f"At {payload:g} kg ruckig with the same limits takes {longer:.2g} s longer per move, "
                 f"{_effect(smooth, trapezoid)}."
             )
         if (equal := by_case.get((payload, "ruckig_equal_time"))) is not None:
