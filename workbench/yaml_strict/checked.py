@@ -74,8 +74,9 @@ def _place_in(data: object, location: tuple[int | str, ...]) -> Place:
 def _sentence(model: type[BaseModel], place: Place, detail: ErrorDetails, data: object) -> str:
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
     if kind == "extra_forbidden":
-        valid = _keys(_models_at(model, place[:-1])) - _present(data, place[:-1])
-        return f"unknown key '{place[-1]}'; {nearest(str(place[-1]), valid)}" if valid else f"unknown key '{place[-1]}'"
+        all_keys = _keys(_models_at(model, place[:-1]))
+        free = all_keys - _present(data, place[:-1])  # a key that is there already is hardly the one meant
+        return f"unknown key '{place[-1]}'; {nearest(str(place[-1]), free or all_keys)}"
     if kind == "missing":
         return f"is missing; expected {_expectation(_field_at(model, place))}"
     if kind in _BOUNDS:

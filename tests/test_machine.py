@@ -1,0 +1,318 @@
+"""Machine records: what they accept, how they refuse, that files round-trip, that values have names."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from workbench.errors import InputError
+from workbench.machine import (
+    Hoist,
+    LinearAxis,
+    RotaryAxis,
+    default_hoist,
+    get_value,
+    load_machine,
+    machine_from,
+    save_machine,
+    value_names,
+    with_values,
+)
+from workbench.machine.files import machine_text
+from workbench.yaml_strict import loads
+
+LINEAR = """\
+kind: axis
+motion: linear
+mass_kg: 95.1089
+gravity: {constant_n: 0.0}
+friction: {coulomb_forward_n: 20.39, coulomb_backward_n: 20.39, viscous_n_s_per_m: 203.5}
+"""
+ROTARY = """\
+kind: axis
+motion: rotary
+inertia_kg_m2: 0.02
+gravity: {sine_nm: 1.5, constant_nm: -0.1}
+friction: {coulomb_forward_nm: 0.3, coulomb_backward_nm: 0.25, viscous_nm_s_per_rad: 0.01}
+"""
+
+
+def machine_of(text: str) -> Hoist | LinearAxis | RotaryAxis:
+    machine = machine_from(loads(text, "machine.yaml"))
+    assert isinstance(machine, Hoist | LinearAxis | RotaryAxis)
+    return machine
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(InputError) as caught:
+        machine_of(text)
+    return str(caught.value)
+
+
+def test_default_hoist_is_the_nominal_machine_of_the_first_campaign(campaigns):
+    recorded = load_machine(campaigns / "01" / "machine.yaml")
+    assert default_hoist() == recorded
+
+
+def test_every_recorded_machine_loads_and_says_exactly_its_file(campaigns):
+    files = sorted(campaigns.glob("*/machine.yaml"))
+    assert len(files) >= 33
+    for file in files:
+        again = loads(machine_text(load_machine(file)), file).data
+        recorded = loads(file.read_text(), file).data
+        assert isinstance(again, dict)
+        assert isinstance(recorded, dict)
+        assert {key: again[key] for key in recorded} == recorded
+        assert [key for key in again if key in recorded] == list(recorded), "key order is kept"
+
+
+def test_missing_kind_means_hoist_and_missing_format_means_one():
+    text = machine_text(default_hoist()).replace("format: 1\nkind: hoist\n", "")
+    assert machine_of(text) == default_hoist()
+
+
+MISTAKES = {
+    ("ratio: 31.0", "ratio: -31"): "machine.yaml:10: gearbox.ratio: -31, expected a number greater than 0",
+    ("ratio: 31.0", "ratio: '31'"): "gearbox.ratio: '31', expected a number without quotes",
+    ("ratio: 31.0", "ratio: 31,0"): "gearbox.ratio: '31,0', expected a number with a decimal point",
+    ("ratio: 31.0", "ratio: 31 rad"): "units belong to the key's name",
+    ("ratio: 31.0", "ratio: .nan"): "gearbox.ratio: nan, expected a finite number",
+    ("ratio: 31.0", "ratio: .inf"): "gearbox.ratio: inf, expected a finite number",
+    ("ratio: 31.0", "ratio: yes"): "gearbox.ratio: 'yes', expected a number",
+    ("ratio: 31.0", "ratio: true"): "gearbox.ratio: True, expected a number",
+    ("ratio: 31.0", "ratio:"): "gearbox.ratio: empty, expected a number",
+    ("ratio: 31.0", "ration: 31.0"): "gearbox.ration: unknown key 'ration'; did you mean 'ratio'?",
+    ("gearbox:\n  ratio: 31.0\n", ""): "gearbox: is missing; expected a block with ratio",
+    ("gearbox:\n  ratio: 31.0\n", "gearbox: 31.0\n"): "gearbox: 31.0, expected a block of keys",
+    ("mass_kg: 8000.0", "mass_kg: 0"): "carriage.mass_kg: 0, expected a number greater than 0",
+    ("coefficient: 0.02", "coefficient: -0.02"): "expected a number of at least 0",
+    ("coefficient: 0.02", "coefficient: 20"): "expected a number less than 1",
+    ("count: 2", "count: 0"): "motor.count: 0, expected a number of at least 1",
+    ("count: 2", "count: 1.5"): "motor.count: 1.5, expected a whole number",
+    ("pin_diameter_m: 0.1\n", "pin_diameter_m: 0.6\n"): "sheave: pin_diameter_m 0.6, expected less than diameter_m 0.5",
+    ("lowest_position_m: 0.0", "lowest_position_m: 26"): "rail from 26.0 to 25.0 m",
+    ("format: 1", "format: 2"): "machine.yaml:1: format: 2, this version reads format 1",
+    ("kind: hoist", "kind: hoits"): "machine.yaml:2: kind: unknown kind 'hoits'; did you mean 'hoist'?",
+    ("kind: hoist", "kind: axis"): "motion: is missing; valid: linear, rotary",
+    ("name: vertical", "name: 5 #"): "name: 5, expected text; put it in quotes",
+    ("  payload: 0.005", "  paylod: 0.005"): "tolerances.paylod: unknown key 'paylod'; did you mean 'payload'?",
+    ("overload: 1.6", "overload: 1.6\n  torque_lag: 3"): "drive.torque_lag: unknown key 'torque_lag'; valid: overload",
+}
+
+
+@pytest.mark.parametrize(("old", "new"), MISTAKES)
+def test_mistake_in_a_machine_is_named_by_line_and_place(old, new):
+    text = machine_text(default_hoist())
+    assert old in text
+    assert MISTAKES[old, new] in refusal(text.replace(old, new, 1))
+
+
+def test_several_mistakes_are_listed_one_a_line_and_at_most_five():
+    text = machine_text(default_hoist()).replace("_m:", "_mm:")
+    lines = refusal(text).splitlines()
+    assert len(lines) == 5
+    assert all(line.startswith("machine.yaml:") for line in lines)
+    assert "more problems" in lines[-1]
+
+
+def test_list_for_a_machine_is_refused():
+    assert "is not a block of keys" in refusal("- 1\n- 2\n")
+
+
+def test_missing_tolerances_take_the_documented_defaults():
+    text = machine_text(default_hoist())
+    bare = machine_of(text[: text.index("tolerances:")])
+    assert isinstance(bare, Hoist)
+    assert bare.tolerances.model_dump() == {
+        "rotor_inertia": 0.01, "carriage_mass": 0.004, "payload": 0.005, "coulomb": 0.15, "pin_friction": 0.1,
+        "wire_stiffness": 0.05, "torque_gain": 0.005, "torque_offset_nm": 3.0,
+    }  # fmt: skip
+    assert bare.gravity_m_s2 == 9.81
+
+
+def test_lift_per_motor_angle_is_half_of_what_the_drum_takes_up():
+    assert default_hoist().lift_m_per_rad == pytest.approx(0.5 * 0.3 / 31.0, rel=1e-15)
+
+
+def test_records_are_frozen():
+    with pytest.raises(ValidationError):
+        default_hoist().carriage.mass_kg = 1.0  # type: ignore[misc]
+
+
+def test_axes_answer_for_the_same_roles():
+    linear, rotary = machine_of(LINEAR), machine_of(ROTARY)
+    assert isinstance(linear, LinearAxis)
+    assert isinstance(rotary, RotaryAxis)
+    assert linear.value_of.keys() == rotary.value_of.keys()
+    assert [linear.role(name) for name in ("inertia", "viscous", "gravity_sine", "gain")] == [95.1089, 203.5, 0.0, 1.0]
+    assert [rotary.role(name) for name in ("inertia", "coulomb_backward", "gravity_constant")] == [0.02, 0.25, -0.1]
+    for machine in (linear, rotary):
+        named = {dotted for dotted in machine.value_of.values() if dotted}
+        assert named <= set(value_names(machine)), "roles point to values that exist"
+
+
+def test_axis_with_the_other_motions_key_is_told_the_right_one():
+    assert "did you mean 'coulomb_forward_n'?" in refusal(LINEAR.replace("coulomb_forward_n", "coulomb_forward_nm"))
+    assert "unknown key 'mass_kg'" in refusal(ROTARY.replace("inertia_kg_m2", "mass_kg"))
+
+
+def test_force_gain_and_torque_gain_are_one_tolerance():
+    for name in ("force_gain", "torque_gain"):
+        machine = machine_of(LINEAR + f"tolerances: {{{name}: 0.02}}\n")
+        assert isinstance(machine, LinearAxis)
+        assert machine.tolerances.force_gain == 0.02
+    both = LINEAR + "tolerances: {force_gain: 0.02, torque_gain: 0.01}\n"
+    assert "'torque_gain' and 'force_gain' mean the same; give one of them" in refusal(both)
+
+
+def test_offset_tolerance_of_an_axis_is_one_per_cent_of_the_largest_input_unless_stated():
+    machine = machine_of(LINEAR)
+    assert isinstance(machine, LinearAxis)
+    assert machine.offset_tolerance(150.0) == 1.5
+    stated = machine_of(LINEAR + "tolerances: {force_offset_n: 0.7}\n")
+    assert isinstance(stated, LinearAxis)
+    assert stated.offset_tolerance(150.0) == 0.7
+
+
+def test_effects_are_kept_and_unknown_ones_named_by_line_by_whoever_knows_them(tmp_path):
+    file = tmp_path / "machine.yaml"
+    file.write_text(machine_text(default_hoist()) + "effects:\n  drum_ecentricity: {amplitude_m: 0.004}\n")
+    assert load_machine(file).effects == {"drum_ecentricity": {"amplitude_m": 0.004}}
+
+    def check(effects):
+        raise InputError("unknown effect; did you mean 'drum_eccentricity'?", place="effects.drum_ecentricity")
+
+    with pytest.raises(InputError) as caught:
+        load_machine(file, check_effects=check)
+    last = len(file.read_text().splitlines())
+    assert str(caught.value).startswith(f"{file}:{last}: effects.drum_ecentricity: unknown effect")
+
+
+def test_effect_value_that_is_no_number_is_refused():
+    text = machine_text(default_hoist()) + "effects: {heave: {amplitude_m: high}}\n"
+    assert "effects.heave.amplitude_m: 'high', expected a number" in refusal(text)
+
+
+def test_value_names_are_all_there_is_and_can_be_read():
+    machine = default_hoist()
+    names = value_names(machine)
+    assert names[:3] == ("motor.count", "motor.rotor_inertia_kg_m2", "motor.nominal_torque_nm")
+    assert {"guide.coulomb_hoisting_n", "gravity_m_s2", "tolerances.payload"} <= set(names)
+    assert "wire.breaking_load_n" not in names, "what is not set has no value"
+    assert all(math.isfinite(get_value(machine, name)) for name in names)
+    assert get_value(machine, "guide.coulomb_hoisting_n") == 6000.0
+
+
+def test_with_values_changes_just_those_and_leaves_the_machine_alone():
+    machine = default_hoist()
+    changed = with_values(machine, {"guide.coulomb_hoisting_n": 5100.0, "wire.breaking_load_n": 5e5, "motor.count": 1.0})
+    assert changed.guide.coulomb_hoisting_n == 5100.0
+    assert changed.wire.breaking_load_n == 5e5
+    assert changed.motor.count == 1
+    assert machine.guide.coulomb_hoisting_n == 6000.0
+    back = {"guide.coulomb_hoisting_n": 6000.0, "motor.count": 2.0}
+    assert with_values(changed, back).model_dump(exclude={"wire"}) == machine.model_dump(exclude={"wire"})
+
+
+def test_with_values_checks_like_a_file():
+    with pytest.raises(InputError, match=r"carriage.mass_kg: -3.0, expected a number greater than 0"):
+        with_values(default_hoist(), {"carriage.mass_kg": -3.0})
+    with pytest.raises(InputError, match=r"did you mean 'guide.coulomb_hoisting_n'\?"):
+        with_values(default_hoist(), {"guide.coulomb_hoistin_n": 1.0})
+    with pytest.raises(InputError, match=r"wire.breaking_load_n: has no value"):
+        get_value(default_hoist(), "wire.breaking_load_n")
+    with pytest.raises(InputError, match="whole number"):
+        with_values(default_hoist(), {"motor.count": 1.5})
+
+
+def test_effect_values_have_dotted_names():
+    machine = machine_of(machine_text(default_hoist()) + "effects: {heave: {amplitude_m: 0.1}}\n")
+    assert get_value(with_values(machine, {"effects.heave.amplitude_m": 0.2}), "effects.heave.amplitude_m") == 0.2
+
+
+def test_machine_that_cannot_be_written_is_an_input_error_and_leaves_nothing(tmp_path):
+    with pytest.raises(InputError, match="cannot be written"):
+        save_machine(default_hoist(), tmp_path / "nowhere" / "machine.yaml")
+    (tmp_path / "machine.yaml").mkdir()
+    with pytest.raises(InputError, match="cannot be written"):
+        save_machine(default_hoist(), tmp_path / "machine.yaml")
+    assert [path.name for path in tmp_path.iterdir()] == ["machine.yaml"]
+
+
+POSITIVE = st.floats(min_value=1e-9, max_value=1e15, allow_nan=False)
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers(-(10**9), 10**9) | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text().filter(lambda key: key != "<<"), inner),
+    max_leaves=8,
+)  # fmt: skip
+
+
+@given(
+    mass=POSITIVE, ratio=POSITIVE, level=POSITIVE, load=st.none() | POSITIVE, name=st.text(),
+    effects=st.dictionaries(
+        st.text(min_size=1).filter(lambda key: key != "<<"),
+        st.dictionaries(st.sampled_from(["a", "1e5", "yes", "no"]), st.floats(allow_nan=False, allow_infinity=False)),
+        max_size=3,
+    ),
+    identified=st.dictionaries(st.text().filter(lambda key: key != "<<"), JSON, max_size=3),
+)  # fmt: skip
+def test_saved_machine_loads_as_the_very_same(tmp_path_factory, mass, ratio, level, load, name, effects, identified):
+    base = with_values(
+        default_hoist(), {"carriage.mass_kg": mass, "gearbox.ratio": ratio, "guide.coulomb_lowering_n": level}
+    )
+    wire = base.wire.model_copy(update={"breaking_load_n": load})
+    machine = Hoist.model_validate(
+        base.model_dump() | {"wire": wire.model_dump(), "name": name, "effects": effects, "identified": identified}
+    )
+    file = tmp_path_factory.getbasetemp() / "round_trip.yaml"
+    save_machine(machine, file)
+    assert load_machine(file) == machine
+
+
+@given(mass=POSITIVE, constant=st.floats(-1e6, 1e6), offset=st.none() | POSITIVE)
+def test_saved_axis_loads_as_the_very_same(tmp_path_factory, mass, constant, offset):
+    axis = with_values(machine_of(LINEAR), {"mass_kg": mass, "gravity.constant_n": constant})
+    if offset is not None:
+        axis = with_values(axis, {"tolerances.force_offset_n": offset})
+    file = tmp_path_factory.getbasetemp() / "round_trip_axis.yaml"
+    save_machine(axis, file)
+    assert load_machine(file) == axis
+
+
+TEXT = machine_text(default_hoist())
+
+
+@given(data=st.data())
+def test_mangled_machine_is_read_or_refused_by_name(tmp_path_factory, data):
+    lines = TEXT.splitlines()
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(lines) - 1))
+        what = data.draw(st.sampled_from(["drop", "double", "value", "key", "cut", "indent"]))
+        if what == "drop":
+            del lines[at]
+        elif what == "double":
+            lines.insert(at, lines[at])
+        elif what == "value":
+            word = data.draw(st.sampled_from(["-1", "1e400", ".nan", "[1]", "{a: b}", "'", "&x", "*x", "yes", "9" * 50]))
+            lines[at] = lines[at].split(":")[0] + ": " + word
+        elif what == "key":
+            lines[at] = lines[at].replace("_", data.draw(st.sampled_from(["", "-", ": ", "\t"])), 1)
+        elif what == "cut":
+            lines[at] = lines[at][: data.draw(st.integers(0, len(lines[at])))]
+        else:
+            lines[at] = " " + lines[at]
+        lines = lines or [""]
+    file: Path = tmp_path_factory.getbasetemp() / "mangled_machine.yaml"
+    file.write_text("\n".join(lines))
+    try:
+        machine = load_machine(file)
+    except InputError as error:
+        assert all("mangled_machine.yaml" in line for line in str(error).splitlines())
+    else:
+        assert all(math.isfinite(get_value(machine, name)) for name in value_names(machine))
