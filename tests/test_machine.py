@@ -210,7 +210,9 @@ def test_value_names_are_all_there_is_and_can_be_read():
 
 def test_with_values_changes_just_those_and_leaves_the_machine_alone():
     machine = default_hoist()
-    changed = with_values(machine, {"guide.coulomb_hoisting_n": 5100.0, "wire.breaking_load_n": 5e5, "motor.count": 1.0})
+    changed = with_values(
+        machine, {"guide.coulomb_hoisting_n": 5100.0, "wire.breaking_load_n": 5e5, "motor.count": 1.0}
+    )
     assert changed.guide.coulomb_hoisting_n == 5100.0
     assert changed.wire.breaking_load_n == 5e5
     assert changed.motor.count == 1
@@ -299,7 +301,9 @@ def test_mangled_machine_is_read_or_refused_by_name(tmp_path_factory, data):
         elif what == "double":
             lines.insert(at, lines[at])
         elif what == "value":
-            word = data.draw(st.sampled_from(["-1", "1e400", ".nan", "[1]", "{a: b}", "'", "&x", "*x", "yes", "9" * 50]))
+            word = data.draw(
+                st.sampled_from(["-1", "1e400", ".nan", "[1]", "{a: b}", "'", "&x", "*x", "yes", "9" * 50])
+            )
             lines[at] = lines[at].split(":")[0] + ": " + word
         elif what == "key":
             lines[at] = lines[at].replace("_", data.draw(st.sampled_from(["", "-", ": ", "\t"])), 1)
@@ -313,6 +317,8 @@ def test_mangled_machine_is_read_or_refused_by_name(tmp_path_factory, data):
     try:
         machine = load_machine(file)
     except InputError as error:
-        assert all("mangled_machine.yaml" in line for line in str(error).splitlines())
+        refusal, machine = str(error), None
+    if machine is None:
+        assert all("mangled_machine.yaml" in line for line in refusal.splitlines())
     else:
         assert all(math.isfinite(get_value(machine, name)) for name in value_names(machine))
