@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from ..study.results import Place
-    from ..study.run import Row
+    from workbench.study.results import Place
+    from workbench.study.run import Row
 
 
 @click.command(name="study")
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to make; without it results/<name of the study>.")
 def command(file: Path, out: Path | None) -> None:
     """Run the scenario FILE: every payload with every reference, in closed loop."""
-    from ..figures.study_page import save_study_page
-    from ..study.load import load_study
-    from ..study.results import place_for, read_rows, write_results
-    from ..study.run import motor_torque_limit_nm, run_study
+    from workbench.figures.study_page import save_study_page
+    from workbench.study.load import load_study
+    from workbench.study.results import place_for, read_rows, write_results
+    from workbench.study.run import motor_torque_limit_nm, run_study
 
     study = load_study(file)
     place = place_for(study, out)
@@ -32,7 +32,7 @@ def command(file: Path, out: Path | None) -> None:
 
 
 def _report(rows: Sequence[Row], torque_limit_nm: float, place: Place) -> None:
-    from ..study.summary import CAPTION, HEAD, sentences, table
+    from workbench.study.summary import CAPTION, HEAD, sentences, table
 
     _print_table(HEAD, table(rows))
     click.secho(textwrap.fill(CAPTION, 98), dim=True)

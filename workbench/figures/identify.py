@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..run import Array
-from .panels import Panels
-from .style import BLACK, MARKERS, SPARE, TEMPLATE
+from workbench.figures.panels import Panels
+from workbench.figures.style import BLACK, MARKERS, SPARE, TEMPLATE
+from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..run import Array
-from .style import GREY, TEMPLATE
-from .thin import thin
+from workbench.figures.style import GREY, TEMPLATE
+from workbench.figures.thin import thin
+from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..run import Array, Run
-from .panels import Panels
-from .style import BLACK, GREY, ORANGE, VERMILLION, line
+from workbench.figures.panels import Panels
+from workbench.figures.style import BLACK, GREY, ORANGE, line
+from workbench.run import Array, Run
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -66,7 +66,9 @@ def speed_comparison(
     for (row, column), pair in zip(places, pairs, strict=True):
         for name, run in zip(("measured", "simulated"), pair, strict=True):
             speed = run[signal] * (100.0 / nominal_speed)
-            panels.line(row, column, run.time_s, speed, name, line(name, width=1.6), "%")
+            # The measured line is wide and lies below, so that it is seen where both agree.
+            width = 3.4 if name == "measured" else 1.6
+            panels.line(row, column, run.time_s, speed, name, line(name, width=width), "%")
     return panels.figure(height)
 
 
@@ -83,14 +85,16 @@ def torque_residual(
     noise_rms: drawn as ± twice its value. windows: for each run stretches to shade.
     """
     quantity = "torque" if unit == "N m" else "force"
-    panels, places, height = _grid(f"{quantity.capitalize()} residual", f"{quantity} residual ({unit})", names)
+    title = f"{quantity.capitalize()} residual"
+    if noise_rms is not None:
+        title += f" (dashed: ± 2 × noise of {noise_rms:.2g} {unit})"
+    panels, places, height = _grid(title, f"{quantity} residual ({unit})", names)
     for index, (row, column) in enumerate(places):
-        look = {"color": VERMILLION, "dash": "solid", "width": 1.3}
+        look = {"color": BLACK, "dash": "solid", "width": 1.1}
         panels.line(row, column, times_s[index], residuals[index], "measured − predicted", look, unit)
         if noise_rms is not None:
-            for side in (-2.0, 2.0):
-                text = f"± 2 × noise ({noise_rms:.2g} {unit})" if side > 0 and index == 0 else ""
-                panels.level(row, column, side * noise_rms, text)
+            panels.level(row, column, 2.0 * noise_rms)
+            panels.level(row, column, -2.0 * noise_rms)
         for start, end in windows[index] if index < len(windows) else ():
             panels.shade(row, column, start, end, ORANGE)
     return panels.figure(height)

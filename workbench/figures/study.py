@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..run import Array, Run
-from .panels import Panels
-from .style import GREY, MARKERS, PURPLE, TEMPLATE, label, line
+from workbench.figures.panels import Panels
+from workbench.figures.style import GREY, MARKERS, PURPLE, TEMPLATE, label, line
+from workbench.run import Array, Run
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..study.run import StudyResult, motor_torque_limit_nm
-from ..study.summary import CAPTION, HEAD, sentences, table
-from .save import save
-from .study import overview, peak_torque_over_payload
+from workbench.figures.save import save
+from workbench.figures.study import overview, peak_torque_over_payload
+from workbench.study.run import StudyResult, motor_torque_limit_nm
+from workbench.study.summary import CAPTION, HEAD, sentences, table
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

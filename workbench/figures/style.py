@@ -1,6 +1,6 @@
 """What every figure shares: the palette, the names, the look of the axes.
 
-The palette is Okabe and Ito's, which stays apart for the colour-blind (jfly.uni-koeln.de/color).
+The palette is Okabe and Ito's, which stays apart for the colour-blind (B. Wong, Nature Methods 8, 2011, p. 441).
 What a colour stands for never changes: a reference, measured or simulated keeps its own everywhere.
 """
 

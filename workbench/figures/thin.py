@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..run import Array
+from workbench.run import Array
 
 MOST_POINTS = 1500
 

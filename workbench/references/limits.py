@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..errors import InputError
+from workbench.errors import InputError
 
 
 @dataclass(frozen=True)

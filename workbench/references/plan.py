@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError, nearest
-from ..run import Array
-from .limits import Limits, Step
-from .shapes import KINDS, Shape
+from workbench.errors import InputError, nearest
+from workbench.references.limits import Limits, Step
+from workbench.references.shapes import KINDS, Shape
+from workbench.run import Array
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..run import Array
-from .limits import Limits
+from workbench.errors import InputError
+from workbench.references.limits import Limits
+from workbench.run import Array
 
 
 @dataclass(frozen=True)

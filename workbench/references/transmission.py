@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..run import Array
+from workbench.run import Array
 
 # The carriage hangs on a sheave, in the bight between drum and dead anchor.
 FALLS = 2.0

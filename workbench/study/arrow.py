@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..run import Array
+from workbench.run import Array
 
 
 def numbers(values: Sequence[float | None] | Array) -> Any:

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from .. import __version__
-from ..errors import InputError
-from ..machine import Hoist, default_hoist, load_machine
-from ..references import MotionPlan, allowed_carriage_speed_m_s, plan_motion
-from ..yaml_strict import Document, load, validate
-from .scenario import Scenario
+from workbench import __version__
+from workbench.errors import InputError
+from workbench.machine import Hoist, default_hoist, load_machine
+from workbench.references import MotionPlan, allowed_carriage_speed_m_s, plan_motion
+from workbench.study.scenario import Scenario
+from workbench.yaml_strict import Document, load, validate
 
 # Where plans and limits speak of a value by its own name, the file has it inside a block.
 _INSIDE = {name: ("limits", name) for name in ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")}

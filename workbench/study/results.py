@@ -19,13 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
-from ..errors import InputError
-from ..machine import save_machine
-from ..yaml_strict import dumps
-from . import arrow
-from .load import Study
-from .run import Row, StudyResult
+from workbench import __version__
+from workbench.errors import InputError
+from workbench.machine import save_machine
+from workbench.study import arrow
+from workbench.study.load import Study
+from workbench.study.run import Row, StudyResult
+from workbench.yaml_strict import dumps
 
 MANIFEST = "manifest.json"
 INDEX = "index.parquet"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ..machine import Hoist
-from ..references import motor_speed_rad_s
-from ..run import Run
-from ..simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
-from .load import Study
+from workbench.machine import Hoist
+from workbench.references import motor_speed_rad_s
+from workbench.run import Run
+from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
+from workbench.study.load import Study
 
 # Metrics that must stand in every index, in this order; what a loop reports beside them follows.
 METRICS = (

@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from ..control import PiSettings
-from ..errors import InputError, nearest
-from ..machine.record import Finite, NotNegative, Positive, Record
-from ..references import KINDS, Limits, Step
+from workbench.control import PiSettings
+from workbench.errors import InputError, nearest
+from workbench.machine.record import Finite, NotNegative, Positive, Record
+from workbench.references import KINDS, Limits, Step
 
 
 def _known_reference(name: str) -> str:

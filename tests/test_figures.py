@@ -1,0 +1,190 @@
+"""Figures carry the data they are given, keep peaks and colours, and make one page that needs no network."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from workbench.figures.identify import correlation_matrix, level_history
+from workbench.figures.replay import friction_law, speed_comparison, torque_profiles, torque_residual
+from workbench.figures.save import save
+from workbench.figures.study import harder_worked_nm, overview, peak_torque_over_payload, slack_stretches
+from workbench.figures.style import LINES
+from workbench.figures.thin import thin
+from workbench.references import KINDS
+from workbench.run import Run
+
+TIME = np.linspace(0.0, 40.0, 4001)
+
+
+def loop_run(payload_kg: float, peak_nm: float = 500.0, slack: tuple[float, float] | None = None) -> Run:
+    torque = 400.0 + (peak_nm - 400.0) * np.exp(-((TIME - 20.0) ** 2))
+    tension = np.full_like(TIME, 60000.0)
+    if slack is not None:
+        start, end = slack
+        tension[(start <= TIME) & (end >= TIME)] = 0.0
+    signals = {
+        "torque_motor_nm": 2 * torque,
+        "torque_motor1_nm": torque,
+        "torque_motor2_nm": torque,
+        "speed_motor_rad_s": 100.0 * np.sin(TIME),
+        "speed_reference_rad_s": 100.0 * np.sin(TIME + 0.01),
+        "tension_drum_n": tension + 500.0,
+        "tension_min_n": tension,
+    }
+    return Run(f"{payload_kg:g}", TIME, signals, payload_kg)
+
+
+def traces(figure: Any, name: str) -> list[Any]:
+    return [trace for trace in figure.data if trace.name == name]
+
+
+@given(st.integers(1, 9000), st.integers(20, 1500), st.integers(0, 2**32 - 1))
+def test_thinning_keeps_extremes_ends_and_order(n: int, most: int, seed: int) -> None:
+    values = np.random.default_rng(seed).normal(size=n)
+    time = np.arange(n, dtype=float)
+    kept_time, kept = thin(time, values, most)
+    assert len(kept) <= max(n if n <= most else most + 2, 1)
+    assert kept.max() == values.max()
+    assert kept.min() == values.min()
+    assert kept_time[0] == time[0]
+    assert kept_time[-1] == time[-1]
+    assert np.all(np.diff(kept_time) > 0)
+    np.testing.assert_array_equal(kept, values[kept_time.astype(int)])
+
+
+def test_thinning_keeps_one_sample_wide_peaks_beside_gaps() -> None:
+    values = np.zeros(20000)
+    values[7000:9000] = np.nan
+    values[[123, 15001]] = 5.0, -7.0
+    _, kept = thin(np.arange(20000.0), values, 600)
+    assert np.nanmax(kept) == 5.0
+    assert np.nanmin(kept) == -7.0
+    assert np.isnan(kept).any()
+
+
+def test_overview_has_a_column_a_payload_with_error_limits_and_nominal() -> None:
+    runs = [(kind, loop_run(payload)) for payload in (0.0, 9000.0) for kind in KINDS]
+    figure = overview(runs, 480.0, 768.0)
+    # Four quantities, two payloads, three references; set points once per run.
+    assert len(figure.data) == 4 * 2 * 3 + 2 * 3
+    assert {a.text for a in figure.layout.annotations} >= {"<b>payload 0 kg</b>", "<b>payload 9000 kg</b>"}
+    levels = {shape.y0 for shape in figure.layout.shapes if shape.type == "line"}
+    assert levels == {480.0, 768.0}
+    error = traces(figure, "trapezoid")[1]
+    np.testing.assert_allclose(error.y.max(), (100 * (np.sin(TIME) - np.sin(TIME + 0.01))).max(), rtol=1e-5)
+    torque = traces(figure, "trapezoid")[2]
+    assert torque.y.max() == pytest.approx(500.0)
+
+
+def test_every_panel_shares_the_time_axis() -> None:
+    layout = overview([("ruckig", loop_run(p)) for p in (0.0, 4500.0, 9000.0)], 480.0, 768.0).layout.to_plotly_json()
+    axes = [value for key, value in layout.items() if key.startswith("xaxis")]
+    assert len(axes) == 12
+    assert sum(axis.get("matches") == "x" for axis in axes) == 11
+    assert layout["yaxis"]["title"]["text"].endswith("(rad/s)")
+
+
+def test_a_reference_keeps_its_colour_in_every_figure() -> None:
+    shown = overview([(kind, loop_run(0.0)) for kind in reversed(list(KINDS))], 480.0, 768.0)
+    peaks = peak_torque_over_payload(np.array([0.0, 1.0]), {k: np.array([1.0, 2.0]) for k in KINDS}, 480.0, 768.0)
+    for figure in (shown, peaks):
+        assert {t.line.color for t in traces(figure, "trapezoid")} == {LINES["trapezoid"][0]}
+        assert {t.line.color for t in traces(figure, "ruckig, same limits")} == {LINES["ruckig"][0]}
+    looks = list(LINES.values())
+    assert len(set(looks)) == len(looks)
+
+
+def test_legend_names_each_line_once() -> None:
+    figure = overview([(kind, loop_run(p)) for p in (0.0, 4500.0) for kind in KINDS], 480.0, 768.0)
+    named = [trace.name for trace in figure.data if trace.showlegend]
+    assert sorted(named) == sorted(set(named))
+    assert len(named) == 4
+
+
+def test_many_payloads_are_drawn_as_three_columns_and_the_title_says_so() -> None:
+    figure = overview([("ruckig", loop_run(p)) for p in np.linspace(0, 9000, 11)], 480.0, 768.0)
+    headings = [a.text for a in figure.layout.annotations if a.text.startswith("<b>payload")]
+    assert headings == ["<b>payload 0 kg</b>", "<b>payload 4500 kg</b>", "<b>payload 9000 kg</b>"]
+    assert "3 of 11 payloads" in figure.layout.title.text
+
+
+def test_a_window_draws_only_its_stretch() -> None:
+    figure = overview([("ruckig", loop_run(0.0))], 480.0, 768.0, window_s=(10.0, 12.0), quantities=("torque",))
+    (torque,) = traces(figure, "ruckig, same limits")
+    assert torque.x.min() == pytest.approx(10.0)
+    assert torque.x.max() == pytest.approx(12.0)
+
+
+def test_slack_is_shaded_from_its_start_to_its_end() -> None:
+    run = loop_run(0.0, slack=(12.0, 13.5))
+    np.testing.assert_allclose(slack_stretches(run), [(12.0, 13.5)])
+    figure = overview([("ruckig", run)], 480.0, 768.0)
+    (shade,) = [shape for shape in figure.layout.shapes if shape.type == "rect"]
+    assert (shade.x0, shade.x1) == (pytest.approx(12.0), pytest.approx(13.5))
+
+
+def test_harder_worked_motor_is_the_one_with_more_torque_either_way() -> None:
+    one, two = np.array([1.0, -5.0, 2.0]), np.array([3.0, 4.0, -2.5])
+    run = Run("x", np.arange(3.0), {"torque_motor1_nm": one, "torque_motor2_nm": two})
+    np.testing.assert_array_equal(harder_worked_nm(run), [3.0, -5.0, -2.5])
+
+
+def test_torque_profiles_are_in_parts_of_nominal() -> None:
+    figure = torque_profiles([loop_run(0.0, 720.0)], 480.0)
+    assert {trace.name for trace in figure.data} == {"motor 1", "motor 2"}
+    assert figure.data[0].y.max() == pytest.approx(1.5)
+
+
+def test_speed_comparison_is_in_per_cent_of_nominal_speed() -> None:
+    measured = Run("run a", TIME, {"speed_motor_rad_s": np.full_like(TIME, 78.55)})
+    simulated = Run("run a", TIME[::2], {"speed_motor_rad_s": np.full_like(TIME[::2], 157.1)})
+    figure = speed_comparison([(measured, simulated)], 157.1, [7.49])
+    assert traces(figure, "measured")[0].y.max() == pytest.approx(50.0)
+    assert traces(figure, "simulated")[0].y.max() == pytest.approx(100.0)
+    assert "run a" in figure.layout.annotations[0].text
+    assert "7.49 %" in figure.layout.annotations[0].text
+
+
+def test_residual_figure_shows_noise_band_and_windows() -> None:
+    figure = torque_residual(["a"], [TIME], [np.sin(TIME)], "N", 0.5, [[(3.0, 9.0)]])
+    levels = sorted(shape.y0 for shape in figure.layout.shapes if shape.type == "line")
+    assert levels == [-1.0, 1.0]
+    assert [(s.x0, s.x1) for s in figure.layout.shapes if s.type == "rect"] == [(3.0, 9.0)]
+    assert "force residual (N)" in figure.layout.yaxis.title.text
+
+
+def test_friction_law_is_over_weight_against_speed() -> None:
+    speed = np.linspace(-0.8, 0.8, 101)
+    figure = friction_law(speed, [("identified", 6000.0 * np.sign(speed))], 100000.0)
+    (law,) = traces(figure, "identified")
+    assert law.y.max() == pytest.approx(0.06)
+    assert "(m/s)" in figure.layout.xaxis.title.text
+
+
+def test_level_history_starts_at_iteration_zero() -> None:
+    figure = level_history({"hoisting": [6000.0, 6300.0, 6310.0], "lowering": [4500.0, 4400.0, 4390.0]})
+    np.testing.assert_array_equal(traces(figure, "hoisting")[0].x, [0, 1, 2])
+    np.testing.assert_allclose(traces(figure, "lowering")[0].y, [4500.0, 4400.0, 4390.0])
+
+
+def test_correlation_matrix_writes_its_numbers() -> None:
+    figure = correlation_matrix(["a", "b"], np.array([[1.0, -0.25], [-0.25, 1.0]]))
+    assert figure.data[0].text[0][1] == "-0.25"
+
+
+def test_page_needs_no_network_and_has_the_same_bytes_each_time(tmp_path: Path) -> None:
+    figure = level_history({"hoisting": [1.0, 2.0]})
+    for name in ("a.html", "b.html"):
+        save([figure, figure], tmp_path / name, "A <title>", ["x & y"], (("n", " word"), [["1", "one"]]))
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert page == (tmp_path / "b.html").read_text(encoding="utf-8")
+    assert "<script src=" not in page
+    assert "A &lt;title&gt;" in page
+    assert "x &amp; y" in page
+    assert page.count('class="plotly-graph-div"') == 2
