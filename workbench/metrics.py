@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .run import Run
-from .trace.expr import Scalar, absolute, maximum, minimum, where
+from workbench.run import Run
+from workbench.trace.expr import Scalar, absolute, maximum, minimum, where
 
 HUGE = 1e300
 

@@ -1,5 +1,5 @@
 """Controllers as pure step functions: time step and memory are passed in."""
 
-from .pi import PI, PiSettings
+from workbench.control.pi import PI, PiSettings
 
 __all__ = ["PI", "PiSettings"]

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..trace.expr import Scalar, clip
+from workbench.trace.expr import Scalar, clip
 
 
 @dataclass(frozen=True, eq=False)

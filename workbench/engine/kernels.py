@@ -14,10 +14,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..plants import NO_EFFECTS, Effects, Plant
-from ..run import Array
-from .cache import announced, compiled_before, load_kernel
-from .source import driven_source, loop_source, module_source, replay_source
+from workbench.plants import NO_EFFECTS, Effects, Plant
+from workbench.run import Array
+from workbench.engine.cache import announced, compiled_before, load_kernel
+from workbench.engine.source import driven_source, loop_source, module_source, replay_source
 
 T = TypeVar("T")
 

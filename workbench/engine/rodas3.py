@@ -17,8 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ..trace.derive import derivative
-from ..trace.expr import Expr, Scalar
+from workbench.trace.derive import derivative
+from workbench.trace.expr import Expr, Scalar
 
 GAMMA = 0.5
 Rates = Callable[[Scalar, Sequence[Scalar], Sequence[Scalar], Scalar], Sequence[Scalar]]

@@ -16,11 +16,11 @@ from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
 
-from ..plants import Effects, Plant
-from ..trace.emit import Printer
-from ..trace.expr import Expr, Scalar, symbol
-from .preamble import PREAMBLE
-from .rodas3 import rodas3_step
+from workbench.plants import Effects, Plant
+from workbench.trace.emit import Printer
+from workbench.trace.expr import Expr, Scalar, symbol
+from workbench.engine.preamble import PREAMBLE
+from workbench.engine.rodas3 import rodas3_step
 
 INDENT = "    "
 
@@ -153,7 +153,7 @@ def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     a = a|u=0 + (da/du) u, so the input that gives the measured acceleration is
     (a - a|u=0) / (da/du). out: (n, 1 + rest, lanes), the input, then the other states.
     """
-    from ..trace.derive import derivative
+    from workbench.trace.derive import derivative
 
     k = KernelText(lanes, parameters)
     p = parameter_symbols(parameters)

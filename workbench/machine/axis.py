@@ -24,15 +24,21 @@ class RotaryGravity(Record):
 
 
 class LinearFriction(Record):
+    """Below `standstill_speed_m_s` the Coulomb force falls linearly to zero with the speed."""
+
     coulomb_forward_n: NotNegative
     coulomb_backward_n: NotNegative
     viscous_n_s_per_m: NotNegative
+    standstill_speed_m_s: Positive = 1e-4
 
 
 class RotaryFriction(Record):
+    """Below `standstill_speed_rad_s` the Coulomb torque falls linearly to zero with the speed."""
+
     coulomb_forward_nm: NotNegative
     coulomb_backward_nm: NotNegative
     viscous_nm_s_per_rad: NotNegative
+    standstill_speed_rad_s: Positive = 1e-4
 
 
 class AxisTolerances(Record):

@@ -113,10 +113,11 @@ class Rail(Record):
 
 
 class HoistSensors(Record):
-    """Logged torque = gain · true torque + offset, both of the motors' sum."""
+    """Logged torque = gain · true torque + offset, both of the motors' sum; true payload = scale · stated payload."""
 
     torque_gain: Positive = 1.0
     torque_offset_nm: Finite = 0.0
+    payload_scale: Positive = 1.0
 
 
 class Hoist(Record):

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from .axis import AXIS_LINEAR, AXIS_ROTARY
-from .base import NO_EFFECTS, PLACES, Effects, Output, Plant
-from .hoist import HOIST
+from workbench.plants.axis import AXIS_LINEAR, AXIS_ROTARY
+from workbench.plants.base import NO_EFFECTS, PLACES, Effects, Output, Plant
+from workbench.plants.hoist import HOIST
 
 PLANTS = {plant.kind: plant for plant in (HOIST, AXIS_LINEAR, AXIS_ROTARY)}
 

@@ -14,8 +14,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..trace.expr import Scalar, clip, cos, sin, where
-from .base import NO_EFFECTS, Effects, Output, Plant
+from workbench.trace.expr import Scalar, clip, cos, sin, where
+from workbench.plants.base import NO_EFFECTS, Effects, Output, Plant
 
 
 def friction(v: Scalar, p: Any) -> Scalar:
@@ -43,6 +43,11 @@ def equilibrium(position: float, p: Any) -> tuple[list[float], float]:
 def start_of(position: float, speed: float, p: Any) -> tuple[list[float], list[float], float]:
     q, hold = equilibrium(position, p)
     return q, [speed], hold
+
+
+def band_hz(p: Any) -> float:
+    """100 Hz: beyond, the noise of a twice differentiated encoder outweighs what drives and friction do."""
+    return 100.0
 
 
 def energy(q: Sequence[Scalar], y: Sequence[Scalar], p: Any) -> Scalar:
@@ -77,6 +82,7 @@ def _plant(kind: str, position: str, speed: str, drive: str, parameters: Mapping
         energy=energy,
         dissipation=dissipation,
         start_of=start_of,
+        band_hz=band_hz,
     )
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
-from ..machine import get_value
-from ..trace.expr import Scalar
+from workbench.machine import get_value
+from workbench.trace.expr import Scalar
 
 # A place where effects may add, and what is added there. Always summed, zero when nothing is there.
 PLACES: Mapping[str, str] = {
@@ -66,6 +66,7 @@ class Plant:
     outputs(t, q, y, u, p, effects): name -> value, every signal named in `signals`.
     equilibrium(height, p): positions hanging still there, and the input that holds it.
     start_of(height, speed, p): positions, speeds and holding input of an even motion.
+    band_hz(p): up to which frequency the balance of forces is worth comparing.
     energy(q, y, p) and dissipation(t, q, y, u, p): J and W, for the balance
     input power = d energy/dt + dissipation.
     """
@@ -82,6 +83,7 @@ class Plant:
     energy: Callable[..., Scalar]
     dissipation: Callable[..., Scalar]
     start_of: Callable[..., tuple[list[float], list[float], float]]
+    band_hz: Callable[[Any], float]
 
     def values(self, machine: Any, payload_kg: float = 0.0) -> SimpleNamespace:
         """The parameters of one scenario as numbers, by symbol."""

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from ..trace.derive import derivative
-from ..trace.expr import Expr, Scalar, absolute, atan, clip, maximum, where
-from .base import NO_EFFECTS, Effects, Output, Plant
+from workbench.trace.derive import derivative
+from workbench.trace.expr import Expr, Scalar, absolute, atan, clip, maximum, where
+from workbench.plants.base import NO_EFFECTS, Effects, Output, Plant
 
 WIRE_DENSITY = 7850.0  # kg/m^3, steel; the bare wire hangs in every machine
 PIN_SPEED = 0.01  # rad/s, where the pin friction of Eq. 13 is fully developed
@@ -41,6 +41,7 @@ PARAMETERS = {
     "tau": "wire.damping_time_s",
     "m_c": "carriage.mass_kg",
     "m_p": "payload_kg",
+    "s_p": "sensors.payload_scale",
     "F_up": "guide.coulomb_hoisting_n",
     "F_dn": "guide.coulomb_lowering_n",
     "slope": "guide.atan_slope_s_per_m",
@@ -88,9 +89,10 @@ def _state(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: An
     line = WIRE_DENSITY * p.A + effects.at("line_mass_kg_per_m", p, t=t)
     hang_drum = line * g * (p.L - x) / 2.0  # half of fall 1 hangs from the drum,
     hang_carriage = line * g * (2.0 * p.L - R * th_w - extra) / 2.0  # half of both from the carriage
-    m = p.m_c + p.m_p + effects.at("carriage_mass_kg", p, t=t, payload_kg=p.m_p)
+    m_p = p.s_p * p.m_p
+    m = p.m_c + m_p + effects.at("carriage_mass_kg", p, t=t, payload_kg=m_p)
     return SimpleNamespace(
-        t=t, u=u, w=w, w_s=w_s, v=v, x=x, th=th, th_w=th_w, i=i, arm=arm, r=r, k=k, c=c, g=g, m=m,
+        t=t, u=u, w=w, w_s=w_s, v=v, x=x, th=th, th_w=th_w, i=i, arm=arm, r=r, k=k, c=c, g=g, m=m, m_p=m_p,
         d1=d1, d2=d2, d1_rate=d1_rate, d2_rate=d2_rate, W1=W1, W2=W2,
         hang_drum=hang_drum, hang_carriage=hang_carriage, W1_top=W1 + hang_drum, W2_top=W2 + hang_drum,
     )  # fmt: skip
@@ -108,7 +110,7 @@ def _slope_of(extra: Scalar, th: Scalar, i: Scalar) -> Scalar:
 def _forces(s: SimpleNamespace, p: Any, effects: Effects) -> SimpleNamespace:
     """The friction forces and torques, and the accelerations of carriage and sheave on the way."""
     F_guide = guide_friction(s.v, p)
-    F_extra = effects.at("guide_force_n", p, t=s.t, v=s.v, x=s.x, friction=F_guide, payload_kg=p.m_p, g=s.g)
+    F_extra = effects.at("guide_force_n", p, t=s.t, v=s.v, x=s.x, friction=F_guide, payload_kg=s.m_p, g=s.g)
     a = (s.W1 + s.W2 - s.hang_carriage - s.m * s.g - F_guide + F_extra) / s.m  # Eq. 16
     N_s = absolute(s.W1 + s.W2 - s.hang_carriage - p.m_s * s.g - p.m_s * a)  # Eq. 9
     T_pin_s = p.mu * N_s * (p.Dp_s / 2.0) * pin_switch(s.w_s)  # Eq. 10, 11, 13
@@ -173,7 +175,7 @@ def equilibrium(height_m: float, p: Any) -> tuple[list[float], float]:
     k = p.E * p.A / p.L
     line = WIRE_DENSITY * p.A * p.g
     # 2 k d = m g + line (2 L - R th_w)/2 and R th_w = 2 (x + d)
-    d = ((p.m_c + p.m_p) * p.g + line * (p.L - height_m)) / (2.0 * k + line)
+    d = ((p.m_c + p.s_p * p.m_p) * p.g + line * (p.L - height_m)) / (2.0 * k + line)
     wound = 2.0 * (height_m + d)
     hold = i * R * (k * d + line * (p.L - height_m) / 2.0)
     return [wound / (R * i), -wound / (2.0 * r), height_m], hold
@@ -207,6 +209,14 @@ def dissipation(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, 
     return wire + f.F_guide * s.v + f.T_pin_s * s.w_s + f.T_pin_w * (s.i * s.w)
 
 
+def band_hz(p: Any) -> float:
+    """0.85 of the frequency of the carriage on its two falls, Hz.
+
+    Below it the torque that a motion takes hardly depends on the wire's stiffness and damping.
+    """
+    return float(0.85 * math.sqrt(2.0 * p.E * p.A / p.L / (p.m_c + p.s_p * p.m_p)) / (2.0 * math.pi))
+
+
 HOIST = Plant(
     kind="hoist",
     positions=("angle_motor_rad", "angle_sheave_rad", "position_carriage_m"),
@@ -220,4 +230,5 @@ HOIST = Plant(
     energy=energy,
     dissipation=dissipation,
     start_of=start_of,
+    band_hz=band_hz,
 )

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ..control import PI, PiSettings
-from ..engine import kernels
-from ..machine import Hoist
-from ..metrics import HOIST_OBSERVER
-from ..plants import HOIST
-from ..run import Array, Run
+from workbench.control import PI, PiSettings
+from workbench.engine import kernels
+from workbench.machine import Hoist
+from workbench.metrics import HOIST_OBSERVER
+from workbench.plants import HOIST
+from workbench.run import Array, Run
 
 RECORDED = (
     "torque_motor_nm",

@@ -5,7 +5,7 @@ At a kink (`where`, `abs`) the derivative is that of the branch taken.
 
 from __future__ import annotations
 
-from .expr import Expr, Scalar, constant, cos, exp, sin, where
+from workbench.trace.expr import Expr, Scalar, constant, cos, exp, sin, where
 
 
 def derivative(of: Scalar, by: Expr, _memo: dict[tuple[int, int], Scalar] | None = None) -> Scalar:

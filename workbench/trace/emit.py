@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from .expr import Expr, Scalar, const_value
+from workbench.trace.expr import Expr, Scalar, const_value
 
 INFIX = {"+", "-", "*", "/", "<", "<=", ">", ">=", "&", "|"}
 
@@ -100,7 +100,7 @@ def _operation(e: Expr, args: Sequence[str]) -> str:
 
 def evaluate(outputs: Sequence[Scalar], values: Mapping[str, float]) -> list[float]:
     """Run a traced program with numbers for its symbols; slow, for tests and single values."""
-    from . import expr as ops
+    from workbench.trace import expr as ops
 
     known: dict[int, Scalar] = {}
 

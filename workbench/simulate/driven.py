@@ -1,0 +1,174 @@
+"""The torque that a measured motion takes: the plant driven by the measured speed.
+
+Carriage, wire and sheave are simulated under the measured motor motion, and Eq. 15
+gives the torque. Measured minus predicted, both low-passed alike, is the local
+balance: it does not drift, as an open-loop replay does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from workbench.engine import kernels
+from workbench.machine import Axis, Hoist
+from workbench.plants import Plant, plant_of
+from workbench.run import Array, Run
+from workbench.simulate.lowpass import inside, lowpass, noise_rms
+from workbench.simulate.motion import Motion, motion_of, moving
+
+# Relative to the speed scale, per sample. A measured speed is noisy; its noise need not be integrated exactly.
+TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True)
+class Balance:
+    """The balance of one run: all arrays (n,), in the input's unit (N m or N).
+
+    measured, predicted: low-passed to `band_hz`; residual is their difference.
+    inside: away from the ends. moving: inside, and not at rest (see `motion.moving`).
+    states: (n, other states), simulated; for a hoist sheave angle, height, sheave speed, carriage speed.
+    """
+
+    run: Run
+    motion: Motion
+    measured: Array
+    predicted: Array
+    inside: np.ndarray
+    moving: np.ndarray
+    states: Array
+    band_hz: float
+    noise_rms: float
+
+    @property
+    def residual(self) -> Array:
+        return self.measured - self.predicted
+
+
+class Bench:
+    """Runs of one machine, made ready for many predictions with changed parameters.
+
+    Runs may differ in length; the shorter ones are held at their end.
+    """
+
+    def __init__(self, machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> None:
+        self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
+        self.base = [self.plant.values(machine, run.payload_kg) for run in self.runs]
+        self.band_hz = band_hz if band_hz is not None else default_band(self.plant, self.base, self.runs)
+        self.motions = [motion_of(run, self.plant, self.band_hz) for run in self.runs]
+        self.scale = speed_scale(machine, self.runs, self.motions)
+        self.inputs = [run[self.plant.input] for run in self.runs]
+        self.measured = [lowpass(run.time_s, u, self.band_hz) for run, u in zip(self.runs, self.inputs, strict=True)]
+        self.inside = [inside(run.time_s, self.band_hz) for run in self.runs]
+        self.moving = [
+            i & moving(run.time_s, m.speed, self.scale, self.band_hz)
+            for run, m, i in zip(self.runs, self.motions, self.inside, strict=True)
+        ]
+        self.noise = [noise_rms(r.time_s, u, self.band_hz) for r, u in zip(self.runs, self.inputs, strict=True)]
+        n = max(len(run.time_s) for run in self.runs)
+        self._times = np.stack([_continued(run.time_s, n) for run in self.runs], axis=-1)
+        self._speeds, self._accelerations, self._travel = (
+            np.stack([_held(getattr(m, name), n) for m in self.motions], axis=-1)
+            for name in ("speed", "acceleration", "position")
+        )
+
+    def predict(self, values: Sequence[Sequence[SimpleNamespace]]) -> list[list[tuple[Array, Array]]]:
+        """The true input each run's motion takes, for sets of parameters; raw, not low-passed.
+
+        values: for every set, a run's parameters by symbol. Returns for every set and run
+        the input (n,) and the other states (n, states).
+        """
+        plant, k = self.plant, len(values)
+        flat = [p for chosen in values for p in chosen]
+        start, angles, scales = [], [], []
+        for j, p in enumerate(flat):
+            run, motion = self.runs[j % len(self.runs)], self.motions[j % len(self.runs)]
+            q, y, _ = plant.start_of(*start_point(plant, run, motion), p)
+            start.append([*q[1:], *y[1:]])
+            scales.append(np.abs(plant.start_of(0.0, self.scale, p)[1]))
+            travel = self._travel[:, j % len(self.runs)]
+            angles.append(travel - travel[0] + q[0])
+        out = kernels.driven(
+            plant,
+            np.array([[getattr(p, name) for p in flat] for name in plant.parameters]),
+            np.tile(self._times, k),
+            np.stack(angles, axis=-1),
+            np.tile(self._speeds, k),
+            np.tile(self._accelerations, k),
+            np.array(start).T.reshape(-1, len(flat)),
+            np.array(scales).T,
+            tolerance=TOLERANCE,
+        )
+        lengths = [len(run.time_s) for run in self.runs]
+        m = len(self.runs)
+        return [[(out[:n, 0, i * m + j], out[:n, 1:, i * m + j]) for j, n in enumerate(lengths)] for i in range(k)]
+
+    def balances(self, values: Sequence[SimpleNamespace] | None = None) -> list[Balance]:
+        """Each run's balance under one set of parameters, the machine's own by default."""
+        predicted = self.predict([self.base if values is None else values])[0]
+        gain, offset = sensor(self.machine)
+        return [
+            Balance(
+                run,
+                motion,
+                measured,
+                lowpass(run.time_s, gain * raw + offset, self.band_hz),
+                within,
+                going,
+                states,
+                self.band_hz,
+                noise,
+            )
+            for run, motion, measured, (raw, states), within, going, noise in zip(
+                self.runs, self.motions, self.measured, predicted, self.inside, self.moving, self.noise, strict=True
+            )
+        ]
+
+
+def sensor(machine: Hoist | Axis) -> tuple[float, float]:
+    """gain, offset of the logged input: logged = gain * true + offset."""
+    if isinstance(machine, Hoist):
+        return machine.sensors.torque_gain, machine.sensors.torque_offset_nm
+    return machine.role("gain"), machine.role("offset")
+
+
+def default_band(plant: Plant, values: Sequence[SimpleNamespace], runs: Sequence[Run]) -> float:
+    """The band of the balance, Hz: what the plant is trusted for, at most a tenth of the slowest sampling rate."""
+    sampling = min(0.1 / run.sample_time_s for run in runs)
+    return min(sampling, *(plant.band_hz(p) for p in values))
+
+
+def start_point(plant: Plant, run: Run, motion: Motion) -> tuple[float, float]:
+    """Where a run starts: height (or position), and the driven speed, averaged over the first samples."""
+    at = float(motion.position[0]) if plant.positions[0] in run else run.start_position_m
+    return at, float(np.mean(motion.speed[:5]))
+
+
+def speed_scale(machine: Hoist | Axis, runs: Sequence[Run], motions: Sequence[Motion]) -> float:
+    """What speeds are judged against: a motor's nominal speed, an axis' largest measured one."""
+    if isinstance(machine, Hoist):
+        return machine.motor.nominal_speed_rad_s
+    return max(float(np.max(np.abs(m.speed))) for m in motions)
+
+
+def pooled_rms(parts: Sequence[Array]) -> float:
+    """Root mean square over all samples of all parts."""
+    together = np.concatenate(parts)
+    return float(np.sqrt(np.mean(together**2))) if len(together) else float("nan")
+
+
+def _held(values: Array, n: int) -> Array:
+    return np.concatenate([values, np.full(n - len(values), values[-1])])
+
+
+def _continued(time: Array, n: int) -> Array:
+    step = float(np.median(np.diff(time)))
+    return np.concatenate([time, time[-1] + step * np.arange(1, n - len(time) + 1)])
+
+
+def changed(p: SimpleNamespace, changes: Mapping[str, float]) -> SimpleNamespace:
+    """Parameters with some of them replaced."""
+    return SimpleNamespace(**{**vars(p), **changes})

@@ -1,0 +1,186 @@
+"""The paper's validation: measured torque in, simulated speed out, against the measured speed.
+
+An open-loop replay integrates every bias, so two measures that drift cannot fool stand
+beside it: the replay restarted every 2 s, and the rms of the torque (force) balance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.engine import kernels
+from workbench.machine import Axis, Hoist
+from workbench.plants import Plant
+from workbench.run import Array, Run
+from workbench.simulate.driven import Balance, Bench, pooled_rms, sensor, start_point
+
+RESTART_S = 2.0
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One run's replay; errors in per cent of `speed_scale`.
+
+    simulated: the run as the model moves under the measured input. restarted: (n,)
+    simulated speed, set back to the measured motion every 2 s.
+    """
+
+    simulated: Run
+    restarted: Array
+    balance: Balance
+    speed_scale: float
+    speed_rmse_percent: float
+    speed_rmse_percent_restarted_2s: float
+    residual_rms: float
+    residual_rms_moving: float
+
+    @property
+    def name(self) -> str:
+        return self.simulated.name
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """All runs, and the figures over all samples of all runs."""
+
+    runs: tuple[Replay, ...]
+    speed_rmse_percent: float
+    speed_rmse_percent_restarted_2s: float
+    residual_rms: float
+    residual_rms_moving: float
+    residual_percent: float
+    noise_rms: float
+    band_hz: float
+
+
+def replay_runs(machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> ReplayResult:
+    """Replay the measured input of every run on the machine; see `ReplayResult`."""
+    bench = Bench(machine, runs, band_hz)
+    balances = bench.balances()
+    states = simulate_replays(machine, bench)
+    replays = []
+    for j, (run, balance) in enumerate(zip(bench.runs, balances, strict=True)):
+        restarted = _restarted(machine, bench, j, balance)
+        speed = balance.motion.speed
+        simulated = simulated_run(bench.plant, run, states[j])
+        open_loop = simulated[bench.plant.speeds[0]] - speed
+        replays.append(
+            Replay(
+                simulated,
+                restarted,
+                balance,
+                bench.scale,
+                100.0 * pooled_rms([open_loop]) / bench.scale,
+                100.0 * pooled_rms([restarted - speed]) / bench.scale,
+                pooled_rms([balance.residual[balance.inside]]),
+                pooled_rms([balance.residual[balance.moving]]),
+            )
+        )
+    return _together(bench, replays)
+
+
+def _together(bench: Bench, replays: Sequence[Replay]) -> ReplayResult:
+    balances = [r.balance for r in replays]
+    open_loop = [r.simulated[bench.plant.speeds[0]] - r.balance.motion.speed for r in replays]
+    residual = pooled_rms([b.residual[b.inside] for b in balances])
+    return ReplayResult(
+        tuple(replays),
+        100.0 * pooled_rms(open_loop) / bench.scale,
+        100.0 * pooled_rms([r.restarted - r.balance.motion.speed for r in replays]) / bench.scale,
+        residual,
+        pooled_rms([b.residual[b.moving] for b in balances]),
+        100.0 * residual / pooled_rms([b.measured[b.inside] for b in balances]),
+        float(np.sqrt(np.mean([b.noise_rms**2 for b in balances]))),
+        bench.band_hz,
+    )
+
+
+def simulate_replays(machine: Hoist | Axis, bench: Bench) -> list[Array]:
+    """States (n, states), positions first, of every run under its measured input, from its first sample."""
+    plant, m = bench.plant, len(bench.runs)
+    gain, offset = sensor(machine)
+    n = max(len(run.time_s) for run in bench.runs)
+    times = np.empty((n, m))
+    inputs = np.empty((n, m))
+    starts, scales = [], []
+    for j, (run, motion, p) in enumerate(zip(bench.runs, bench.motions, bench.base, strict=True)):
+        k = len(run.time_s)
+        times[:k, j], inputs[:k, j] = run.time_s, (bench.inputs[j] - offset) / gain
+        times[k:, j] = run.time_s[-1] + run.sample_time_s * np.arange(1, n - k + 1)
+        inputs[k:, j] = inputs[k - 1, j]
+        q, y, _ = plant.start_of(*start_point(plant, run, motion), p)
+        starts.append([*q, *y])
+        scales.append(np.abs(plant.start_of(0.0, bench.scale, p)[1]))
+    out = kernels.replay(
+        plant,
+        np.array([[getattr(p, s) for p in bench.base] for s in plant.parameters]),
+        times,
+        inputs,
+        np.array(starts).T,
+        np.array(scales).T,
+    )
+    return [out[: len(run.time_s), :, j] for j, run in enumerate(bench.runs)]
+
+
+def simulated_run(plant: Plant, run: Run, states: Array) -> Run:
+    """The replayed states as a run beside the measured one."""
+    names = (*plant.positions, *plant.speeds)
+    signals: Mapping[str, Array] = dict(zip(names, states.T, strict=True))
+    return Run(
+        run.name,
+        run.time_s,
+        {**signals, plant.input: run[plant.input]},
+        run.payload_kg,
+        run.start_position_m,
+        run.start_time_s,
+    )
+
+
+def _restarted(machine: Hoist | Axis, bench: Bench, j: int, balance: Balance) -> Array:
+    """Simulated speed (n,) of run j, set back every 2 s to the measured motion and the states that go with it."""
+    run, motion, plant = bench.runs[j], balance.motion, bench.plant
+    gain, offset = sensor(machine)
+    n = len(run.time_s)
+    first = np.searchsorted(run.time_s, np.arange(run.time_s[0], run.time_s[-1], RESTART_S) - 1e-9)
+    first = np.unique(np.minimum(first, n - 2))
+    last = np.append(first[1:], n - 1)  # a window ends where the next begins
+    length = int(np.max(last - first)) + 1
+    rows = first[:, None] + np.arange(length)
+    beyond = np.maximum(rows - (n - 1), 0)
+    rows = np.minimum(rows, n - 1)
+    times = run.time_s[rows] + beyond * run.sample_time_s
+    inputs = ((bench.inputs[j] - offset) / gain)[rows]
+    rest_positions = len(plant.positions) - 1
+    angle = motion.position - motion.position[0] + _first_position(bench, j)
+    start = np.column_stack(
+        [angle[first], balance.states[first][:, :rest_positions], _smooth_speed(bench, j)[first], balance.states[first][:, rest_positions:]]
+    )
+    p = bench.base[j]
+    out = kernels.replay(
+        plant,
+        np.array([[getattr(p, s)] * len(first) for s in plant.parameters]),
+        times.T,
+        inputs.T,
+        start.T,
+        np.repeat(np.abs(plant.start_of(0.0, bench.scale, p)[1])[:, None], len(first), axis=1),
+    )
+    speed = out[:, len(plant.positions), :]
+    restarted = np.empty(n)
+    for w, (a, b) in enumerate(zip(first, last, strict=True)):
+        restarted[a : b + 1] = speed[: b - a + 1, w]
+    return restarted
+
+
+def _first_position(bench: Bench, j: int) -> float:
+    run, motion = bench.runs[j], bench.motions[j]
+    return float(bench.plant.start_of(*start_point(bench.plant, run, motion), bench.base[j])[0][0])
+
+
+def _smooth_speed(bench: Bench, j: int) -> Array:
+    """The measured speed as a start value: the mean of five samples around, so one sample's noise does not lead."""
+    speed = bench.motions[j].speed
+    padded = np.pad(speed, 2, mode="edge")
+    return np.convolve(padded, np.full(5, 0.2), mode="valid")
