@@ -77,6 +77,10 @@ def write_results(
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         hidden = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
+    except (FileExistsError, NotADirectoryError) as error:
+        raise InputError(
+            "no results can be written there: a file stands where a folder must be", file=folder
+        ) from error
     except OSError as error:
         raise InputError(f"no results can be written there: {error.strerror or error}", file=folder) from error
     try:
