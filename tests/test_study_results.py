@@ -235,6 +235,7 @@ def test_a_loop_that_runs_away_is_a_failed_row_and_the_rest_goes_on(tmp_path: Pa
     failed = [row for row in result.rows if not row.ok]
     assert {row.payload_kg for row in failed} == {60000.0}
     assert len(failed) == 3
+    assert all("holding the load takes 3" in row.reason and "at most 1536 N m" in row.reason for row in failed)
     assert all(row.metrics["peak_torque_motor_nm"] is None and row.reason for row in failed)
     assert all(row.metrics["move_time_s"] is not None for row in failed)
     folder = written(result, tmp_path / "wild")

@@ -106,7 +106,7 @@ def _row(study: Study, kind: str, result: LoopResult) -> Row:
     names = [*METRICS, *(name for name in measured if name not in METRICS)]
     # A failed run's figures are those of a run that did not take place.
     metrics = {name: measured[name] if ok or name in _KNOWN_BEFORE else None for name in names}
-    reason = "" if ok else ", ".join(part for part in (result.outcome.value, result.at) if part)
+    reason = "" if ok else _reason(study, result)
     return Row(
         run_id=result.case.name,
         scenario=study.scenario.name,
@@ -116,6 +116,14 @@ def _row(study: Study, kind: str, result: LoopResult) -> Row:
         reference=kind,
         metrics=metrics,
     )
+
+
+def _reason(study: Study, result: LoopResult) -> str:
+    reason = ", ".join(part for part in (result.outcome.value, result.at) if part)
+    most = motor_torque_limit_nm(study.machine) * study.machine.motor.count
+    if result.hold_torque_nm > most:
+        reason += f"; holding the load takes {result.hold_torque_nm:.0f} N m, the motors give at most {most:.0f} N m"
+    return reason
 
 
 _KNOWN_BEFORE = ("move_time_s", "moves", "hold_torque_nm", "acceleration_limit_m_s2")
