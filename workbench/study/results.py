@@ -131,7 +131,9 @@ def read_rows(folder: Path) -> list[Row]:
     import pyarrow.parquet as pq
 
     try:
-        records = pq.read_table(folder / INDEX).to_pylist()
+        # ParquetFile, since read_table imports pandas and the datasets.
+        with pq.ParquetFile(folder / INDEX) as index:
+            records = index.read().to_pylist()
         return [_row(record) for record in records]
     except (OSError, KeyError, pa.ArrowInvalid) as error:
         raise InputError(f"is no readable index of a study: {error}", file=folder / INDEX) from error
