@@ -36,7 +36,7 @@ MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
 def line(name: str, number: int = 0, width: float = 1.8) -> dict[str, Any]:
     """The line of a named thing; `number` chooses among the spare ones for a name without its own."""
     colour, dash = LINES.get(name, SPARE[number % len(SPARE)])
-    return {"color": colour, "dash": dash, "width": width}
+    return {"color": colour, "dash": dash, "width": width, "simplify": False}
 
 
 def label(name: str) -> str:
