@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.errors import InputError
-from workbench.logs.table import LogFile, Table, doubled
+from workbench.logs.table import LogFile, Table, doubled, float_array
 from workbench.run import Array
 
 MISSING = ["", "nan", "NaN", "NAN", "NA", "n/a", "null", "NULL", "None", "-nan", "#N/A"]
@@ -80,7 +80,7 @@ def _read(file: Path, raw: Sequence[str], wanted: Sequence[str]) -> list[Array]:
         raise _located(file, raw, wanted, error) from error
     columns = []
     for name in wanted:  # column by column, so that Arrow's copy and ours overlap by one column only
-        columns.append(table[name].to_numpy().astype("float64", copy=False))
+        columns.append(float_array(table[name]))
         table = table.drop_columns(name)
     return columns
 

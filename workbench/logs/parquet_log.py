@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from workbench.errors import InputError
-from workbench.logs.table import LogFile, Table, doubled, row_number
+from workbench.logs.table import LogFile, Table, doubled, float_array, row_number
 from workbench.run import Array
 
 
@@ -40,7 +40,7 @@ def _read(file: Path, wanted: Sequence[str]) -> dict[str, Array]:
             column = log.read(columns=[name]).column(name)
             if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type) or _decimal(column.type)):
                 raise InputError(f"holds {column.type}, expected numbers", file=file, place=name)
-            columns[name] = column.cast(pa.float64(), safe=False).to_numpy().astype("float64", copy=False)
+            columns[name] = float_array(column.cast(pa.float64(), safe=False))
     except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError, OverflowError) as error:
         raise _broken(file, error) from error
     return columns

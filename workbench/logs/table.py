@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from workbench.errors import InputError
 from workbench.run import Array
+
+if TYPE_CHECKING:
+    import pyarrow
 
 NOT_YET = {
     ".mf4": "MDF4", ".mdf": "MDF4", ".dat": "MDF4", ".tdms": "TDMS", ".xlsx": "Excel", ".xls": "Excel", ".gz": "gzip",
@@ -53,6 +59,14 @@ def open_log(file: Path) -> LogFile:
         return open_mat(file)
     what = f"{NOT_YET[suffix]} files are" if suffix in NOT_YET else f"a file that ends in '{suffix}' is"
     raise InputError(f"{what} not read by this version; save the log as .csv, .parquet or .mat", file=file)
+
+
+def float_array(column: pyarrow.ChunkedArray) -> Array:
+    """An Arrow column of float64 as our own array, null as NaN. Arrow's to_numpy would load pandas."""
+    if column.null_count:
+        column = column.fill_null(float("nan"))
+    chunks = [np.from_dlpack(chunk) for chunk in column.chunks if len(chunk)]
+    return np.concatenate(chunks) if chunks else np.empty(0)
 
 
 def row_number(row: int) -> str:
