@@ -46,8 +46,8 @@ def start_of(position: float, speed: float, p: Any) -> tuple[list[float], list[f
 
 
 def band_hz(p: Any) -> float:
-    """100 Hz: beyond, the noise of a twice differentiated encoder outweighs what drives and friction do."""
-    return 100.0
+    """90 Hz: beyond, the noise of a twice differentiated encoder outweighs what drives and friction do."""
+    return 90.0
 
 
 def energy(q: Sequence[Scalar], y: Sequence[Scalar], p: Any) -> Scalar:

@@ -136,8 +136,11 @@ def sensor(machine: Hoist | Axis) -> tuple[float, float]:
 
 
 def default_band(plant: Plant, values: Sequence[SimpleNamespace], runs: Sequence[Run]) -> float:
-    """The band of the balance, Hz: what the plant is trusted for, at most a tenth of the slowest sampling rate."""
-    sampling = min(0.1 / run.sample_time_s for run in runs)
+    """The band of the balance, Hz (-3 dB): what the plant is trusted for, as far as the sampling rate allows.
+
+    That is a Butterworth filter at a tenth of the slowest sampling rate, run both ways.
+    """
+    sampling = min(0.0896 / run.sample_time_s for run in runs)
     return min(sampling, *(plant.band_hz(p) for p in values))
 
 

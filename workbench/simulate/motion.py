@@ -43,14 +43,24 @@ def motion_of(run: Run, plant: Plant, band_hz: float) -> Motion:
 
 
 def moving(time_s: Array, speed: Array, scale: float, band_hz: float, threshold: float = 0.01) -> np.ndarray:
-    """(n,) bool: where the machine moves, and has done so for as long as the low-pass remembers.
+    """(n,) bool: all but where the machine rests, and half a period of the band around.
 
     A machine at rest may stick anywhere within its friction: a held load says nothing
-    about friction, and the low-pass smears that over half a period of its band.
+    about friction, and the low-pass smears that. It rests when it is slower than
+    `threshold` of the speed scale for a period of the band or longer; a quick reversal is no
+    rest, the overshoot of a stop belongs to it.
     """
     still = np.abs(lowpass(time_s, speed, band_hz)) < threshold * scale
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    keep = np.ones(len(time_s), dtype=bool)
     guard = 0.5 / band_hz
-    count = np.concatenate([[0], np.cumsum(still)])
-    first = np.searchsorted(time_s, time_s - guard, side="left")
-    last = np.searchsorted(time_s, time_s + guard, side="right")
-    return (count[last] - count[first]) == 0
+    spans: list[list[float]] = []
+    for begin, end in edges.reshape(-1, 2):
+        if spans and time_s[begin] - spans[-1][1] < 1.0 / band_hz:
+            spans[-1][1] = time_s[end - 1]
+        else:
+            spans.append([time_s[begin], time_s[end - 1]])
+    for since, until in spans:
+        if until - since >= 1.0 / band_hz:
+            keep &= (time_s < since - guard) | (time_s > until + guard)
+    return keep

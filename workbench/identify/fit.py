@@ -1,0 +1,168 @@
+"""Joint least squares over all runs, with tolerances as priors, standard errors and correlations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.errors import InputError
+from workbench.identify.models import OutputModel, residual_rms
+from workbench.identify.parameters import Free
+from workbench.run import Array
+
+STEP = 1e-3  # of a parameter's own scale, for derivatives
+ROUNDS = 3  # of fitting and measuring the residual anew
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fit's outcome. value, std_error: in each parameter's own unit; correlation: (m, m).
+
+    std_prior: what the tolerance alone would allow, None where nothing held the value.
+    residual_rms: of the model's output at the fit; noise_rms: the sensor's share of it.
+    """
+
+    free: tuple[Free, ...]
+    value: tuple[float, ...]
+    std_error: tuple[float, ...]
+    correlation: Array
+    residual_rms_before: float
+    residual_rms: float
+    noise_rms: float
+    samples: int
+    evaluations: int
+    statements: tuple[str, ...]
+
+    def values(self) -> dict[str, float]:
+        """Key of machine.yaml -> fitted value."""
+        return {f.key: v for f, v in zip(self.free, self.value, strict=True)}
+
+
+def fit(model: OutputModel, free: Sequence[Free], ties: Sequence[tuple[str, str]] = ()) -> Fit:
+    """Least squares of the model's residuals over their noise, and of z over its tolerances.
+
+    The noise is the larger of the sensor's and of what the fit leaves, found in three
+    rounds: an honest model error widens the error bars. `ties` are pairs of keys that the
+    data cannot tell apart from a third: they are held alike, which is said.
+    """
+    from scipy.optimize import least_squares
+
+    if sum(model.run_lengths) <= len(free):
+        raise InputError("the machine hardly moves in these runs: nothing to fit; choose runs with motion")
+    m = len(free)
+    prior = _prior(free, ties)
+    sigma = model.noise
+    z = np.zeros(m)
+    before = residual_rms(model, free, z)
+    lowest = np.array([f.lowest_z for f in free])
+    evaluations = 0
+
+    def both(at: Array) -> tuple[Array, Array]:
+        nonlocal evaluations
+        evaluations += 1
+        out = model.residuals(free, [at, *(at + STEP * row for row in np.eye(m))])
+        return out[0], (out[1:] - out[0]).T / STEP
+
+    for _ in range(ROUNDS):
+        memory: dict[bytes, tuple[Array, Array]] = {}
+
+        def at(x: Array, memory: dict[bytes, tuple[Array, Array]] = memory) -> tuple[Array, Array]:
+            key = x.tobytes()
+            if key not in memory:
+                memory.clear()
+                memory[key] = both(x)
+            return memory[key]
+
+        found = least_squares(
+            lambda x, s=sigma, at=at: np.concatenate([at(x)[0] / s, prior @ x]),
+            np.maximum(z, lowest + 1e-9),
+            jac=lambda x, s=sigma, at=at: np.vstack([at(x)[1] / s, prior]),
+            bounds=(lowest, np.full(m, np.inf)),
+            x_scale="jac",
+            xtol=1e-9,
+            ftol=1e-10,
+            gtol=1e-10,
+            max_nfev=60,
+        )
+        z = found.x
+        residual, jacobian = both(z)
+        left = float(np.sqrt(np.mean(residual**2)))
+        settled = abs(max(model.noise, left) - sigma) < 0.01 * sigma
+        sigma = max(model.noise, left)
+        if settled:
+            break
+    covariance = _covariance(jacobian / sigma, residual / sigma, prior, model)
+    std_z = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(std_z > 0.0, std_z, 1.0)
+    return Fit(
+        tuple(free),
+        tuple(f.value(float(x)) for f, x in zip(free, z, strict=True)),
+        tuple(f.std_error(float(x), float(s)) for f, x, s in zip(free, z, std_z, strict=True)),
+        covariance / np.outer(safe, safe),
+        before,
+        left,
+        model.noise,
+        len(residual),
+        evaluations,
+        tuple(_statements(free, z, std_z, covariance / np.outer(safe, safe), jacobian, ties)),
+    )
+
+
+def _prior(free: Sequence[Free], ties: Sequence[tuple[str, str]]) -> Array:
+    """Rows of the prior: prior @ z are standard normal. A tie holds two values alike within 0.01 %."""
+    rows = [row / f.prior_std for row, f in zip(np.eye(len(free)), free, strict=True) if f.prior_std is not None]
+    keys = [f.key for f in free]
+    for a, b in ties:
+        i, j = keys.index(a), keys.index(b)
+        row = np.zeros(len(free))
+        size = 1e-4 * max(abs(free[i].nominal), free[i].scale)
+        row[i], row[j] = free[i].scale / size, -free[j].scale / size
+        rows.append(row)
+    return np.array(rows).reshape(len(rows), len(free))
+
+
+def _covariance(jacobian: Array, residual: Array, prior: Array, model: OutputModel) -> Array:
+    """Of z, by the sandwich: residuals that hang together over `lags` samples count as what they are.
+
+    W. K. Newey, K. D. West, Econometrica 55 (1987): Bartlett weights, never negative; runs
+    are independent.
+    """
+    scores = jacobian * residual[:, None]
+    middle = prior.T @ prior
+    begin = 0
+    for length in model.run_lengths:
+        s = scores[begin : begin + length]
+        begin += length
+        middle = middle + s.T @ s
+        for lag in range(1, min(model.lags, length - 1) + 1):
+            cross = s[lag:].T @ s[:-lag]
+            middle = middle + (1.0 - lag / (model.lags + 1.0)) * (cross + cross.T)
+    bread = np.linalg.pinv(jacobian.T @ jacobian + prior.T @ prior, rcond=1e-14)
+    return bread @ middle @ bread
+
+
+def _statements(
+    free: Sequence[Free], z: Array, std_z: Array, correlation: Array, jacobian: Array, ties: Sequence[tuple[str, str]]
+) -> list[str]:
+    """In plain sentences, what these data cannot tell."""
+    said = [
+        f"{a} and {b} cannot be told apart from the constant load by these data: they were held alike"
+        for a, b in ties
+    ]
+    for i, f in enumerate(free):
+        if f.prior_std is not None and std_z[i] > 0.8 * f.prior_std:
+            what = "a factor of ten" if f.logarithmic else "its tolerance"
+            said.append(f"{f.key}: the data say hardly more than {what} does")
+        if f.prior_std is not None and not f.logarithmic and abs(z[i]) > 3.0 * f.prior_std:
+            said.append(f"{f.key}: {abs(z[i]):.1f} tolerances from its nominal value; something else may hide behind it")
+        if z[i] <= f.lowest_z + 1e-6:
+            said.append(f"{f.key}: the fit ends at the lowest value allowed")
+    tied = {frozenset(pair) for pair in ties}
+    for i in range(len(free)):
+        for j in range(i):
+            pair = frozenset((free[i].key, free[j].key))
+            if abs(correlation[i, j]) > 0.95 and pair not in tied:
+                said.append(f"{free[j].key} and {free[i].key}: told apart poorly (correlation {correlation[i, j]:+.3f})")
+    return said

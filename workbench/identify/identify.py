@@ -1,0 +1,91 @@
+"""Identification of a campaign's machine: levels by iteration, then all free values jointly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from workbench import __version__
+from workbench.identify.fit import Fit, fit
+from workbench.identify.iteration import Levels, friction_levels
+from workbench.identify.models import BalanceModel
+from workbench.identify.parameters import free_parameters
+from workbench.logs import Campaign
+from workbench.machine import Axis, Hoist, with_values
+from workbench.simulate.driven import Bench
+from workbench.simulate.replay import ReplayResult, replay_runs
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What an identification found: the machine, the fit, the paper's iteration, and replays before and after."""
+
+    campaign: Campaign
+    machine: Hoist | Axis
+    fit: Fit
+    levels: Levels
+    before: ReplayResult
+    after: ReplayResult
+
+
+def identify(
+    campaign: Campaign, *, free: Sequence[str] | None = None, band_hz: float | None = None, date: str = ""
+) -> Identification:
+    """Fit the campaign's machine to its runs; `free` are keys of machine.yaml, None for the kind's default.
+
+    date: when, for the record; the caller's clock.
+    """
+    machine = campaign.machine
+    bench = Bench(machine, campaign.runs, band_hz)
+    levels = friction_levels(bench)
+    parameters = free_parameters(machine, campaign.runs, free)
+    ties = _ties(machine, [f.key for f in parameters])
+    result = fit(BalanceModel(bench), parameters, ties)
+    found = with_values(machine, result.values())
+    found = found.model_copy(update={"identified": record(campaign, result, levels, bench.band_hz, date)})
+    return Identification(
+        campaign,
+        found,
+        result,
+        levels,
+        replay_runs(machine, campaign.runs, bench.band_hz),
+        replay_runs(found, campaign.runs, bench.band_hz),
+    )
+
+
+def _ties(machine: Hoist | Axis, keys: Sequence[str]) -> list[tuple[str, str]]:
+    """An axis' two Coulomb levels and its constant load show as two levels only: forward + load, backward - load."""
+    if isinstance(machine, Hoist):
+        return []
+    three = [machine.value_of[r] for r in ("coulomb_forward", "coulomb_backward", "gravity_constant")]
+    return [(three[0], three[1])] if all(key in keys for key in three) else []
+
+
+def record(campaign: Campaign, result: Fit, levels: Levels, band_hz: float, date: str) -> dict[str, object]:
+    """How the machine came about, for its file."""
+    return {
+        "campaign": campaign.name,
+        "runs": [run.name for run in campaign.runs],
+        "date": date,
+        "version": __version__,
+        "method": "joint least squares on the band-limited torque balance, tolerances as priors",
+        "band_hz": float(f"{band_hz:.6g}"),
+        "residual_rms": float(f"{result.residual_rms:.6g}"),
+        "noise_rms": float(f"{result.noise_rms:.6g}"),
+        "parameters": {
+            f.key: {
+                "value": float(f"{value:.8g}"),
+                "std_error": float(f"{error:.4g}"),
+                "nominal": f.nominal,
+                "held_by_tolerance": f.prior_std is not None,
+            }
+            for f, value, error in zip(result.free, result.value, result.std_error, strict=True)
+        },
+        "paper_iteration": {
+            "forward": float(f"{levels.forward[-1]:.8g}"),
+            "backward": float(f"{levels.backward[-1]:.8g}"),
+            "rounds": len(levels.forward) - 1,
+            "settled": levels.settled,
+        },
+        "statements": list(result.statements),
+    }

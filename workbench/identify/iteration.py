@@ -1,0 +1,95 @@
+"""The paper's own identification: the friction levels by the balance of forces, repeated until they settle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from workbench.machine import Axis, Hoist
+from workbench.plants.axis import friction as axis_friction
+from workbench.plants.hoist import guide_friction
+from workbench.run import Array
+from workbench.simulate.driven import Balance, Bench, changed, sensor
+from workbench.simulate.lowpass import lowpass
+
+MOST_ROUNDS = 30
+SETTLED = 1e-4  # of the level
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The two levels' history and the profile they come from.
+
+    forward, backward: (rounds + 1,) N (N m), the start first; hoisting is forward.
+    speed, force: the friction profile of the last round at moving samples, carriage or axis side.
+    """
+
+    forward: tuple[float, ...]
+    backward: tuple[float, ...]
+    settled: bool
+    speed: Array
+    force: Array
+
+
+def friction_levels(bench: Bench) -> Levels:
+    """Eq. 16 solved for the friction force under the measured torque, then for both levels of Eq. 17; repeated.
+
+    In each round the carriage moves as the measured speed and the levels so far make it
+    move; the balance of torque, carried over to the carriage, corrects the friction
+    profile; each level is the median ratio of the profile to its switching function over
+    the moving samples of its direction.
+    """
+    forward_symbol, backward_symbol = ("F_up", "F_dn") if isinstance(bench.machine, Hoist) else ("F_f", "F_b")
+    values = list(bench.base)
+    forward = [float(getattr(values[0], forward_symbol))]
+    backward = [float(getattr(values[0], backward_symbol))]
+    settled = False
+    speed = force = np.zeros(0)
+    for _ in range(MOST_ROUNDS):
+        speed, force, switch = _profile(bench, bench.balances(values), values)
+        up, down = speed > 0.0, speed < 0.0
+        forward.append(_level(force[up], switch[up], forward[-1]))
+        backward.append(_level(force[down], switch[down], backward[-1]))
+        values = [changed(p, {forward_symbol: forward[-1], backward_symbol: backward[-1]}) for p in values]
+        settled = all(abs(x[-1] - x[-2]) <= SETTLED * max(abs(x[-1]), 1e-9) for x in (forward, backward))
+        if settled:
+            break
+    return Levels(tuple(forward), tuple(backward), settled, speed, force)
+
+
+def _level(force: Array, switch: Array, before: float) -> float:
+    return max(float(np.median(force / switch)), 0.0) if len(force) else before
+
+
+def _profile(bench: Bench, balances: list[Balance], values: list[SimpleNamespace]) -> tuple[Array, Array, Array]:
+    """Speed, Coulomb friction force and switching function at the moving samples of all runs."""
+    gain, _ = sensor(bench.machine)
+    parts = []
+    for b, p in zip(balances, values, strict=True):
+        speed, switch, coulomb = _friction(bench.machine, b, p)
+        smooth = lowpass(b.run.time_s, np.column_stack([speed, switch, coulomb]), b.band_hz)[b.moving]
+        force = smooth[:, 2] + b.residual[b.moving] / gain / _lever(bench.machine)
+        keep = np.abs(smooth[:, 1]) > 0.5
+        parts.append(np.column_stack([smooth[:, 0], force, smooth[:, 1]])[keep])
+    table = np.concatenate(parts)
+    return table[:, 0], table[:, 1], table[:, 2]
+
+
+def _friction(machine: Hoist | Axis, b: Balance, p: SimpleNamespace) -> tuple[Array, Array, Array]:
+    """Speed at the friction, its switching function and its Coulomb force, as simulated."""
+    if isinstance(machine, Hoist):
+        v = b.states[:, 3]
+        unit = changed(p, {"F_up": 1.0, "F_dn": 1.0})
+        return v, guide_friction(v, unit), guide_friction(v, p)
+    v = b.motion.speed
+    unit = changed(p, {"F_f": 1.0, "F_b": 1.0, "B": 0.0})
+    return v, axis_friction(v, unit), axis_friction(v, changed(p, {"B": 0.0}))
+
+
+def _lever(machine: Hoist | Axis) -> float:
+    """Torque at the motors that a force on the carriage takes, N m/N: two falls, drum and gear. 1 on an axis."""
+    if isinstance(machine, Hoist):
+        return machine.winch.drum_diameter_m / 4.0 / machine.gearbox.ratio
+    return 1.0

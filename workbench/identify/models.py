@@ -1,0 +1,107 @@
+"""What a fit compares: a model's outputs, for many sets of parameters at once.
+
+`BalanceModel` predicts the torque (force) that the measured motion takes; its noise is
+the sensor's, and no bias is integrated. `SpeedModel` predicts the speed under the
+measured input, the paper's own figure; use it where the input is beyond doubt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Protocol
+
+import numpy as np
+
+from workbench.engine import kernels
+from workbench.identify.parameters import Free
+from workbench.run import Array
+from workbench.simulate.driven import Bench, changed, pooled_rms, sensor, start_point
+from workbench.simulate.lowpass import lowpass
+
+SAMPLES_PER_PERIOD = 4.0  # of the band, that a fit looks at; more say nothing new
+
+
+class OutputModel(Protocol):
+    """Residuals (samples,) of all runs, for sets of z; `lags` are the samples over which they hang together."""
+
+    noise: float
+    lags: int
+    run_lengths: tuple[int, ...]
+
+    def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array: ...
+
+
+def values_of(bench: Bench, free: Sequence[Free], z: Array) -> tuple[list[SimpleNamespace], float, float]:
+    """Plant parameters of every run, and the sensor's gain and offset, at z."""
+    gain, offset = sensor(bench.machine)
+    changes = {}
+    for parameter, at in zip(free, z, strict=True):
+        if parameter.symbol is not None:
+            changes[parameter.symbol] = parameter.value(float(at))
+        elif parameter.key.endswith("gain"):
+            gain = parameter.value(float(at))
+        else:
+            offset = parameter.value(float(at))
+    return [changed(p, changes) for p in bench.base], gain, offset
+
+
+class BalanceModel:
+    """Measured minus predicted input while the machine moves, low-passed, thinned to what is new."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.noise = max(float(np.sqrt(np.mean(np.square(bench.noise)))), 1e-12)
+        self.rows: list[np.ndarray] = []
+        for run, moving in zip(bench.runs, bench.moving, strict=True):
+            stride = max(1, int(1.0 / (SAMPLES_PER_PERIOD * bench.band_hz * run.sample_time_s)))
+            self.rows.append(np.flatnonzero(moving)[::stride])
+        self.run_lengths = tuple(len(rows) for rows in self.rows)
+        self.lags = int(2 * SAMPLES_PER_PERIOD)
+
+    def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array:
+        """(sets, samples), in the input's unit."""
+        chosen = [values_of(self.bench, free, z) for z in sets]
+        predicted = self.bench.predict([values for values, _, _ in chosen])
+        out = []
+        for j, run in enumerate(self.bench.runs):
+            raw = np.stack([predicted[i][j][0] for i in range(len(sets))], axis=-1)
+            smooth = lowpass(run.time_s, raw, self.bench.band_hz)[self.rows[j]]
+            sensors = np.array([[gain, offset] for _, gain, offset in chosen])
+            out.append(self.bench.measured[j][self.rows[j], None] - (smooth * sensors[:, 0] + sensors[:, 1]))
+        return np.concatenate(out).T
+
+
+class SpeedModel:
+    """Simulated minus measured speed under the measured input, from the first sample of each run."""
+
+    def __init__(self, bench: Bench, tolerance: float = kernels.TOLERANCE) -> None:
+        self.bench, self.tolerance = bench, tolerance
+        self.noise = 1e-6 * bench.scale
+        self.run_lengths = tuple(len(run.time_s) for run in bench.runs)
+        self.lags = max(1, int(1.0 / bench.runs[0].sample_time_s))
+
+    def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array:
+        """(sets, samples), in the speed's unit."""
+        plant = self.bench.plant
+        chosen = [values_of(self.bench, free, z) for z in sets]
+        out = []
+        for j, run in enumerate(self.bench.runs):
+            parameters = [values[j] for values, _, _ in chosen]
+            starts = [plant.start_of(*start_point(plant, run, self.bench.motions[j]), p) for p in parameters]
+            inputs = np.stack([(self.bench.inputs[j] - offset) / gain for _, gain, offset in chosen], axis=-1)
+            states = kernels.replay(
+                plant,
+                np.array([[getattr(p, s) for p in parameters] for s in plant.parameters]),
+                run.time_s[:, None],
+                inputs,
+                np.array([[*q, *y] for q, y, _ in starts]).T,
+                np.array([np.abs(plant.start_of(0.0, self.bench.scale, p)[1]) for p in parameters]).T,
+                tolerance=self.tolerance,
+            )
+            out.append(states[:, len(plant.positions), :] - self.bench.motions[j].speed[:, None])
+        return np.concatenate(out).T
+
+
+def residual_rms(model: OutputModel, free: Sequence[Free], z: Array) -> float:
+    return pooled_rms([model.residuals(free, [z])[0]])
