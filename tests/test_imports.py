@@ -16,7 +16,7 @@ PACKAGE = ROOT / "workbench"
 # Each row may import the rows above it. Neighbours in one row do not know each other.
 LAYERS = [
     ("errors",),
-    ("yaml_strict",),
+    ("yaml_strict", "whole_folder"),
     ("run",),
     ("trace",),
     ("machine",),
@@ -27,6 +27,7 @@ LAYERS = [
     ("identify",),
     ("study",),
     ("figures",),
+    ("reports",),
     ("cli",),
     ("__main__",),
 ]

@@ -10,10 +10,7 @@ results/<study>/
 from __future__ import annotations
 
 import json
-import os
 import platform
-import shutil
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +22,7 @@ from workbench.machine import save_machine
 from workbench.study import arrow
 from workbench.study.load import Study
 from workbench.study.run import Row, StudyResult
+from workbench.whole_folder import is_free, what_is_in, whole_folder, write_json
 from workbench.yaml_strict import dumps
 
 MANIFEST = "manifest.json"
@@ -53,12 +51,12 @@ def place_for(study: Study, out: Path | None = None) -> Place:
     if out is not None:
         if _holds(out, study):
             return Place(out, finished=True)
-        if not _free(out):
+        if not is_free(out):
             raise InputError(f"{_what_is_in(out)}; nothing is overwritten, choose another --out", file=out)
         return Place(out, finished=False)
     first = DEFAULT_FOLDER / study.scenario.name
     folder, number = first, 1
-    while not _free(folder) and not _holds(folder, study):
+    while not is_free(folder) and not _holds(folder, study):
         number += 1
         folder = first.with_name(f"{first.name}-{number}")
     note = "" if number == 1 else f"{first} {_what_is_in(first)}, so this one is in {folder}."
@@ -70,31 +68,14 @@ def write_results(
 ) -> StudyResult:
     """Run a study and write it to `folder`, which is free; extras: name -> how to write one more file.
 
-    Everything goes to a hidden folder beside it, which takes the name at the end: what stops in the
-    middle leaves no results. The hidden folder comes first, so that a place that cannot be written is
-    known before the time is spent. InputError where a file cannot be written.
+    All or nothing, see `whole_folder`. InputError where a file cannot be written.
     """
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        hidden = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
-    except (FileExistsError, NotADirectoryError) as error:
-        raise InputError(
-            "no results can be written there: a file stands where a folder must be", file=folder
-        ) from error
-    except OSError as error:
-        raise InputError(f"no results can be written there: {error.strerror or error}", file=folder) from error
-    try:
+    with whole_folder(folder) as hidden:
         result = run()
         _fill(hidden, result)
         for name, write in extras.items():
             write(result, hidden / name)
-        _write_json(hidden / MANIFEST, manifest(result.study))
-        hidden.chmod(0o755)  # mkdtemp makes folders only their owner can enter
-        hidden.rename(folder)
-    except OSError as error:
-        raise InputError(f"no results written: {error.strerror or error}", file=folder) from error
-    finally:
-        shutil.rmtree(hidden, ignore_errors=True)
+        write_json(hidden / MANIFEST, manifest(result.study))
     return result
 
 
@@ -180,11 +161,6 @@ def _commit(checkout: Path) -> str | None:
         return None
 
 
-def _free(folder: Path) -> bool:
-    """Not there, or an empty folder."""
-    return not os.path.lexists(folder) or (folder.is_dir() and not any(folder.iterdir()))
-
-
 def _holds(folder: Path, study: Study) -> bool:
     """Whether the finished result of this very study is there."""
     said = _read_manifest(folder)
@@ -200,17 +176,7 @@ def _read_manifest(folder: Path) -> dict[str, Any] | None:
 
 
 def _what_is_in(folder: Path) -> str:
-    if not folder.is_dir():
-        return "is a file, expected a folder to be made"
     said = _read_manifest(folder)
     if said is None:
-        return "is not empty"
+        return what_is_in(folder)
     return f"holds another result ('{said.get('study')}', of another scenario, machine or program version)"
-
-
-def _write_json(path: Path, data: object) -> None:
-    with path.open("w", encoding="utf-8") as stream:
-        json.dump(data, stream, indent=1, ensure_ascii=False)
-        stream.write("\n")
-        stream.flush()
-        os.fsync(stream.fileno())
