@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from workbench.run import Run
+from workbench.run import Array, Run
 from workbench.trace.expr import Scalar, absolute, maximum, minimum, where
 
 HUGE = 1e300
@@ -144,8 +144,9 @@ class Observer:
         self.start = [x for m in self.metrics for x in m.start]
         self.size = len(self.start)
 
-    def _parts(self, sums: Sequence[Any]) -> list[Sequence[Any]]:
-        parts, at = [], 0
+    def _parts(self, sums: Any) -> list[Sequence[Any]]:
+        parts: list[Sequence[Any]] = []
+        at = 0
         for metric in self.metrics:
             parts.append(sums[at : at + len(metric.start)])
             at += len(metric.start)
@@ -155,7 +156,7 @@ class Observer:
         parts = zip(self.metrics, self._parts(sums), strict=True)
         return [x for metric, part in parts for x in metric.update(part, signals, p, dt)]
 
-    def finish(self, sums: Sequence[float], p: Any, duration_s: float) -> dict[str, float]:
+    def finish(self, sums: Sequence[float] | Array, p: Any, duration_s: float) -> dict[str, float]:
         parts = zip(self.metrics, self._parts(sums), strict=True)
         return {metric.name: float(metric.finish(part, p, duration_s)) for metric, part in parts}
 

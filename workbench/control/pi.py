@@ -31,9 +31,7 @@ class Controller:
     step: Callable[..., tuple[Scalar, list[Scalar]]]
 
 
-def pi_step(
-    p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar
-) -> tuple[Scalar, list[Scalar]]:
+def pi_step(p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar) -> tuple[Scalar, list[Scalar]]:
     """One sample of the loop; p: kp, ki (N m s/rad, N m/rad), b_set, t_track (s), u_max (N m)."""
     (integral,) = memory
     r, w = reference.speed_reference_rad_s, measured.speed_motor_rad_s

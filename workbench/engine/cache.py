@@ -15,13 +15,15 @@ import logging
 import os
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 log = logging.getLogger(__name__)
+_loading = threading.Lock()  # a module half loaded by one thread is not for another
 
 
 def cache_folder() -> Path:
@@ -33,14 +35,26 @@ def cache_folder() -> Path:
         with tempfile.TemporaryFile(dir=base):
             return base
     except OSError:
-        fallback = Path(tempfile.gettempdir()) / f"workbench-{os.getuid() if hasattr(os, 'getuid') else 'kernels'}"
-        fallback.mkdir(parents=True, exist_ok=True)
-        return fallback
+        return _fallback_folder()
 
 
-def load_kernel(text: str, name: str) -> Callable[..., Any]:
-    """The compiled function `name` of a generated module, and its `prepare`; see `Kernel`."""
-    return getattr(_module(text), name)  # type: ignore[no-any-return]
+@cache
+def _fallback_folder() -> Path:
+    """The user's own folder among the temporary ones; a new one where somebody else has taken its name."""
+    owner = os.getuid() if hasattr(os, "getuid") else None
+    folder = Path(tempfile.gettempdir()) / f"workbench-{'kernels' if owner is None else owner}"
+    with contextlib.suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            if owner is None or folder.lstat().st_uid == owner:  # kernels are code: only one's own are run
+                return folder
+    return Path(tempfile.mkdtemp(prefix="workbench-"))
+
+
+def load_module(text: str) -> ModuleType:
+    """A generated module, imported from its place on disk; its functions compile at their first call."""
+    with _loading:
+        return _module(text)
 
 
 def _module(text: str) -> ModuleType:
@@ -52,10 +66,10 @@ def _module(text: str) -> ModuleType:
     if module_name in sys.modules:
         return sys.modules[module_name]
     path = cache_folder() / f"{module_name}.py"
-    if not path.exists():
+    if not _holds(path, text):
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
         try:
-            with os.fdopen(handle, "w") as file:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
                 file.write(text)
             os.replace(temporary, path)
         except BaseException:
@@ -66,8 +80,20 @@ def _module(text: str) -> ModuleType:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[module_name]
+        raise
     return module
+
+
+def _holds(path: Path, text: str) -> bool:
+    """Whether the file is there and whole: a disk that filled up or a careless hand may have spoilt it."""
+    try:
+        return path.read_text(encoding="utf-8") == text
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def compiled_before(function: Any) -> bool:

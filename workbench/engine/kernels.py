@@ -14,10 +14,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from workbench.engine.cache import announced, compiled_before, load_module
+from workbench.engine.source import driven_source, loop_source, replay_source
+from workbench.engine.text import module_source
 from workbench.plants import NO_EFFECTS, Effects, Plant
 from workbench.run import Array
-from workbench.engine.cache import announced, compiled_before, load_kernel
-from workbench.engine.source import driven_source, loop_source, module_source, replay_source
 
 T = TypeVar("T")
 
@@ -49,9 +50,10 @@ class Kernel:
 
 
 def _kernel(text: str, name: str, lanes: int) -> Kernel:
-    module = module_source(text)
-    rows = load_kernel(module, f"PREPARED_{name}")
-    return Kernel(name, lanes, int(rows), load_kernel(module, f"prepare_{name}"), load_kernel(module, name))  # type: ignore[call-overload]
+    module = load_module(module_source(text))
+    return Kernel(
+        name, lanes, getattr(module, f"PREPARED_{name}"), getattr(module, f"prepare_{name}"), getattr(module, name)
+    )
 
 
 @cache

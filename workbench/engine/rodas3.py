@@ -21,11 +21,12 @@ from workbench.trace.derive import derivative
 from workbench.trace.expr import Expr, Scalar
 
 GAMMA = 0.5
+Increment = tuple[list[Scalar], list[Scalar]]  # of positions and of speeds
 Rates = Callable[[Scalar, Sequence[Scalar], Sequence[Scalar], Scalar], Sequence[Scalar]]
 
 
 def rodas3_step(
-    rates: Rates, t: Expr, h: Expr, q: Sequence[Expr], y: Sequence[Expr], u: Expr, u_rate: Expr
+    rates: Rates, t: Expr, h: Expr, q: Sequence[Expr], y: Sequence[Expr], u: Expr, u_rate: Scalar
 ) -> tuple[list[Scalar], list[Scalar], list[Scalar], list[Scalar]]:
     """Advance (q, y) from t to t + h under the input u + u_rate * (time - t).
 
@@ -35,7 +36,7 @@ def rodas3_step(
     """
     n, m = len(q), len(y)
     f0 = rates(t, q, y, u)
-    memo: dict = {}
+    memo: dict[tuple[int, int], Scalar] = {}
     f_q = [[derivative(f, x, memo) for x in q] for f in f0]
     f_y = [[derivative(f, x, memo) for x in y] for f in f0]
     f_t = [derivative(f, t, memo) + derivative(f, u, memo) * u_rate for f in f0]
@@ -47,12 +48,14 @@ def rodas3_step(
     ]
     lu = _factorise(matrix)
 
-    def solve(rq: Sequence[Scalar], ry: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
+    def solve(rq: Sequence[Scalar], ry: Sequence[Scalar]) -> Increment:
         right = [ry[i] + gh * _dot(f_q[i], rq) for i in range(m)]
         uy = _substitute(lu, right)
         return [gh * (rq[i] + uy[i]) for i in range(n)], uy
 
-    def stage(f: Sequence[Scalar], y_at: Sequence[Scalar], terms: Sequence[tuple[float, tuple]], ft: float):
+    def stage(
+        f: Sequence[Scalar], y_at: Sequence[Scalar], terms: Sequence[tuple[float, Increment]], ft: float
+    ) -> Increment:
         rq: list[Scalar] = list(y_at[:n])
         ry: list[Scalar] = list(f)
         for factor, (uq, uy) in terms:

@@ -16,69 +16,11 @@ from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
 
-from workbench.plants import Effects, Plant
-from workbench.trace.emit import Printer
-from workbench.trace.expr import Expr, Scalar, symbol
-from workbench.engine.preamble import PREAMBLE
 from workbench.engine.rodas3 import rodas3_step
-
-INDENT = "    "
-
-
-def parameter_symbols(names: Sequence[str]) -> SimpleNamespace:
-    """Symbols for parameters; the printer knows them by their prefix."""
-    return SimpleNamespace(**{n: symbol(f"p_{n}") for n in names})
-
-
-def state_symbols(plant: Plant) -> tuple[list[Expr], list[Expr]]:
-    q = [symbol(f"q{i}") for i in range(len(plant.positions))]
-    y = [symbol(f"y{i}") for i in range(len(plant.speeds))]
-    return q, y
-
-
-class KernelText:
-    """Collects one kernel's code: arrays in flat rows of lanes, blocks printed at an indent."""
-
-    def __init__(self, lanes: int, parameters: Sequence[str]) -> None:
-        self.lanes = lanes
-        self.parameters = tuple(parameters)
-        self.printer = Printer()
-        self.rows: dict[str, int] = {}  # names computed by `prepare` -> row in its output
-        self.lines: list[str] = []
-
-    def add(self, indent: int, *lines: str) -> None:
-        self.lines.extend(INDENT * indent + line for line in lines)
-
-    def at(self, array: str, row: object) -> str:
-        return f"{array}[{row * self.lanes if isinstance(row, int) else f'({row}) * {self.lanes}'} + l]"
-
-    def block(self, indent: int, outputs: Sequence[Scalar]) -> list[str]:
-        """Print a block; returns the names that its results have."""
-        body, results, carried = self.printer.block(outputs)
-        for name in carried:
-            row = self.rows.setdefault(name, len(self.rows))
-            self.add(indent, f"{name} = {self.at('c', row)}")
-        self.add(indent, *body)
-        return results
-
-    def load(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
-        self.add(indent, *(f"{name} = {self.at(array, first + i)}" for i, name in enumerate(names)))
-
-    def store(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
-        self.add(indent, *(f"{self.at(array, first + i)} = {name}" for i, name in enumerate(names)))
-
-    def text(self, name: str, arguments: str) -> str:
-        prepare = [
-            f"def prepare_{name}(parameters, c):",
-            f"{INDENT}for l in range({self.lanes}):",
-            *(f"{INDENT * 2}p_{p} = {self.at('parameters', i)}" for i, p in enumerate(self.parameters)),
-            *(INDENT * 2 + line for line in self.printer.setup),
-            *(f"{INDENT * 2}{self.at('c', row)} = {n}" for n, row in self.rows.items()),
-        ]
-        jit = '@njit(cache=True, nogil=True, error_model="numpy")'
-        body = [f"def {name}({arguments}):", *self.lines]
-        size = f"PREPARED_{name} = {max(1, len(self.rows))}"
-        return "\n".join([jit, *prepare, "", "", jit, *body, "", "", size, ""])
+from workbench.engine.text import INDENT, KernelText, parameter_symbols, state_symbols
+from workbench.plants import Effects, Plant
+from workbench.trace.derive import derivative
+from workbench.trace.expr import Scalar, symbol
 
 
 def _bound(plant: Plant, effects: Effects, p: Any) -> Any:
@@ -153,8 +95,6 @@ def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     a = a|u=0 + (da/du) u, so the input that gives the measured acceleration is
     (a - a|u=0) / (da/du). out: (n, 1 + rest, lanes), the input, then the other states.
     """
-    from workbench.trace.derive import derivative
-
     k = KernelText(lanes, parameters)
     p = parameter_symbols(parameters)
     rates = _bound(plant, effects, p)
@@ -202,7 +142,13 @@ def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
 
 
 def loop_source(
-    plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int, controller: Any, observer: Any, recorded: Sequence[str]
+    plant: Plant,
+    effects: Effects,
+    parameters: Sequence[str],
+    lanes: int,
+    controller: Any,
+    observer: Any,
+    recorded: Sequence[str],
 ) -> str:
     """Kernel `loop`: a sampled controller on the plant, its output held between samples.
 
@@ -223,7 +169,7 @@ def loop_source(
     command, memory1 = controller.step(p, memory, reference, SimpleNamespace(**measured), dt)
     signals = {**plant.outputs(t, q, y, command, p, effects), plant.input: command, **vars(reference)}
     sums1 = observer.update(sums, signals, p, dt)
-    n, L, nr = len(states), lanes, len(controller.references)
+    L, nr = lanes, len(controller.references)
     memory_names, sum_names = [e.args[0] for e in memory], [e.args[0] for e in sums]
 
     k.add(1, f"n = references.shape[0] // {nr * L}", "h = dt / substeps", "row = 0")
@@ -252,8 +198,3 @@ def loop_source(
     k.store(4, "state", results)
     k.add(1, "return row")
     return k.text("loop", "c, references, dt, substeps, every, state, memory, sums, held, shown, out")
-
-
-def module_source(*kernels: str) -> str:
-    """One importable module of kernels."""
-    return "\n\n".join(["# Generated; see workbench/engine/source.py." + PREAMBLE, *kernels])

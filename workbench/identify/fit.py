@@ -148,15 +148,16 @@ def _statements(
 ) -> list[str]:
     """In plain sentences, what these data cannot tell."""
     said = [
-        f"{a} and {b} cannot be told apart from the constant load by these data: they were held alike"
-        for a, b in ties
+        f"{a} and {b} cannot be told apart from the constant load by these data: they were held alike" for a, b in ties
     ]
     for i, f in enumerate(free):
         if f.prior_std is not None and std_z[i] > 0.8 * f.prior_std:
             what = "a factor of ten" if f.logarithmic else "its tolerance"
             said.append(f"{f.key}: the data say hardly more than {what} does")
         if f.prior_std is not None and not f.logarithmic and abs(z[i]) > 3.0 * f.prior_std:
-            said.append(f"{f.key}: {abs(z[i]):.1f} tolerances from its nominal value; something else may hide behind it")
+            said.append(
+                f"{f.key}: {abs(z[i]):.1f} tolerances from its nominal value; something else may hide behind it"
+            )
         if z[i] <= f.lowest_z + 1e-6:
             said.append(f"{f.key}: the fit ends at the lowest value allowed")
     tied = {frozenset(pair) for pair in ties}
@@ -164,5 +165,7 @@ def _statements(
         for j in range(i):
             pair = frozenset((free[i].key, free[j].key))
             if abs(correlation[i, j]) > 0.95 and pair not in tied:
-                said.append(f"{free[j].key} and {free[i].key}: told apart poorly (correlation {correlation[i, j]:+.3f})")
+                said.append(
+                    f"{free[j].key} and {free[i].key}: told apart poorly (correlation {correlation[i, j]:+.3f})"
+                )
     return said

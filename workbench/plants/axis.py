@@ -14,8 +14,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from workbench.trace.expr import Scalar, clip, cos, sin, where
 from workbench.plants.base import NO_EFFECTS, Effects, Output, Plant
+from workbench.trace.expr import Scalar, clip, cos, sin, where
 
 
 def friction(v: Scalar, p: Any) -> Scalar:

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from workbench.plants.base import NO_EFFECTS, Effects, Output, Plant
 from workbench.trace.derive import derivative
 from workbench.trace.expr import Expr, Scalar, absolute, atan, clip, maximum, where
-from workbench.plants.base import NO_EFFECTS, Effects, Output, Plant
 
 WIRE_DENSITY = 7850.0  # kg/m^3, steel; the bare wire hangs in every machine
 PIN_SPEED = 0.01  # rad/s, where the pin friction of Eq. 13 is fully developed

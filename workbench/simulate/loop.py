@@ -84,7 +84,9 @@ def simulate_loop(
     for case in cases:
         p = HOIST.values(case.machine, case.payload_kg)
         q, hold = HOIST.equilibrium(case.start_position_m, p)
-        values.append({**vars(p), **case.controller.values(torque_limit_nm(case.machine)), **_limits(case.machine, hold)})
+        values.append(
+            {**vars(p), **case.controller.values(torque_limit_nm(case.machine)), **_limits(case.machine, hold)}
+        )
         starts.append([*q, 0.0, 0.0, 0.0])
         holds.append(hold)
     names = (*HOIST.parameters, *PI.parameters, *HOIST_OBSERVER.parameters)
@@ -103,7 +105,7 @@ def simulate_loop(
         substeps=max(1, round(sample_time / step_s)),
         threads=threads,
     )
-    time = np.arange(out.shape[0]) * (sample_time * every)
+    time = np.multiply(np.arange(out.shape[0]), sample_time * every, dtype=np.float64)
     return [
         _result(case, time, out[:, :, j], sums[:, j], ends[:, j], holds[j], values[j], n * sample_time)
         for j, case in enumerate(cases)
@@ -131,7 +133,14 @@ def _padded(values: Array, n: int) -> Array:
 
 
 def _result(
-    case: LoopCase, time: Array, out: Array, sums: Array, end: Array, hold: float, values: dict[str, Any], duration: float
+    case: LoopCase,
+    time: Array,
+    out: Array,
+    sums: Array,
+    end: Array,
+    hold: float,
+    values: dict[str, Any],
+    duration: float,
 ) -> LoopResult:
     signals = dict(zip(RECORDED, out.T.copy(), strict=True)) if out.shape[1] else {}
     if signals:

@@ -35,7 +35,7 @@ def motion_of(run: Run, plant: Plant, band_hz: float) -> Motion:
     if speed_name in run:
         speed = run[speed_name]
         travelled = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))])
-        position = run[position_name] if position_name in run else travelled
+        position = run.signals.get(position_name, travelled)
     else:
         position = lowpass(t, run[position_name], 2.0 * band_hz)
         speed = np.gradient(position, t)

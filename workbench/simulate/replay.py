@@ -156,7 +156,12 @@ def _restarted(machine: Hoist | Axis, bench: Bench, j: int, balance: Balance) ->
     rest_positions = len(plant.positions) - 1
     angle = motion.position - motion.position[0] + _first_position(bench, j)
     start = np.column_stack(
-        [angle[first], balance.states[first][:, :rest_positions], _smooth_speed(bench, j)[first], balance.states[first][:, rest_positions:]]
+        [
+            angle[first],
+            balance.states[first][:, :rest_positions],
+            _smooth_speed(bench, j)[first],
+            balance.states[first][:, rest_positions:],
+        ]
     )
     p = bench.base[j]
     out = kernels.replay(

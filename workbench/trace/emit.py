@@ -122,7 +122,7 @@ def evaluate(outputs: Sequence[Scalar], values: Mapping[str, float]) -> list[flo
     return [float(run(out)) for out in outputs]
 
 
-_NUMERIC = {
+_NUMERIC: dict[str, Callable[..., Scalar]] = {
     "+": lambda a, b: a + b,
     "-": lambda a, b: a - b,
     "*": lambda a, b: a * b,

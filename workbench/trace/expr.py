@@ -11,23 +11,27 @@ there leaves no trace in the program.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 Scalar = Any  # float, numpy array or Expr
+_numbers = itertools.count()
 
 
 class Expr:
     """One operation on earlier operations; made by `_make`, never changed."""
 
     __slots__ = ("op", "args", "id")
-    _made: dict[tuple, Expr] = {}
+    _made: ClassVar[dict[tuple[Any, ...], Expr]] = {}
+    # numpy's numbers leave the operation to Expr; else they would try to make an array of it.
+    __array_ufunc__ = None
 
     op: str
-    args: tuple
+    args: tuple[Any, ...]
     id: int
 
     def __add__(self, other: Scalar) -> Scalar:
@@ -94,9 +98,9 @@ def _make(op: str, *args: Any) -> Expr:
     key = (op, *[a.id if isinstance(a, Expr) else ("raw", a) for a in args])
     found = Expr._made.get(key)
     if found is None:
-        found = Expr.__new__(Expr)
-        found.op, found.args, found.id = op, args, len(Expr._made)
-        Expr._made[key] = found
+        made = Expr.__new__(Expr)
+        made.op, made.args, made.id = op, args, next(_numbers)
+        found = Expr._made.setdefault(key, made)  # two threads may trace at once: the first one's stays
     return found
 
 
@@ -198,7 +202,7 @@ def absolute(x: Scalar) -> Scalar:
     return _make("abs", x) if isinstance(x, Expr) else np.abs(x)
 
 
-def _unary(name: str, number: Callable[[float], float], array: Callable) -> Callable[[Scalar], Scalar]:
+def _unary(name: str, number: Callable[[float], float], array: Callable[[Any], Any]) -> Callable[[Scalar], Scalar]:
     def function(x: Scalar) -> Scalar:
         if isinstance(x, Expr):
             value = const_value(x)

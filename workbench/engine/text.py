@@ -1,0 +1,78 @@
+"""The text of one generated kernel: rows of lanes, printed blocks, and what is prepared once a scenario.
+
+Every array of a kernel is flat: row r of lane l stands at r * lanes + l, so the
+innermost loop, over the lanes, reads and writes side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+
+from workbench.engine.preamble import PREAMBLE
+from workbench.plants import Plant
+from workbench.trace.emit import Printer
+from workbench.trace.expr import Expr, Scalar, symbol
+
+INDENT = "    "
+
+
+def parameter_symbols(names: Sequence[str]) -> SimpleNamespace:
+    """Symbols for parameters; the printer knows them by their prefix."""
+    return SimpleNamespace(**{n: symbol(f"p_{n}") for n in names})
+
+
+def state_symbols(plant: Plant) -> tuple[list[Expr], list[Expr]]:
+    q = [symbol(f"q{i}") for i in range(len(plant.positions))]
+    y = [symbol(f"y{i}") for i in range(len(plant.speeds))]
+    return q, y
+
+
+class KernelText:
+    """Collects one kernel's code: arrays in flat rows of lanes, blocks printed at an indent."""
+
+    def __init__(self, lanes: int, parameters: Sequence[str]) -> None:
+        self.lanes = lanes
+        self.parameters = tuple(parameters)
+        self.printer = Printer()
+        self.rows: dict[str, int] = {}  # names computed by `prepare` -> row in its output
+        self.lines: list[str] = []
+
+    def add(self, indent: int, *lines: str) -> None:
+        self.lines.extend(INDENT * indent + line for line in lines)
+
+    def at(self, array: str, row: object) -> str:
+        return f"{array}[{row * self.lanes if isinstance(row, int) else f'({row}) * {self.lanes}'} + l]"
+
+    def block(self, indent: int, outputs: Sequence[Scalar]) -> list[str]:
+        """Print a block; returns the names that its results have."""
+        body, results, carried = self.printer.block(outputs)
+        for name in carried:
+            row = self.rows.setdefault(name, len(self.rows))
+            self.add(indent, f"{name} = {self.at('c', row)}")
+        self.add(indent, *body)
+        return results
+
+    def load(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
+        self.add(indent, *(f"{name} = {self.at(array, first + i)}" for i, name in enumerate(names)))
+
+    def store(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
+        self.add(indent, *(f"{self.at(array, first + i)} = {name}" for i, name in enumerate(names)))
+
+    def text(self, name: str, arguments: str) -> str:
+        prepare = [
+            f"def prepare_{name}(parameters, c):",
+            f"{INDENT}for l in range({self.lanes}):",
+            *(f"{INDENT * 2}p_{p} = {self.at('parameters', i)}" for i, p in enumerate(self.parameters)),
+            *(INDENT * 2 + line for line in self.printer.setup),
+            *(f"{INDENT * 2}{self.at('c', row)} = {n}" for n, row in self.rows.items()),
+        ]
+        jit = '@njit(cache=True, nogil=True, error_model="numpy")'
+        body = [f"def {name}({arguments}):", *self.lines]
+        size = f"PREPARED_{name} = {max(1, len(self.rows))}"
+        return "\n".join([jit, *prepare, "", "", jit, *body, "", "", size, ""])
+
+
+def module_source(*kernels: str) -> str:
+    """One importable module of kernels."""
+    return "\n\n".join(["# Generated; see workbench/engine/source.py." + PREAMBLE, *kernels])
