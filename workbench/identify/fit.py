@@ -13,6 +13,7 @@ from workbench.identify.parameters import Free
 from workbench.run import Array
 
 STEP = 1e-3  # of a parameter's own scale, for derivatives
+POOR = 0.95  # correlation beyond which two values are told apart poorly
 ROUNDS = 3  # of fitting and measuring the residual anew
 
 
@@ -160,12 +161,27 @@ def _statements(
             )
         if z[i] <= f.lowest_z + 1e-6:
             said.append(f"{f.key}: the fit ends at the lowest value allowed")
-    tied = {frozenset(pair) for pair in ties}
-    for i in range(len(free)):
-        for j in range(i):
-            pair = frozenset((free[i].key, free[j].key))
-            if abs(correlation[i, j]) > 0.95 and pair not in tied:
-                said.append(
-                    f"{free[j].key} and {free[i].key}: told apart poorly (correlation {correlation[i, j]:+.3f})"
-                )
-    return said
+    return said + [_alike([f.key for f in free], group, correlation) for group in _groups(correlation, free, ties)]
+
+
+def _groups(correlation: Array, free: Sequence[Free], ties: Sequence[tuple[str, str]]) -> list[list[int]]:
+    """Parameters that hang together: each correlates with another of its group by more than POOR."""
+    near = np.abs(correlation) > POOR
+    keys = [f.key for f in free]
+    for a, b in ties:
+        near[keys.index(a), keys.index(b)] = near[keys.index(b), keys.index(a)] = False
+    left, groups = set(range(len(free))), []
+    while left:
+        group = {min(left)}
+        while more := {int(j) for i in group for j in np.flatnonzero(near[i])} - group:
+            group |= more
+        left -= group
+        groups.append(sorted(group))
+    return [group for group in groups if len(group) > 1]
+
+
+def _alike(keys: Sequence[str], group: Sequence[int], correlation: Array) -> str:
+    names = [keys[i] for i in group]
+    part = np.abs(correlation[np.ix_(group, group)]) - np.eye(len(group))
+    listed = f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"{listed}: told apart poorly by these runs (correlation up to {part.max():.3f}); trust them together"

@@ -17,6 +17,7 @@ from workbench.engine import kernels
 from workbench.machine import Axis, Hoist
 from workbench.plants import Plant, plant_of
 from workbench.run import Array, Run
+from workbench.simulate.band import default_band
 from workbench.simulate.lowpass import inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving
 
@@ -57,7 +58,7 @@ class Bench:
     def __init__(self, machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> None:
         self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
         self.base = [self.plant.values(machine, run.payload_kg) for run in self.runs]
-        self.band_hz = band_hz if band_hz is not None else default_band(self.plant, self.base, self.runs)
+        self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
         self.motions = [motion_of(run, self.plant, self.band_hz) for run in self.runs]
         self.scale = speed_scale(machine, self.runs, self.motions)
         self.inputs = [run[self.plant.input] for run in self.runs]
@@ -133,15 +134,6 @@ def sensor(machine: Hoist | Axis) -> tuple[float, float]:
     if isinstance(machine, Hoist):
         return machine.sensors.torque_gain, machine.sensors.torque_offset_nm
     return machine.role("gain"), machine.role("offset")
-
-
-def default_band(plant: Plant, values: Sequence[SimpleNamespace], runs: Sequence[Run]) -> float:
-    """The band of the balance, Hz (-3 dB): what the plant is trusted for, as far as the sampling rate allows.
-
-    That is a Butterworth filter at a tenth of the slowest sampling rate, run both ways.
-    """
-    sampling = min(0.0896 / run.sample_time_s for run in runs)
-    return min(sampling, *(plant.band_hz(p) for p in values))
 
 
 def start_point(plant: Plant, run: Run, motion: Motion) -> tuple[float, float]:
