@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workbench.figures.panels import Panels
-from workbench.figures.style import BLACK, GREY, ORANGE, line
+from workbench.figures.style import BLACK, BLUE, GREY, ORANGE, line
 from workbench.run import Array, Run
 
 if TYPE_CHECKING:
@@ -48,27 +48,42 @@ def torque_profiles(runs: Sequence[Run], nominal_torque_nm: float) -> Figure:
     return panels.figure(height)
 
 
+def input_profiles(runs: Sequence[Run], signal: str, unit: str) -> Figure:
+    """Fig. 6 for an axis: the measured force (torque) in its own unit, a panel a run."""
+    quantity = signal.rpartition("_")[0]
+    panels, places, height = _grid(f"Measured {quantity}", f"{quantity} ({unit})", [run.name for run in runs])
+    for (row, column), run in zip(places, runs, strict=True):
+        panels.line(row, column, run.time_s, run[signal], "measured", line("measured", width=1.2), unit)
+    return panels.figure(height)
+
+
 def speed_comparison(
     pairs: Sequence[tuple[Run, Run]],
     nominal_speed: float,
     rmse_percent: Sequence[float] | None = None,
     signal: str = "speed_motor_rad_s",
+    restarted: Sequence[Array] = (),
+    scale_name: str = "nominal",
 ) -> Figure:
     """Fig. 8: measured and simulated speed in per cent of `nominal_speed`, a panel a run.
 
     pairs: (measured, simulated), each with `signal`, in the unit of nominal_speed; their times may differ.
-    rmse_percent: said beside the run's name.
+    rmse_percent: said beside the run's name. restarted: (n,) of each run, at the simulated run's times.
     """
     names = [measured.name for measured, _ in pairs]
     if rmse_percent is not None:
         names = [f"{name}</b>, RMSE {value:.2f} %<b>" for name, value in zip(names, rmse_percent, strict=True)]
-    panels, places, height = _grid("Measured and simulated speed", "speed (% of nominal)", names)
-    for (row, column), pair in zip(places, pairs, strict=True):
+    panels, places, height = _grid("Measured and simulated speed", f"speed (% of {scale_name})", names)
+    for index, ((row, column), pair) in enumerate(zip(places, pairs, strict=True)):
         for name, run in zip(("measured", "simulated"), pair, strict=True):
             speed = run[signal] * (100.0 / nominal_speed)
             # The measured line is wide and lies below, so that it is seen where both agree.
             width = 3.4 if name == "measured" else 1.6
             panels.line(row, column, run.time_s, speed, name, line(name, width=width), "%")
+        if restarted:
+            speed = restarted[index] * (100.0 / nominal_speed)
+            look = {"color": BLUE, "dash": "5px,3px", "width": 1.3, "simplify": False}
+            panels.line(row, column, pair[1].time_s, speed, "restarted every 2 s", look, "%")
     return panels.figure(height)
 
 
@@ -79,47 +94,65 @@ def torque_residual(
     unit: str = "N m",
     noise_rms: float | None = None,
     windows: Sequence[Sequence[tuple[float, float]]] = (),
+    rests: Sequence[Sequence[tuple[float, float]]] = (),
+    before: Sequence[Array] = (),
+    limit: float | None = None,
 ) -> Figure:
     """Measured minus predicted torque (or force) over time, a panel a run, both low-passed alike.
 
-    noise_rms: drawn as ± twice its value. windows: for each run stretches to shade.
+    noise_rms: drawn as ± twice its value. windows, rests: for each run stretches to shade, orange and grey.
+    before: the same of an earlier model, drawn below. limit: of the vertical axis, both ways.
     """
     quantity = "torque" if unit == "N m" else "force"
-    title = f"{quantity.capitalize()} residual"
-    if noise_rms is not None:
-        title += f" (dashed: ± 2 × noise of {noise_rms:.2g} {unit})"
+    said = [] if noise_rms is None else [f"dashed: ± 2 × noise of {noise_rms:.2g} {unit}"]
+    if any(rests):
+        said.append("grey: at rest or at an end, left out")
+    title = f"{quantity.capitalize()} residual" + (f" ({'; '.join(said)})" if said else "")
     panels, places, height = _grid(title, f"{quantity} residual ({unit})", names)
     for index, (row, column) in enumerate(places):
-        look = {"color": BLACK, "dash": "solid", "width": 1.1}
-        panels.line(row, column, times_s[index], residuals[index], "measured − predicted", look, unit)
+        if before:
+            look = {"color": ORANGE, "dash": "solid", "width": 1.1, "simplify": False}
+            panels.line(row, column, times_s[index], before[index], "before", look, unit)
+        look = {"color": BLACK, "dash": "solid", "width": 1.1, "simplify": False}
+        name = "after" if before else "measured − predicted"
+        panels.line(row, column, times_s[index], residuals[index], name, look, unit)
         if noise_rms is not None:
             panels.level(row, column, 2.0 * noise_rms)
             panels.level(row, column, -2.0 * noise_rms)
-        for start, end in windows[index] if index < len(windows) else ():
-            panels.shade(row, column, start, end, ORANGE)
-    return panels.figure(height)
+        for stretches, colour in ((windows, ORANGE), (rests, "#BBBBBB")):
+            for start, end in stretches[index] if index < len(stretches) else ():
+                panels.shade(row, column, start, end, colour)
+    rows = {row for row, _ in places}
+    return panels.figure(height, None if limit is None else dict.fromkeys(rows, (-limit, limit)))
 
 
 def friction_law(
     speed: Array,
     laws: Sequence[tuple[str, Array]],
-    weight: float,
+    weight: float | None,
     measured: tuple[Array, Array] | None = None,
     speed_unit: str = "m/s",
+    unit: str = "N",
 ) -> Figure:
     """Fig. 7: friction force over the weight of the combined mass, against speed.
 
     speed: (m,); laws: name -> force (m,), such as nominal and identified; weight: what the force is
-    divided by, in the same unit; measured: (speed, force) points of a force balance, drawn small and grey.
+    divided by, in the same unit, None leaves it in `unit`; measured: (speed, force) points of a force
+    balance, drawn small and grey.
     """
-    panels = Panels("Friction law", ["friction force / weight (–)"], x_title=f"speed ({speed_unit})")
+    quantity = "torque" if unit == "N m" else "force"
+    y_title = f"friction {quantity} ({unit})" if weight is None else "friction force / weight (–)"
+    divisor = 1.0 if weight is None else weight
+    panels = Panels("Friction law", [y_title], x_title=f"speed ({speed_unit})")
     if measured is not None:
         points = {"mode": "markers", "marker": {"size": 4, "color": GREY, "opacity": 0.35}}
         # Every so many points, in order of speed: a cloud has no peaks that min-max thinning would keep.
         step = max(len(measured[0]) // 1400, 1)
         order = np.argsort(measured[0])[::step]
-        panels.line(0, 0, measured[0][order], measured[1][order] / weight, "force balance of the log", {}, "", **points)
+        panels.line(
+            0, 0, measured[0][order], measured[1][order] / divisor, "force balance of the log", {}, "", **points
+        )
     looks = [line("simulated", width=2.4), {"color": BLACK, "dash": "6px,3px", "width": 2.0}]
     for number, (name, force) in enumerate(laws):
-        panels.line(0, 0, speed, force / weight, name, looks[number] if number < 2 else line(name, number))
+        panels.line(0, 0, speed, force / divisor, name, looks[number] if number < 2 else line(name, number))
     return panels.figure(520)

@@ -31,6 +31,9 @@ _PAGE = """<!DOCTYPE html>
 """
 
 
+Table = tuple[Sequence[str], Sequence[Sequence[str]], str]  # head, rows, caption
+
+
 def save(
     figures: Figure | Sequence[Figure],
     path: Path,
@@ -38,11 +41,13 @@ def save(
     sentences: Sequence[str] = (),
     table: tuple[Sequence[str], Sequence[Sequence[str]]] | None = None,
     caption: str = "",
+    more_tables: Sequence[Table] = (),
+    figure_notes: Sequence[str] = (),
 ) -> None:
-    """Write the figures one below the other to one HTML file that needs no network.
+    """Write a page that needs no network: a few lines of plain text, tables, then the figures.
 
-    sentences: paragraphs above the figures. table: (head, rows) of ready text; a column whose
-    head starts with a blank holds words and is set left; caption: a line below it.
+    table: head and rows as text, with a caption below; a column whose head starts with a blank holds
+    words and is set left. more_tables come after it. figure_notes: a line below each figure, in their order.
     """
     from plotly.io import to_html
     from plotly.offline import get_plotlyjs
@@ -50,9 +55,12 @@ def save(
     listed = list(figures) if isinstance(figures, list | tuple) else [figures]
     parts = [f"<h1>{escape(title)}</h1>"]
     parts += [f'<p class="lead">{escape(sentence)}</p>' for sentence in sentences]
-    if table is not None:
-        parts.append(_table(*table))
-    if caption:
+    first: list[Table] = [] if table is None else [(*table, caption)]
+    for head, rows, below in [*first, *more_tables]:
+        parts.append(_table(head, rows))
+        if below:
+            parts.append(f'<p class="caption">{escape(below)}</p>')
+    if table is None and caption:
         parts.append(f'<p class="caption">{escape(caption)}</p>')
     for number, figure in enumerate(listed):
         # A fixed id instead of a random one: the same figures give the same bytes.
@@ -63,7 +71,9 @@ def save(
             div_id=f"figure-{number + 1}",
             config={"responsive": True, "displaylogo": False},
         )
-        parts.append(f'<div class="figure">{html}</div>')
+        note = figure_notes[number] if number < len(figure_notes) else ""
+        below = f'<p class="caption">{escape(note)}</p>' if note else ""
+        parts.append(f'<div class="figure">{html}{below}</div>')
     page = _PAGE.format(title=escape(title), plotly_js=get_plotlyjs(), body="\n".join(parts))
     path.write_text(page, encoding="utf-8")
 

@@ -96,6 +96,7 @@ class Axis(Record):
 
     format: Literal[1] = 1
     kind: Literal["axis"] = "axis"
+    name: str = "axis"
     effects: EffectValues = Field(default_factory=dict)
     identified: Identified = Field(default_factory=dict)
 

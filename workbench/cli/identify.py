@@ -1,0 +1,69 @@
+"""`workbench identify`: from measured runs to a machine with error bars."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import click
+
+
+@click.command(name="identify")
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Folder to make, for machine.yaml and the figures.")
+@click.option("--free", help="Keys of machine.yaml to fit, with commas between; the machine's usual ones without it.")
+@click.option("--runs", help="Names of the runs to take, with commas between; all without it.")
+@click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml to start from.")
+@click.option("--band", type=float, help="Band of the comparison, Hz (-3 dB); chosen by the machine without it.")
+@click.option("--list", "list_keys", is_flag=True, help="Print the keys that --free takes, and stop.")
+def command(
+    campaign: Path,
+    out: Path | None,
+    free: str | None,
+    runs: str | None,
+    machine: Path | None,
+    band: float | None,
+    list_keys: bool,
+) -> None:
+    """Fit the machine of CAMPAIGN to its runs; print values with standard errors.
+
+    With --out the identified machine.yaml is written, which every other command accepts, with the
+    figures and numbers behind it.
+    """
+    from workbench.cli.show import print_notes, print_table, print_text
+    from workbench.reports import identify as report
+    from workbench.reports.load import load_campaign
+    from workbench.reports.words import brief_notes
+    from workbench.whole_folder import check_free
+
+    if out is not None:
+        check_free(out)
+    read = load_campaign(campaign, runs, machine, band)
+    if list_keys:
+        print_table((" key", "value", " fitted"), report.keys_table(read))
+        return
+    from workbench.identify.identify import identify
+
+    keys = None if free is None else [key.strip() for key in free.split(",")]
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+
+    def run() -> report.Identification:
+        return identify(read, free=keys, band_hz=band, date=date)
+
+    if out is None:
+        found = run()
+    else:
+        from workbench.reports.write_identify import write_identification
+
+        found = write_identification(run, out)
+    print_notes(brief_notes(read))
+    print_table(report.HEAD, report.table(found.fit))
+    print_text([report.CAPTION], dim=True)
+    click.echo()
+    print_table(report.measures_head(read.machine), report.measures_table(found))
+    print_text(["", *report.sentences(found)])
+    if out is None:
+        click.echo("\nNothing is written without --out.")
+    else:
+        click.echo(f"\nMachine: {out / 'machine.yaml'}\nFigures: {out / 'identify.html'}")
+        click.echo(f"Numbers: {out / 'identify.json'}, {out / 'replay.json'}")

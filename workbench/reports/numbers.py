@@ -1,0 +1,55 @@
+"""Numbers as text, with as many digits as they deserve."""
+
+from __future__ import annotations
+
+import math
+
+NOTHING = "–"
+
+
+def rounded(value: float, digits: int = 6) -> float | None:
+    """For JSON: so many significant digits; None for what is no finite number."""
+    return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+
+
+def figures(value: float, digits: int = 3) -> str:
+    """So many significant digits, without an exponent where that reads well."""
+    if not math.isfinite(value):
+        return NOTHING
+    if value == 0.0:
+        return "0"
+    if not 1e-3 <= abs(value) < 1e6:
+        return _scaled(value, _exponent(value), digits - 1 - _magnitude(value))
+    return f"{value:.{max(digits - 1 - _magnitude(value), 0)}f}"
+
+
+def with_error(value: float, error: float) -> tuple[str, str]:
+    """A value and its standard error, both to the error's second digit: 3942 and 26, 89.0e9 and 2.6e9."""
+    if not (math.isfinite(error) and error > 0.0):
+        return figures(value, 5), NOTHING
+    largest = max(abs(value), error)
+    decimals = 1 - _magnitude(error)
+    exponent = _exponent(largest) if not 1e-3 <= largest < 1e6 else 0
+    return _scaled(value, exponent, decimals), _scaled(error, exponent, decimals)
+
+
+def change_percent(nominal: float, value: float) -> str:
+    """By how much a value differs from its nominal one; nothing to compare with where that is zero."""
+    return NOTHING if nominal == 0.0 else f"{100.0 * (value - nominal) / abs(nominal):+.1f}"
+
+
+def _magnitude(value: float) -> int:
+    return math.floor(math.log10(abs(value)))
+
+
+def _exponent(value: float) -> int:
+    """The next multiple of three below."""
+    return 3 * (_magnitude(value) // 3)
+
+
+def _scaled(value: float, exponent: int, decimals: int) -> str:
+    """`decimals` of the unscaled value, fewer than none rounds before the point."""
+    shown = decimals + exponent
+    number = round(value / 10.0**exponent, shown)
+    text = f"{number:.{max(shown, 0)}f}"
+    return f"{text}e{exponent}" if exponent else text

@@ -1,0 +1,124 @@
+"""A replay as a table, as sentences that help to read it, and as replay.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from workbench.logs import Campaign
+from workbench.machine import Axis, Hoist
+from workbench.reports.numbers import figures, rounded
+from workbench.reports.words import words_of
+from workbench.simulate.replay import Replay, ReplayResult
+
+PAPER_PERCENT = 7.49  # RMSE of the paper's own machine, its Figure 8
+EXPLAINED = 1.3  # times the noise: what is left while moving is then little more than noise
+
+
+def head(machine: Hoist | Axis) -> tuple[str, ...]:
+    """Heads of `table`; what starts with a blank holds words. The last line is the unit."""
+    quantity, unit = words_of(machine).quantity, words_of(machine).unit
+    return (
+        " run",
+        "speed error\nopen loop\n%",
+        "speed error\nrestarted\n%",
+        f"{quantity}\nresidual\n{unit}",
+        f"the same,\nmoving\n{unit}",
+        f"sensor\nnoise\n{unit}",
+    )
+
+
+def table(result: ReplayResult) -> list[list[str]]:
+    """A line a run, and one for all."""
+    lines = [_line(run.name, run, run.balance.noise_rms) for run in result.runs]
+    return lines if len(lines) == 1 else [*lines, _line("all runs", result, result.noise_rms)]
+
+
+def _line(name: str, figured: Replay | ReplayResult, noise_rms: float) -> list[str]:
+    return [
+        name,
+        f"{figured.speed_rmse_percent:.2f}",
+        f"{figured.speed_rmse_percent_restarted_2s:.2f}",
+        figures(figured.residual_rms),
+        figures(figured.residual_rms_moving),
+        figures(noise_rms),
+    ]
+
+
+def caption(machine: Hoist | Axis, result: ReplayResult) -> str:
+    """How the columns are made."""
+    w = words_of(machine)
+    return (
+        f"All rms. Speed errors in per cent of {w.scale}; restarted: set back to the measured motion every 2 s. "
+        f"Residual: measured minus predicted {w.quantity}, both below {result.band_hz:.3g} Hz; moving: without rests; "
+        f"noise: that of the logged {w.quantity} in this band."
+    )
+
+
+def sentences(machine: Hoist | Axis, result: ReplayResult) -> list[str]:
+    """What these figures say of the model, the drifting one first."""
+    return [_open_loop(machine, result), _residual(machine, result)]
+
+
+def _open_loop(machine: Hoist | Axis, result: ReplayResult) -> str:
+    percent = f"{result.speed_rmse_percent:.2f} %"
+    said = f"Open loop the model is {percent} off; the paper has {PAPER_PERCENT} % for its own machine."
+    if not isinstance(machine, Hoist):
+        return f"{said} That figure adds up every bias from the run's first sample on: judge by the residual."
+    run = result.runs[0].simulated
+    mass = machine.carriage.mass_kg + machine.sensors.payload_scale * run.payload_kg
+    inertia = (
+        machine.motor.count * machine.motor.rotor_inertia_kg_m2
+        + machine.winch.inertia_kg_m2 / machine.gearbox.ratio**2
+        + mass * machine.lift_m_per_rad**2
+    )
+    drift = 100.0 * 10.0 / inertia / machine.motor.nominal_speed_rad_s
+    return (
+        f"{said} That figure adds up every bias: 1 N m of torque that the model does not know "
+        f"moves the speed by {drift:.1f} % within 10 s. Judge by the other columns."
+    )
+
+
+def _residual(machine: Hoist | Axis, result: ReplayResult) -> str:
+    w = words_of(machine)
+    moving, noise = result.residual_rms_moving, result.noise_rms
+    if not moving > 0.0:
+        return "The machine never moves in these runs: they say nothing of friction or inertia."
+    if isinstance(machine, Axis) and machine.speed_signal not in result.runs[0].balance.run:
+        return (
+            f"The {w.quantity} residual is {result.residual_percent:.2f} % of the {w.quantity} itself. Its floor lies "
+            "above the noise given: that of the position, differentiated twice, comes on top."
+        )
+    if moving <= EXPLAINED * noise:
+        return f"While moving, the residual is {moving / noise:.1f} times the noise: the model explains these runs."
+    return (
+        f"While moving, the residual is {moving / noise:.1f} times the noise: values are off, or the model lacks "
+        "something. `workbench identify` fits the values."
+    )
+
+
+def to_json(campaign: Campaign, result: ReplayResult) -> dict[str, Any]:
+    """replay.json: the keys of the format, and beside them the residual while moving, the noise and the notes."""
+    machine = campaign.machine
+    said: dict[str, Any] = {
+        "format": 1,
+        "campaign": campaign.name,
+        "machine": machine.name,
+        "runs": [{"name": run.name} | _measures(machine, run, run.balance.noise_rms) for run in result.runs],
+        "overall": _measures(machine, result, result.noise_rms),
+    }
+    said["overall"] |= {
+        f"{words_of(machine).quantity}_residual_percent": rounded(result.residual_percent),
+        "band_hz": rounded(result.band_hz),
+    }
+    return said | {"notes": list(campaign.all_notes)}
+
+
+def _measures(machine: Hoist | Axis, figured: Replay | ReplayResult, noise_rms: float) -> dict[str, float | None]:
+    w = words_of(machine)
+    return {
+        "speed_rmse_percent": rounded(figured.speed_rmse_percent),
+        "speed_rmse_percent_restarted_2s": rounded(figured.speed_rmse_percent_restarted_2s),
+        f"{w.quantity}_residual_rms_{w.suffix}": rounded(figured.residual_rms),
+        f"{w.quantity}_residual_rms_moving_{w.suffix}": rounded(figured.residual_rms_moving),
+        f"noise_rms_{w.suffix}": rounded(noise_rms),
+    }

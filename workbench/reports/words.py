@@ -1,0 +1,46 @@
+"""What the two kinds of machine call their quantities, and what is said of a log alike in every report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from workbench.logs import Campaign
+from workbench.machine import Axis, Hoist
+from workbench.machine.axis import LinearAxis
+
+MOST_NOTES = 5
+
+
+@dataclass(frozen=True)
+class Words:
+    """quantity: what drives the machine; unit: for people; suffix: for JSON keys; scale: what speeds are judged by."""
+
+    quantity: str
+    unit: str
+    suffix: str
+    scale: str
+
+
+def words_of(machine: Hoist | Axis) -> Words:
+    scale = "nominal motor speed" if isinstance(machine, Hoist) else "the largest measured speed"
+    if isinstance(machine, LinearAxis):
+        return Words("force", "N", "n", scale)
+    return Words("torque", "N m", "nm", scale)
+
+
+def direction_names(machine: Hoist | Axis) -> tuple[str, str]:
+    return ("hoisting", "lowering") if isinstance(machine, Hoist) else ("forward", "backward")
+
+
+def brief_notes(campaign: Campaign) -> list[str]:
+    """The first few of the reader's notes."""
+    notes = list(campaign.all_notes)
+    if len(notes) <= MOST_NOTES:
+        return notes
+    return [*notes[:MOST_NOTES], f"and {len(notes) - MOST_NOTES} more notes like these"]
+
+
+def listed(names: Sequence[str]) -> str:
+    """a, b and c."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
