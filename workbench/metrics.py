@@ -37,6 +37,11 @@ def _torque(s: Mapping[str, Scalar]) -> Scalar:
     return s["torque_motor_nm"]
 
 
+def _share(s: Mapping[str, Scalar], p: Any) -> Scalar:
+    """Of the torque, what the harder-worked motor gives; more once another one failed."""
+    return where(s["time_s"] >= p.t_fail, p.share_failed, p.share)
+
+
 def _error(s: Mapping[str, Scalar]) -> Scalar:
     return s["speed_reference_rad_s"] - s["speed_motor_rad_s"]
 
@@ -62,14 +67,18 @@ def _mean_square(value: Callable[[Mapping[str, Scalar], Any], Scalar]) -> dict[s
 
 
 def _work(sign: float) -> dict[str, Any]:
-    """Work at the motor shaft of one sign: the torque held since the last sample times the angle turned."""
+    """Work at the motor shaft of one sign: torque since the last sample times the angle turned.
+
+    The torque is the one held since then or, behind a lagging drive, the mean of both ends.
+    """
 
     def update(a: Sequence[Scalar], s: Mapping[str, Scalar], p: Any, dt: Scalar) -> list[Scalar]:
-        total, torque, angle = a
-        work = torque * (s["angle_motor_rad"] - angle) * sign
-        return [total + maximum(work, 0.0), _torque(s), s["angle_motor_rad"]]
+        total, torque, angle, begun = a
+        mean = where(p.t_lag > 0.0, 0.5 * (torque + _torque(s)), torque)
+        work = begun * mean * (s["angle_motor_rad"] - angle) * sign
+        return [total + maximum(work, 0.0), _torque(s), s["angle_motor_rad"], 1.0]
 
-    return {"start": (0.0, 0.0, 0.0), "update": update, "finish": _first}
+    return {"start": (0.0, 0.0, 0.0, 0.0), "update": update, "finish": _first}
 
 
 def _slack_events(a: Sequence[Scalar], s: Mapping[str, Scalar], p: Any, dt: Scalar) -> list[Scalar]:
@@ -79,12 +88,12 @@ def _slack_events(a: Sequence[Scalar], s: Mapping[str, Scalar], p: Any, dt: Scal
 
 METRICS = (
     Metric(
-        "peak_torque_motor_nm", "N m", "largest torque of one motor, either way",
-        **_largest(lambda s, p: absolute(_torque(s)) / p.n_m),
+        "peak_torque_motor_nm", "N m", "largest torque of the harder-worked motor, either way",
+        **_largest(lambda s, p: absolute(_torque(s)) * _share(s, p)),
     ),
     Metric(
         "peak_torque_percent", "%", "the same in per cent of one motor's nominal torque",
-        **_largest(lambda s, p: absolute(_torque(s)) * 100.0 / (p.n_m * p.T_nominal)),
+        **_largest(lambda s, p: absolute(_torque(s)) * _share(s, p) * 100.0 / p.T_nominal),
     ),
     Metric(
         "peak_torque_above_static_nm", "N m",
@@ -92,8 +101,8 @@ METRICS = (
         **_largest(lambda s, p: _torque(s) - p.T_hold),
     ),
     Metric(
-        "rms_torque_motor_nm", "N m", "root mean square of one motor's torque over the run",
-        **_mean_square(lambda s, p: _torque(s) / p.n_m),
+        "rms_torque_motor_nm", "N m", "root mean square of the harder-worked motor's torque over the run",
+        **_mean_square(lambda s, p: _torque(s) * _share(s, p)),
     ),
     Metric(
         "speed_error_rms_rad_s", "rad/s", "root mean square of reference minus motor speed",
@@ -161,16 +170,17 @@ class Observer:
         return {metric.name: float(metric.finish(part, p, duration_s)) for metric, part in parts}
 
 
-HOIST_OBSERVER = Observer(METRICS, ("T_nominal", "T_hold"))
+HOIST_OBSERVER = Observer(METRICS, ("T_nominal", "T_hold", "share", "share_failed", "t_fail", "t_lag"))
 
 
 def measure(run: Run, p: Any, observer: Observer = HOIST_OBSERVER) -> dict[str, float]:
     """The same metrics from a run's signals: a log, or a trace made by hand.
 
-    p carries n_m, T_nominal and T_hold. Each sample counts until the next one.
+    p: the observer's parameters by symbol. Each sample counts until the next one.
     """
     sums: Sequence[float] = observer.start
     steps = [*(run.time_s[1:] - run.time_s[:-1]), run.sample_time_s]
     for k, dt in enumerate(steps):
-        sums = observer.update(sums, {name: values[k] for name, values in run.signals.items()}, p, dt)
+        signals = {name: values[k] for name, values in run.signals.items()} | {"time_s": run.time_s[k]}
+        sums = observer.update(sums, signals, p, dt)
     return observer.finish(sums, p, float(sum(steps)))

@@ -1,5 +1,18 @@
 """Controllers as pure step functions: time step and memory are passed in."""
 
-from workbench.control.pi import PI, PiSettings
+from workbench.control.events import BRAKE, Events
+from workbench.control.pi import PI, Controller, delay_taps, full_pi, loop_values
+from workbench.control.settings import FeedForward, Notch, PiSettings
 
-__all__ = ["PI", "PiSettings"]
+__all__ = [
+    "BRAKE",
+    "PI",
+    "Controller",
+    "Events",
+    "FeedForward",
+    "Notch",
+    "PiSettings",
+    "delay_taps",
+    "full_pi",
+    "loop_values",
+]

@@ -1,73 +1,159 @@
-"""The sampled PI speed loop.
+"""The sampled PI speed loop, as the pure step that is compiled and as it is analysed.
 
     error  = reference - speed
-    torque = clip(kp (b reference - speed) + integral, +-limit)
-    integral += ki Ts error + Ts/Tt (torque - torque before the clip)
+    wanted = filters(kp (b reference - speed) + integral) + feed-forward
+    torque = rate limit(clip(wanted, +-limit))
+    integral += Ts (ki error + (torque - wanted)/Tt)
 
 Back-calculation (the last term) runs the integral back while the drive is at its
-limit, with the tracking time Tt = kp/ki: K. J. Astrom, T. Hagglund, "Advanced PID
-Control", ISA 2006, section 3.5. Torque is that of both motors together.
+limit: K. J. Astrom, T. Hagglund, "Advanced PID Control", ISA 2006, section 3.5.
+Torque is that of all motors together.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
-from workbench.trace.expr import Scalar, clip
+from workbench.control.settings import PiSettings, lag_gain, low_pass_gain, notch_coefficients
+from workbench.trace.expr import Scalar, absolute, clip, floor, maximum, where
+
+TURN = 2.0 * math.pi
+NEVER = 1e30
 
 
 @dataclass(frozen=True, eq=False)
 class Controller:
     """A sampled controller: its numbers, its memory, what it is given, and its step.
 
-    step(p, memory, reference, measured, dt) -> (input of the plant, new memory).
+    step(p, memory, reference, measured, dt) -> (torque wanted of the drive, new memory).
+    start(p, hold): the memory that holds `hold` (N m) at standstill without a bump.
     """
 
     parameters: tuple[str, ...]
     memory: tuple[str, ...]
     references: tuple[str, ...]
     step: Callable[..., tuple[Scalar, list[Scalar]]]
+    start: Callable[[Any, float, float], list[float]]
 
 
-def pi_step(p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar) -> tuple[Scalar, list[Scalar]]:
-    """One sample of the loop; p: kp, ki (N m s/rad, N m/rad), b_set, t_track (s), u_max (N m)."""
+def torque_limit(p: Any, t: Scalar, w: Scalar) -> Scalar:
+    """Largest torque of all motors, N m: each motor's own, less above nominal speed, less one motor once it failed."""
+    weakening = where(absolute(w) > p.w_weak, p.w_weak / maximum(absolute(w), 1e-9), 1.0)
+    return where(t >= p.t_fail, p.u_one, p.u_all) * weakening
+
+
+def _pi(p: Any, integral: Scalar, r: Scalar, w: Scalar) -> Scalar:
+    return p.kp * (p.b_set * r - w) + integral
+
+
+def _plain_step(
+    p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar
+) -> tuple[Scalar, list[Scalar]]:
+    """A PI with limits and back-calculation on the ideal speed."""
     (integral,) = memory
     r, w = reference.speed_reference_rad_s, measured.speed_motor_rad_s
-    wanted = p.kp * (p.b_set * r - w) + integral
-    torque = clip(wanted, -p.u_max, p.u_max)
-    integral = integral + dt * (p.ki * (r - w) + (torque - wanted) / p.t_track)
-    return torque, [integral]
+    limit = torque_limit(p, measured.t, w)
+    wanted = _pi(p, integral, r, w)
+    torque = clip(wanted, -limit, limit)
+    return torque, [integral + dt * (p.ki * (r - w) + p.track * (torque - wanted))]
 
 
-PI = Controller(
-    parameters=("kp", "ki", "b_set", "t_track", "u_max"),
-    memory=("integral",),
-    references=("speed_reference_rad_s",),
-    step=pi_step,
-)
+LOOP = ("kp", "ki", "b_set", "track", "u_all", "u_one", "t_fail", "w_weak")
+REFERENCES = ("speed_reference_rad_s",)
+
+PI = Controller(LOOP, ("integral",), REFERENCES, _plain_step, lambda p, hold, angle: [hold])
+
+EXTRAS = (
+    "conditional", "rate", "alpha_u", "b0", "b1", "b2", "a1", "a2", "ff_J", "ff_w", "ff_F",
+    "counts", "alpha_w", "late", "T_hold",
+)  # fmt: skip
 
 
-@dataclass(frozen=True)
-class PiSettings:
-    """The numbers of a PI speed loop on the motor shaft, for the torque of both motors."""
+@cache
+def full_pi(taps: int) -> Controller:
+    """The loop with everything; the speed may be late by up to `taps` samples."""
+    names = ("integral", "z1", "z2", "smooth", "torque", "r", "counted", "w_f", *(f"late{j}" for j in range(taps)))
 
-    kp_nm_s_per_rad: float
-    ki_nm_per_rad: float
-    sample_time_s: float = 0.001
-    set_point_weight: float = 1.0
+    def step(
+        p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar
+    ) -> tuple[Scalar, list[Scalar]]:
+        integral, z1, z2, smooth, before, r_before, counted, w_f, *line = memory
+        r = reference.speed_reference_rad_s
+        # What the drive knows of the speed: counted, filtered, late.
+        count = floor(measured.angle_motor_rad * p.counts / TURN)
+        w = where(p.counts > 0.0, (count - counted) * TURN / (maximum(p.counts, 1.0) * dt), measured.speed_motor_rad_s)
+        w_f = w_f + p.alpha_w * (w - w_f)
+        line = [w_f, *line]
+        w = _delayed(line, p)
+        limit = torque_limit(p, measured.t, w)
+        # Notch (direct form II, transposed) and low-pass in the output, then feed-forward.
+        raw = _pi(p, integral, r, w)
+        cut = p.b0 * raw + z1
+        z1, z2 = p.b1 * raw - p.a1 * cut + z2, p.b2 * raw - p.a2 * cut
+        smooth = smooth + p.alpha_u * (cut - smooth)
+        wanted = smooth + _feed_forward(p, r, (r - r_before) / dt)
+        torque = clip(clip(wanted, -limit, limit), before - p.rate * dt, before + p.rate * dt)
+        error = r - w
+        deeper = (wanted - torque) * error > 0.0
+        push = where(deeper, (1.0 - p.conditional) * error, error)
+        integral = integral + dt * (p.ki * push + p.track * (torque - wanted))
+        return torque, [integral, z1, z2, smooth, torque, r, count, w_f, *line[: len(line) - 1]]
 
-    @property
-    def tracking_time_s(self) -> float:
-        return self.kp_nm_s_per_rad / self.ki_nm_per_rad if self.ki_nm_per_rad > 0 else 1e9
+    def start(p: Any, hold: float, angle: float) -> list[float]:
+        still = hold * (1.0 - p.ff_w)  # what the integral holds beside the feed-forward
+        z2 = (p.b2 - p.a2) * still
+        z1 = (p.b1 - p.a1) * still + z2
+        return [still, z1, z2, still, hold, 0.0, math.floor(angle * p.counts / TURN), 0.0, *[0.0] * taps]
 
-    def values(self, limit_nm: float) -> dict[str, float]:
-        """The controller's parameters by symbol, under a torque limit for both motors."""
-        return {
-            "kp": self.kp_nm_s_per_rad,
-            "ki": self.ki_nm_per_rad,
-            "b_set": self.set_point_weight,
-            "t_track": self.tracking_time_s,
-            "u_max": limit_nm,
-        }
+    return Controller((*LOOP, *EXTRAS), names, REFERENCES, step, start)
+
+
+def _delayed(line: Sequence[Scalar], p: Any) -> Scalar:
+    """The speed `late` samples ago, linear between two; line[j] is j samples old."""
+    if len(line) == 1:
+        return line[0]
+    late: Scalar = 0.0
+    for j, w in enumerate(line):
+        late = late + maximum(1.0 - absolute(p.late - float(j)), 0.0) * w
+    return late
+
+
+def _feed_forward(p: Any, r: Scalar, acceleration: Scalar) -> Scalar:
+    """Torque that the machine's own values ask of the reference: inertia, weight, guide friction."""
+    lever = p.D_w / (4.0 * p.ratio)  # carriage speed over motor speed: two falls, drum and gear
+    J = p.n_m * p.J_m + p.J_w / (p.ratio * p.ratio) + (p.m_c + p.s_p * p.m_p) * (lever * lever)
+    friction = where(r > 0.0, p.F_up, where(r < 0.0, -p.F_dn, 0.0)) * lever
+    return p.ff_J * J * acceleration + p.ff_w * p.T_hold + p.ff_F * friction
+
+
+def delay_taps(delay_s: float, sample_time_s: float) -> int:
+    """Samples of memory that a delay needs, rounded up to a power of two so that few kernels serve all."""
+    need = math.ceil(delay_s / sample_time_s - 1e-9)
+    return 0 if need == 0 else 1 << (need - 1).bit_length()
+
+
+def loop_values(settings: PiSettings, drive: Any, hold_nm: float) -> dict[str, float]:
+    """The numbers of loop and drive by symbol, limits aside; `drive` is the machine's drive block."""
+    dt = settings.sample_time_s
+    b0, b1, b2, a1, a2 = notch_coefficients(settings.notch, dt)
+    return {
+        "kp": settings.kp_nm_s_per_rad,
+        "ki": settings.ki_nm_per_rad,
+        "b_set": settings.set_point_weight,
+        "track": settings.tracking_rate_per_s,
+        "conditional": 1.0 if settings.anti_windup == "conditional" else 0.0,
+        "rate": settings.torque_rate_limit_nm_per_s or NEVER,
+        "alpha_u": low_pass_gain(settings.low_pass_hz, dt),
+        **dict(zip(("b0", "b1", "b2", "a1", "a2"), (b0, b1, b2, a1, a2), strict=True)),
+        "ff_J": settings.feed_forward.inertia,
+        "ff_w": settings.feed_forward.weight,
+        "ff_F": settings.feed_forward.friction,
+        "counts": float(drive.encoder_counts_per_turn),
+        "alpha_w": lag_gain(drive.speed_filter_s, dt),
+        "late": drive.speed_delay_s / dt,
+        "T_hold": hold_nm,
+    }

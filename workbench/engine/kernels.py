@@ -58,20 +58,32 @@ def _kernel(text: str, name: str, lanes: int) -> Kernel:
 
 @cache
 def replay_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
-    return _kernel(replay_source(plant, effects, tuple(plant.parameters), lanes), "replay", lanes)
+    return _kernel(replay_source(plant, effects, (*plant.parameters, *effects.parameters), lanes), "replay", lanes)
 
 
 @cache
 def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
-    return _kernel(driven_source(plant, effects, tuple(plant.parameters), lanes), "driven", lanes)
+    return _kernel(driven_source(plant, effects, (*plant.parameters, *effects.parameters), lanes), "driven", lanes)
 
 
 @cache
 def loop_kernel(
-    plant: Plant, effects: Effects, lanes: int, controller: Any, observer: Any, recorded: tuple[str, ...]
+    plant: Plant,
+    effects: Effects,
+    lanes: int,
+    controller: Any,
+    observer: Any,
+    recorded: tuple[str, ...],
+    lagged: bool,
 ) -> Kernel:
-    parameters = (*plant.parameters, *controller.parameters, *observer.parameters)
-    return _kernel(loop_source(plant, effects, parameters, lanes, controller, observer, recorded), "loop", lanes)
+    names = loop_parameters(plant, effects, controller, observer)
+    return _kernel(loop_source(plant, effects, names, lanes, controller, observer, recorded, lagged), "loop", lanes)
+
+
+def loop_parameters(plant: Plant, effects: Effects, controller: Any, observer: Any) -> tuple[str, ...]:
+    """Every number that a closed loop needs, in the order of `loop`'s parameter rows."""
+    rows = (*plant.parameters, *effects.parameters, *controller.parameters, *observer.parameters, "decay")
+    return tuple(dict.fromkeys(rows))
 
 
 def lanes_for(scenarios: int) -> int:
@@ -203,18 +215,20 @@ def loop(
     *,
     every: int = 1,
     substeps: int = 1,
+    actual: Array | None = None,
     effects: Effects = NO_EFFECTS,
     threads: int | None = None,
 ) -> tuple[Array, Array, Array]:
     """A sampled controller on the plant.
 
-    parameters: (names, scenarios) of plant, controller and observer; references:
+    parameters: (names, scenarios), rows as `loop_parameters` names them; references:
     (n, references, scenarios); start: (states, scenarios); memory: (controller
-    memory, scenarios). Returns recorded signals (rows, signals, scenarios), the
+    memory, scenarios); actual: (scenarios,) the input at work at the start where the
+    drive lags, None where it does not. Returns recorded signals (rows, signals, scenarios), the
     observer's sums (sums, scenarios) and the final states (states, scenarios).
     """
     scenarios = parameters.shape[1]
-    kernel = loop_kernel(plant, effects, lanes_for(scenarios), controller, observer, recorded)
+    kernel = loop_kernel(plant, effects, lanes_for(scenarios), controller, observer, recorded, actual is not None)
     n = references.shape[0]
     rows = -(-n // every)
 
@@ -233,6 +247,7 @@ def loop(
             _lanes(memory, group),
             sums,
             np.empty(L),
+            np.zeros(L) if actual is None else _lanes(actual, group),
             np.empty(max(1, len(recorded)) * L),
             result.reshape(-1),
         )

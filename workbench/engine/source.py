@@ -149,12 +149,15 @@ def loop_source(
     controller: Any,
     observer: Any,
     recorded: Sequence[str],
+    lagged: bool,
 ) -> str:
     """Kernel `loop`: a sampled controller on the plant, its output held between samples.
 
     At each sample: read the signals, step the controller, feed the observer's
     accumulators, record every `every`-th sample; then `substeps` steps of the plant
-    under the held input. references: (n, controller's references, lanes).
+    under the held input or, `lagged`, under one that nears it as a first-order lag
+    (`decay`: what is left of a difference after one step, exact; linear within the step).
+    references: (n, controller's references, lanes); actual: (lanes,) the input at work.
     """
     k = KernelText(lanes, parameters)
     p = parameter_symbols(parameters)
@@ -165,9 +168,11 @@ def loop_source(
     memory = [symbol(f"x{i}") for i in range(len(controller.memory))]
     sums = [symbol(f"a{i}") for i in range(observer.size)]
     reference = SimpleNamespace(**{name: symbol(f"r{i}") for i, name in enumerate(controller.references)})
-    measured = plant.outputs(t, q, y, 0.0, p, effects)
-    command, memory1 = controller.step(p, memory, reference, SimpleNamespace(**measured), dt)
-    signals = {**plant.outputs(t, q, y, command, p, effects), plant.input: command, **vars(reference)}
+    measured = plant.outputs(t, q, y, u if lagged else 0.0, p, effects)
+    command, memory1 = controller.step(p, memory, reference, SimpleNamespace(t=t, **measured), dt)
+    at_work = u if lagged else command
+    shown = plant.outputs(t, q, y, at_work, p, effects)
+    signals = {**shown, plant.input: at_work, "time_s": t, **vars(reference)}
     sums1 = observer.update(sums, signals, p, dt)
     L, nr = lanes, len(controller.references)
     memory_names, sum_names = [e.args[0] for e in memory], [e.args[0] for e in sums]
@@ -176,6 +181,7 @@ def loop_source(
     k.add(1, "for k in range(n):", f"{INDENT}now = k * dt", f"{INDENT}for l in range({L}):", f"{INDENT * 2}t = now")
     for i in range(nr):
         k.add(3, f"r{i} = references[k * {nr * L} + {i * L} + l]")
+    k.add(3, "u = actual[l]")
     k.load(3, "state", states)
     k.load(3, "memory", memory_names)
     k.load(3, "sums", sum_names)
@@ -183,18 +189,21 @@ def loop_source(
     k.add(3, f"held[l] = {results[0]}")
     k.store(3, "memory", results[1 : 1 + len(memory)])
     k.store(3, "sums", results[1 + len(memory) : 1 + len(memory) + len(sums)])
-    shown = results[1 + len(memory) + len(sums) :]
-    k.store(3, "shown", shown)
+    k.store(3, "shown", results[1 + len(memory) + len(sums) :])
     size = len(recorded) * L
     k.add(2, "if k % every == 0:", f"{INDENT}for j in range({size}):")
     k.add(4, f"out[row * {size} + j] = shown[j]")
     k.add(3, "row += 1")
     k.add(2, "if k == n - 1:", f"{INDENT}break")
     k.add(2, "for s in range(substeps):", f"{INDENT}t1 = now + s * h", f"{INDENT}for l in range({L}):")
-    k.add(4, "t = t1", "u = held[l]")
+    k.add(4, "t = t1")
     k.load(4, "state", states)
-    q1, y1, _, _ = rodas3_step(rates, t, h, q, y, u, 0.0)
-    results = k.block(4, [*q1, *y1])
-    k.store(4, "state", results)
+    if lagged:
+        k.add(4, "u = actual[l]", f"actual[l] = held[l] + (u - held[l]) * {k.parameter('decay')}")
+        k.add(4, "u_rate = (actual[l] - u) / h")
+    else:
+        k.add(4, "u = held[l]")
+    q1, y1, _, _ = rodas3_step(rates, t, h, q, y, u, symbol("u_rate") if lagged else 0.0)
+    k.store(4, "state", k.block(4, [*q1, *y1]))
     k.add(1, "return row")
-    return k.text("loop", "c, references, dt, substeps, every, state, memory, sums, held, shown, out")
+    return k.text("loop", "c, references, dt, substeps, every, state, memory, sums, held, actual, shown, out")

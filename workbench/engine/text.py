@@ -56,6 +56,10 @@ class KernelText:
     def load(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
         self.add(indent, *(f"{name} = {self.at(array, first + i)}" for i, name in enumerate(names)))
 
+    def parameter(self, name: str) -> str:
+        """A parameter as the loops read it."""
+        return self.at("c", self.rows.setdefault(f"p_{name}", len(self.rows)))
+
     def store(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
         self.add(indent, *(f"{self.at(array, first + i)} = {name}" for i, name in enumerate(names)))
 

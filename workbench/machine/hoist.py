@@ -100,9 +100,22 @@ class HoistTolerances(Record):
 
 
 class Drive(Record):
-    """`overload` is the largest torque a motor may give over its nominal torque."""
+    """The drive of the motors, as the speed loop meets it. The defaults are an ideal drive with a torque limit.
+
+    overload: largest torque of a motor over its nominal one. field_weakening: above nominal speed the
+    limit falls as nominal speed over speed. torque_lag_s: first-order lag of the torque loop.
+    speed_filter_s, speed_delay_s: first-order filter and transport delay of the measured speed.
+    encoder_counts_per_turn: the speed is counted with that resolution; 0 is ideal. torque_share:
+    the first of two motors' share of the torque.
+    """
 
     overload: Positive = 1.6
+    field_weakening: bool = True
+    torque_lag_s: NotNegative = 0.0
+    speed_filter_s: NotNegative = 0.0
+    speed_delay_s: NotNegative = 0.0
+    encoder_counts_per_turn: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] = 0
+    torque_share: Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)] = 0.5
 
 
 class Rail(Record):

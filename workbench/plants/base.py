@@ -28,12 +28,18 @@ PLACES: Mapping[str, str] = {
 class Effects:
     """The unmodelled pieces that are switched on: at each place, the sum of what they add.
 
-    `pieces` maps a place to functions of (signals, parameters). The empty set adds
-    exactly nothing: the traced plant is then the plain one, operation by operation.
+    `pieces` maps a place to functions of (signals, parameters); `parameters` are the
+    symbols they need beside the plant's. The empty set adds exactly nothing: the traced
+    plant is then the plain one, operation by operation.
     """
 
-    def __init__(self, pieces: Mapping[str, Sequence[Callable[[Any, Any], Scalar]]] | None = None) -> None:
+    def __init__(
+        self,
+        pieces: Mapping[str, Sequence[Callable[[Any, Any], Scalar]]] | None = None,
+        parameters: Sequence[str] = (),
+    ) -> None:
         self.pieces = dict(pieces or {})
+        self.parameters = tuple(parameters)
         for place in self.pieces:
             if place not in PLACES:
                 raise ValueError(f"no place '{place}' for an effect; places: {', '.join(PLACES)}")

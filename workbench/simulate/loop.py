@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -10,12 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from workbench.control import PI, PiSettings
+from workbench.control import BRAKE, PI, Controller, Events, PiSettings, delay_taps, full_pi, loop_values
+from workbench.control.pi import NEVER
+from workbench.control.settings import lag_left
 from workbench.engine import kernels
 from workbench.machine import Hoist
 from workbench.metrics import HOIST_OBSERVER
-from workbench.plants import HOIST
+from workbench.plants import HOIST, NO_EFFECTS, Effects
 from workbench.run import Array, Run
+
+NO_EVENTS = Events()
 
 RECORDED = (
     "torque_motor_nm",
@@ -42,7 +47,7 @@ class Outcome(enum.Enum):
 class LoopCase:
     """One closed-loop run: a machine, a load, a controller and the motor speed it shall follow.
 
-    speed_reference_rad_s: (n,) at the controller's samples.
+    speed_reference_rad_s: (n,) at the controller's samples. The drive is the machine's.
     """
 
     name: str
@@ -51,6 +56,7 @@ class LoopCase:
     start_position_m: float
     controller: PiSettings
     speed_reference_rad_s: Array
+    events: Events = NO_EVENTS
 
 
 @dataclass(frozen=True)
@@ -72,64 +78,112 @@ class LoopResult:
 def simulate_loop(
     cases: Sequence[LoopCase], *, record_every: int = 10, step_s: float = 0.001, threads: int | None = None
 ) -> list[LoopResult]:
-    """Simulate cases that share a sample time; each starts hanging still, held without a bump.
+    """Simulate cases; each starts hanging still, held without a bump (by the brake where it is closed).
 
-    The plant takes steps of at most `step_s` (s) between samples. record_every = 0 keeps
-    no signals. References of unequal length are held at their last value.
+    Cases that need the same kernel (sample time, kind of loop, brake or not, lag or not)
+    run together. The plant takes steps of at most `step_s` (s) between samples.
+    record_every = 0 keeps no signals. A reference shorter than the longest of its group
+    is simulated further at its last value, and its run and metrics end where it ends.
     """
-    sample_time = _shared_sample_time(cases)
-    n = max(len(case.speed_reference_rad_s) for case in cases)
-    references = np.stack([_padded(case.speed_reference_rad_s, n) for case in cases], axis=-1)[:, None, :]
-    values, starts, holds = [], [], []
+    results: dict[int, LoopResult] = {}
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for j, case in enumerate(cases):
+        groups.setdefault(_kernel_key(case), []).append(j)
+    for members in groups.values():
+        done = _simulate_alike([cases[j] for j in members], record_every, step_s, threads)
+        results.update(zip(members, done, strict=True))
+    return [results[j] for j in range(len(cases))]
+
+
+def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
+    """What cases of one kernel call share; the length of the run is among it."""
+    drive, settings = case.machine.drive, case.controller
+    plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
+    taps = None if plain else delay_taps(drive.speed_delay_s, settings.sample_time_s)
+    lagged = drive.torque_lag_s > 0.0
+    return settings.sample_time_s, taps, lagged, case.events.brakes, len(case.speed_reference_rad_s)
+
+
+def _simulate_alike(
+    cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
+) -> list[LoopResult]:
+    sample_time, taps, lagged, brakes, n = _kernel_key(cases[0])
+    controller = PI if taps is None else full_pi(taps)
+    effects = BRAKE if brakes else NO_EFFECTS
+    substeps = max(1, math.ceil(sample_time / step_s - 1e-9))
+    values, starts, holds, memory = [], [], [], []
     for case in cases:
         p = HOIST.values(case.machine, case.payload_kg)
         q, hold = HOIST.equilibrium(case.start_position_m, p)
-        values.append(
-            {**vars(p), **case.controller.values(torque_limit_nm(case.machine)), **_limits(case.machine, hold)}
-        )
+        numbers = {
+            **vars(p),
+            **loop_values(case.controller, case.machine.drive, hold),
+            **_limits(case),
+            **case.events.values(),
+            "decay": lag_left(case.machine.drive.torque_lag_s, sample_time / substeps),
+        }
+        values.append(numbers)
         starts.append([*q, 0.0, 0.0, 0.0])
         holds.append(hold)
-    names = (*HOIST.parameters, *PI.parameters, *HOIST_OBSERVER.parameters)
+        memory.append(controller.start(SimpleNamespace(**numbers), hold, q[0]))
     every = record_every or n + 1
     out, sums, ends = kernels.loop(
         HOIST,
-        PI,
+        controller,
         HOIST_OBSERVER,
         RECORDED if record_every else (),
-        np.array([[v[name] for v in values] for name in names]),
-        references,
+        np.array([[v[name] for v in values] for name in _names(controller, effects)]),
+        np.stack([case.speed_reference_rad_s for case in cases], axis=-1)[:, None, :],
         sample_time,
         np.array(starts).T,
-        np.array([holds]),
+        np.array(memory).T,
         every=every,
-        substeps=max(1, round(sample_time / step_s)),
+        substeps=substeps,
+        actual=np.array(holds) if lagged else None,
+        effects=effects,
         threads=threads,
     )
-    time = np.multiply(np.arange(out.shape[0]), sample_time * every, dtype=np.float64)
+    time = np.arange(out.shape[0]) * (sample_time * every)
     return [
         _result(case, time, out[:, :, j], sums[:, j], ends[:, j], holds[j], values[j], n * sample_time)
         for j, case in enumerate(cases)
     ]
 
 
+def _names(controller: Controller, effects: Effects) -> tuple[str, ...]:
+    return kernels.loop_parameters(HOIST, effects, controller, HOIST_OBSERVER)
+
+
 def torque_limit_nm(machine: Hoist) -> float:
-    """The largest torque of all motors together."""
-    return machine.motor.count * machine.motor.nominal_torque_nm * machine.drive.overload
+    """The largest torque of all motors together, at or below nominal speed."""
+    return machine.motor.nominal_torque_nm * machine.drive.overload / shares(machine)[0]
 
 
-def _limits(machine: Hoist, hold: float) -> dict[str, float]:
-    return {"T_nominal": machine.motor.nominal_torque_nm, "T_hold": hold}
+def shares(machine: Hoist) -> tuple[float, float]:
+    """Of the torque, what the harder-worked motor gives: with all motors, and after another one failed."""
+    n = machine.motor.count
+    if n == 1:
+        return 1.0, 1.0
+    first = machine.drive.torque_share if n == 2 else 1.0 / n
+    return max(first, 1.0 - first) if n == 2 else first, 1.0 / (n - 1)
 
 
-def _shared_sample_time(cases: Sequence[LoopCase]) -> float:
-    times = {case.controller.sample_time_s for case in cases}
-    if len(times) != 1:
-        raise ValueError(f"cases of one call share a sample time; got {sorted(times)}")
-    return times.pop()
-
-
-def _padded(values: Array, n: int) -> Array:
-    return np.concatenate([values, np.full(n - len(values), values[-1])])
+def _limits(case: LoopCase) -> dict[str, float]:
+    """Torque limits and shares by symbol. The harder-worked motor limits them all."""
+    machine = case.machine
+    one = machine.motor.nominal_torque_nm * machine.drive.overload
+    share, share_failed = shares(machine)
+    fails = case.events.motor_fails_s
+    return {
+        "u_all": one / share,
+        "u_one": one / share_failed if machine.motor.count > 1 else 0.0,
+        "t_fail": NEVER if fails is None else fails,
+        "w_weak": machine.motor.nominal_speed_rad_s if machine.drive.field_weakening else NEVER,
+        "T_nominal": machine.motor.nominal_torque_nm,
+        "share": share,
+        "share_failed": share_failed,
+        "t_lag": machine.drive.torque_lag_s,
+    }
 
 
 def _result(
@@ -144,14 +198,26 @@ def _result(
 ) -> LoopResult:
     signals = dict(zip(RECORDED, out.T.copy(), strict=True)) if out.shape[1] else {}
     if signals:
-        share = signals["torque_motor_nm"] / case.machine.motor.count
-        signals |= {"torque_motor1_nm": share, "torque_motor2_nm": share}
+        signals |= _motors(case, time, signals["torque_motor_nm"])
     else:
         time = time[:0]
     run = Run(case.name, time, signals, case.payload_kg, case.start_position_m)
     outcome, at = _outcome(case.machine, time, signals, end)
     metrics = HOIST_OBSERVER.finish(sums, SimpleNamespace(**values), duration)
     return LoopResult(case, run, metrics, outcome, at, float(end[2]), hold)
+
+
+def _motors(case: LoopCase, time: Array, torque: Array) -> dict[str, Array]:
+    """The torque of the first and of the second motor (of equal ones: of each); after a failure the first works on."""
+    n = case.machine.motor.count
+    first = case.machine.drive.torque_share if n == 2 else 1.0 / n
+    fails = case.events.motor_fails_s
+    failed = np.zeros(len(time), bool) if fails is None else time >= fails
+    left = 1.0 / max(n - 1, 1)
+    return {
+        "torque_motor1_nm": torque * np.where(failed, left, first),
+        "torque_motor2_nm": torque * np.where(failed, 0.0 if n == 2 else left, 1.0 - first if n == 2 else first),
+    }
 
 
 def _outcome(machine: Hoist, time: Array, signals: dict[str, Array], end: Array) -> tuple[Outcome, str]:

@@ -75,7 +75,7 @@ def run_study(study: Study) -> StudyResult:
             machine=machine,
             payload_kg=payload,
             start_position_m=scenario.start_position_m,
-            controller=scenario.controller.settings(),
+            controller=scenario.controller,
             speed_reference_rad_s=speeds[kind],
         )
         for payload in scenario.payloads_kg

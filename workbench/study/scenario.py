@@ -57,19 +57,6 @@ class LimitsBlock(Record):
         return Limits(self.speed_m_s, self.acceleration_m_s2, self.jerk_m_s3)
 
 
-class PiBlock(Record):
-    """The sampled PI speed loop; gains act on motor speed and give the torque of all motors together."""
-
-    kind: Literal["pi"] = "pi"
-    sample_time_s: Annotated[float, Field(ge=1e-4, le=0.05, strict=True, allow_inf_nan=False)] = 0.001
-    kp_nm_s_per_rad: Positive
-    ki_nm_per_rad: NotNegative
-    set_point_weight: Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)] = 1.0
-
-    def settings(self) -> PiSettings:
-        return PiSettings(self.kp_nm_s_per_rad, self.ki_nm_per_rad, self.sample_time_s, self.set_point_weight)
-
-
 # The name becomes that of a folder.
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 
@@ -92,7 +79,7 @@ class Scenario(Record):
     references: Annotated[tuple[Annotated[str, AfterValidator(_known_reference)], ...], Field(min_length=1)] = tuple(
         KINDS
     )
-    controller: PiBlock
+    controller: PiSettings
     lead_s: NotNegative = 1.0
     settle_s: NotNegative = 2.0
 

@@ -79,6 +79,11 @@ class Expr:
     def __ge__(self, other: Scalar) -> Expr:
         return _make(">=", self, _wrap(other))
 
+    def __eq__(self, other: object) -> bool:
+        raise TypeError("a traced value cannot be compared for equality; use a range")
+
+    __hash__ = object.__hash__
+
     def __and__(self, other: Scalar) -> Expr:
         return _make("&", self, _wrap(other))
 

@@ -1,0 +1,60 @@
+"""What goes wrong, or is done, at a moment of a run: a motor fails, the brake holds, lets go late, or closes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import model_validator
+
+from workbench.machine.record import NotNegative, Positive, Record
+from workbench.plants import Effects
+from workbench.trace.expr import Scalar, clip, where
+
+NEVER = 1e30
+BRAKE_SPEED = 0.05  # rad/s at the motor, where the brake's friction is fully developed
+
+
+class Events(Record):
+    """Moments counted from the run's start; what is not given does not happen.
+
+    motor_fails_s: one motor gives no torque from then on. brake_release_s: the brake holds until
+    then; brake_close_s: it closes then. brake_torque_nm: its friction at the motor shaft.
+    emergency_stop_s: the reference is brought to rest from then on with emergency_deceleration_m_s2
+    of the carriage, and stays at rest.
+    """
+
+    motor_fails_s: NotNegative | None = None
+    brake_release_s: NotNegative | None = None
+    brake_close_s: NotNegative | None = None
+    brake_torque_nm: Positive | None = None
+    emergency_stop_s: NotNegative | None = None
+    emergency_deceleration_m_s2: Positive | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Events:
+        if self.brakes and self.brake_torque_nm is None:
+            raise ValueError("brake_torque_nm is missing; a brake that holds or closes has a torque")
+        if self.emergency_stop_s is not None and self.emergency_deceleration_m_s2 is None:
+            raise ValueError("emergency_deceleration_m_s2 is missing; an emergency stop has a deceleration")
+        return self
+
+    @property
+    def brakes(self) -> bool:
+        return self.brake_release_s is not None or self.brake_close_s is not None
+
+    def values(self) -> dict[str, float]:
+        """The brake's numbers by symbol."""
+        return {
+            "T_brake": self.brake_torque_nm or 0.0,
+            "t_release": -NEVER if self.brake_release_s is None else self.brake_release_s,
+            "t_close": NEVER if self.brake_close_s is None else self.brake_close_s,
+        }
+
+
+def brake_torque(s: Any, p: Any) -> Scalar:
+    """Friction of a closed brake on the motor shaft, against its motion; nothing while it is open."""
+    closed = where(s.t < p.t_release, 1.0, where(s.t >= p.t_close, 1.0, 0.0))
+    return -(closed * p.T_brake * clip(s.w / BRAKE_SPEED, -1.0, 1.0))
+
+
+BRAKE = Effects({"motor_torque_nm": [brake_torque]}, ("T_brake", "t_release", "t_close"))
