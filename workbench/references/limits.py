@@ -37,23 +37,61 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class LimitPair:
+    """Limits of a machine that may be asked for other motion going up than going down."""
+
+    hoisting: Limits
+    lowering: Limits
+
+    @staticmethod
+    def of(limits: Limits | LimitPair) -> LimitPair:
+        """The pair itself, or the same limits both ways."""
+        return limits if isinstance(limits, LimitPair) else LimitPair(limits, limits)
+
+    def towards(self, distance_m: float) -> Limits:
+        """Those of a move up (positive) or down."""
+        return self.hoisting if distance_m > 0.0 else self.lowering
+
+    def between(self, speed_m_s: float, next_speed_m_s: float) -> Limits:
+        """Those of a change of speed; where it turns round, the stricter of the two."""
+        low, high = sorted((speed_m_s, next_speed_m_s))
+        if low >= 0.0:
+            return self.hoisting
+        if high <= 0.0:
+            return self.lowering
+        up, down = self.hoisting, self.lowering
+        return Limits(
+            min(up.speed_m_s, down.speed_m_s),
+            min(up.acceleration_m_s2, down.acceleration_m_s2),
+            min(up.jerk_m_s3, down.jerk_m_s3),
+        )
+
+
+@dataclass(frozen=True)
 class Step:
-    """One step of a move list: go `by_m`, go `to_m`, or stay for `dwell_s`; exactly one is given.
+    """One step of a move list: go `by_m`, go `to_m`, stay for `dwell_s`, or jog at `speed_m_s` for `for_s`.
 
     by_m: metres up (positive) or down. to_m: a carriage height. dwell_s: time at rest, zero or more.
+    speed_m_s: the speed to go over to, up positive; for_s: how long until the next step, ramp included.
     """
 
     by_m: float | None = None
     to_m: float | None = None
     dwell_s: float | None = None
+    speed_m_s: float | None = None
+    for_s: float | None = None
 
     def __post_init__(self) -> None:
-        given = {n: v for n in ("by_m", "to_m", "dwell_s") if (v := getattr(self, n)) is not None}
+        given = {n: v for n in ("by_m", "to_m", "dwell_s", "speed_m_s") if (v := getattr(self, n)) is not None}
         if len(given) != 1:
             said = " and ".join(given) or "nothing"
-            raise InputError(f"{said} given, expected exactly one of by_m, to_m, dwell_s")
+            raise InputError(f"{said} given, expected exactly one of by_m, to_m, dwell_s, speed_m_s")
         ((name, value),) = given.items()
         if not math.isfinite(value):
             raise InputError(f"{value:g} is not a number to go by", place=name)
         if name == "dwell_s" and value < 0.0:
             raise InputError(f"{value:g} s is negative, expected zero or more", place=name)
+        if (name == "speed_m_s") != (self.for_s is not None):
+            raise InputError("speed_m_s and for_s belong together: a speed, and how long until the next step")
+        if self.for_s is not None and not (math.isfinite(self.for_s) and self.for_s > 0.0):
+            raise InputError(f"{self.for_s:g} s, expected a time greater than 0", place="for_s")

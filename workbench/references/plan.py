@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from workbench.errors import InputError, nearest
-from workbench.references.limits import Limits, Step
-from workbench.references.shapes import KINDS, Shape
+from workbench.references.limits import LimitPair, Limits, Step
+from workbench.references.shapes import KINDS, Shape, duration_s, jog
 from workbench.run import Array
 
 
@@ -36,6 +37,33 @@ class Profile:
         return sum(end - start for start, end in self.move_windows)
 
 
+class Plan(Protocol):
+    """A motion of the carriage that is exact and not yet sampled."""
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def start_position_m(self) -> float: ...
+    @property
+    def end_position_m(self) -> float: ...
+    @property
+    def duration_s(self) -> float: ...
+    @property
+    def move_windows(self) -> tuple[tuple[float, float], ...]: ...
+    @property
+    def acceleration_m_s2(self) -> float: ...
+    def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile: ...
+
+
+def sample_times(sample_time_s: float, duration_s: float) -> Array:
+    """0, T, 2T, … up to the first that is not before `duration_s`."""
+    if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
+        raise InputError(f"{sample_time_s:g} s, expected a positive time", place="sample_time_s")
+    # The small number keeps 49.76 s / 0.001 s from growing a sample by rounding.
+    samples = math.ceil(duration_s / sample_time_s - 1e-9) + 1
+    return np.arange(samples, dtype=np.float64) * np.float64(sample_time_s)
+
+
 @dataclass(frozen=True)
 class MotionPlan:
     """Moves at their start times: exact, not yet sampled."""
@@ -49,14 +77,25 @@ class MotionPlan:
     def end_position_m(self) -> float:
         return self.start_position_m + sum(shape.distance_m for _, shape in self.moves)
 
+    @property
+    def move_windows(self) -> tuple[tuple[float, float], ...]:
+        """Start and end of each move (s). Jogs that go on into one another are one move."""
+        windows: list[tuple[float, float]] = []
+        going_on = False
+        for start, shape in self.moves:
+            first = windows.pop()[0] if going_on else start
+            windows.append((first, start + shape.duration_s))
+            going_on = shape.end_speed_m_s != 0.0
+        return tuple(windows)
+
+    @property
+    def acceleration_m_s2(self) -> float:
+        """The largest acceleration limit that a move was planned with."""
+        return max(shape.limits.acceleration_m_s2 for _, shape in self.moves)
+
     def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile:
         """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
-        if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
-            raise InputError(f"{sample_time_s:g} s, expected a positive time", place="sample_time_s")
-        last = max(self.duration_s, duration_s or 0.0)
-        # The small number keeps 49.76 s / 0.001 s from growing a sample by rounding.
-        samples = math.ceil(last / sample_time_s - 1e-9) + 1
-        time_s: Array = np.arange(samples, dtype=np.float64) * np.float64(sample_time_s)
+        time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
         position = np.full(time_s.shape, self.start_position_m)
         speed, acceleration = np.zeros_like(time_s), np.zeros_like(time_s)
         for start_s, shape in self.moves:
@@ -70,7 +109,7 @@ class MotionPlan:
             position_m=position,
             speed_m_s=speed,
             acceleration_m_s2=acceleration,
-            move_windows=tuple((start, start + shape.duration_s) for start, shape in self.moves),
+            move_windows=self.move_windows,
             move_limits=tuple(shape.limits for _, shape in self.moves),
         )
 
@@ -79,44 +118,135 @@ def plan_motion(
     kind: str,
     steps: Sequence[Step],
     start_position_m: float,
-    limits: Limits,
+    limits: Limits | LimitPair,
     rail_m: tuple[float, float],
     lead_s: float = 0.0,
     settle_s: float = 0.0,
 ) -> MotionPlan:
     """Plan the steps one after the other, at rest for `lead_s` before and `settle_s` after.
 
-    kind: one of KINDS. rail_m: lowest and highest carriage height. Raises InputError for an unknown
-    kind, a list without a move, a move of 0 m, and a start or a move that leaves the rail; `place` names the step.
+    kind: one of KINDS. limits: the same both ways, or a pair. rail_m: lowest and highest carriage
+    height. Raises InputError for an unknown kind, a list without a move, a move of 0 m, a start or a
+    move that leaves the rail, a jog that its limits or its time do not allow; `place` names the step.
     """
     if kind not in KINDS:
         raise InputError(f"unknown reference '{kind}'; {nearest(kind, KINDS)}", place="references")
+    pair = LimitPair.of(limits)
+    moves: list[tuple[float, Shape]] = []
+    now, here, speed = lead_s, start_position_m, 0.0
+    for number, step, distance in _walk(steps, start_position_m, rail_m):
+        place = f"moves[{number}]"
+        if step.dwell_s is not None:
+            now += step.dwell_s
+        elif distance is not None:
+            moves.append((now, KINDS[kind](distance, pair.towards(distance))))
+            now += moves[-1][1].duration_s
+            here += distance
+        else:
+            shape = _jog(kind, speed, step, pair, place)
+            moves.append((now, shape))
+            _stays_on_rail(shape, here, rail_m, place)
+            now += step.for_s or 0.0
+            here, speed = here + shape.distance_m, shape.end_speed_m_s
+    return MotionPlan(kind, start_position_m, tuple(moves), now + settle_s)
+
+
+def motion_time_s(
+    kinds: Sequence[str], steps: Sequence[Step], start_position_m: float, limits: Limits | LimitPair,
+    rail_m: tuple[float, float],
+) -> float:  # fmt: skip
+    """What the steps take with the slowest of the kinds, without the shapes.
+
+    Raises InputError as `plan_motion` does; of jogs only their times are looked at.
+    """
+    pair, now = LimitPair.of(limits), 0.0
+    for _, step, distance in _walk(steps, start_position_m, rail_m):
+        now += step.dwell_s or step.for_s or 0.0
+        if distance is not None:
+            now += max(duration_s(kind, distance, pair.towards(distance)) for kind in kinds)
+    return now
+
+
+def _walk(
+    steps: Sequence[Step], start_position_m: float, rail_m: tuple[float, float]
+) -> Iterator[tuple[int, Step, float | None]]:
+    """Each step with its number and, for a move from rest to rest, its distance (m), checked against the rail.
+
+    After a jog the height depends on the limits; `to_m` there is an error, `by_m` is checked by its length only.
+    """
     low, high = rail_m
     if not low <= start_position_m <= high:
         raise InputError(
             f"{start_position_m:g} m is off the rail, which reaches from {low:g} m to {high:g} m",
             place="start_position_m",
         )
-    moves: list[tuple[float, Shape]] = []
-    now, here = lead_s, start_position_m
+    here: float | None = start_position_m
+    speed, moved = 0.0, False
     for number, step in enumerate(steps):
         place = f"moves[{number}]"
-        if step.dwell_s is not None:
-            now += step.dwell_s
-            continue
+        distance = None
+        if step.speed_m_s is not None:
+            if speed == step.speed_m_s == 0.0:
+                raise InputError("a jog at 0 m/s from rest; dwell_s says that", place=place)
+            speed, here, moved = step.speed_m_s, None, True
+        elif speed != 0.0:
+            raise InputError(
+                f"comes while the carriage goes at {speed:g} m/s; a jog ends with {{speed_m_s: 0, for_s: …}}",
+                place=place,
+            )
+        elif step.dwell_s is None:
+            distance, here = _distance(step, here, rail_m, place)
+            moved = True
+        yield number, step, distance
+    if not moved:
+        raise InputError("no move in the list, expected at least one by_m, to_m or speed_m_s", place="moves")
+    if speed != 0.0:
+        raise InputError(
+            f"end at {speed:g} m/s; expected a last jog {{speed_m_s: 0, for_s: …}} to come to rest", place="moves"
+        )
+
+
+def _distance(step: Step, here: float | None, rail_m: tuple[float, float], place: str) -> tuple[float, float | None]:
+    low, high = rail_m
+    if here is None:  # after a jog
+        if step.by_m is None:
+            raise InputError("to_m after a jog, whose end is known only when it is planned; go by_m", place=place)
+        distance, target = step.by_m, None
+        if abs(distance) > high - low:
+            raise InputError(f"goes {distance:g} m on a rail of {high - low:g} m", place=place)
+    else:
         target = step.to_m if step.to_m is not None else here + (step.by_m or 0.0)
-        if abs(target - here) < 1e-9:
-            raise InputError(f"a move of 0 m (from {here:g} m to {target:g} m); leave it out or dwell", place=place)
+        distance = target - here
         # Sums of decimal distances may end a rounding error above the rail's end.
         if not low - 1e-9 <= target <= high + 1e-9:
             raise InputError(
                 f"goes from {here:g} m to {target:g} m and leaves the rail, which reaches from {low:g} m to {high:g} m",
                 place=place,
             )
-        shape = KINDS[kind](target - here, limits)
-        moves.append((now, shape))
-        now += shape.duration_s
-        here = target
-    if not moves:
-        raise InputError("no move in the list, expected at least one by_m or to_m", place="moves")
-    return MotionPlan(kind, start_position_m, tuple(moves), now + settle_s)
+    if abs(distance) < 1e-9:
+        raise InputError("a move of 0 m; leave it out or dwell", place=place)
+    return distance, target
+
+
+def _jog(kind: str, speed: float, step: Step, pair: LimitPair, place: str) -> Shape:
+    assert step.speed_m_s is not None and step.for_s is not None
+    limits = pair.between(speed, step.speed_m_s)
+    most = pair.towards(step.speed_m_s).speed_m_s
+    if abs(step.speed_m_s) > most * (1.0 + 1e-9):
+        raise InputError(f"{step.speed_m_s:g} m/s, the limit is {most:g} m/s that way", place=place)
+    try:
+        return jog(kind, speed, step.speed_m_s, limits, step.for_s)
+    except InputError as error:
+        raise InputError(error.problem, place=error.place or place) from error
+
+
+def _stays_on_rail(shape: Shape, here: float, rail_m: tuple[float, float], place: str) -> None:
+    """A jog may turn round on its way, so its whole path counts."""
+    path = here + shape.at(np.linspace(0.0, shape.duration_s, 201))[0]
+    low, high = float(path.min()), float(path.max())
+    if low < rail_m[0] - 1e-9 or high > rail_m[1] + 1e-9:
+        raise InputError(
+            f"goes from {here:g} m to {low if low < rail_m[0] else high:.4g} m and leaves the rail, which reaches "
+            f"from {rail_m[0]:g} m to {rail_m[1]:g} m",
+            place=place,
+        )

@@ -1,7 +1,8 @@
-"""The shapes of one move from rest to rest: trapezoid, jerk-limited, and jerk-limited in the trapezoid's time.
+"""The shapes of one move: trapezoid, jerk-limited, and jerk-limited in the trapezoid's time.
 
-All three come from one engine, ruckig: with an infinite jerk it gives the exact trapezoid.
-Its piecewise cubic is read out once and evaluated here, for many times at a time.
+A move goes from rest to rest, or, as a jog, from one speed over to another. All come from one
+engine, ruckig: with an infinite jerk it gives the exact trapezoid. Its piecewise cubic is read
+out once and evaluated here, for many times at a time.
 """
 
 from __future__ import annotations
@@ -20,10 +21,11 @@ from workbench.run import Array
 
 @dataclass(frozen=True)
 class Shape:
-    """A move of `distance_m` from rest to rest: a cubic in time on each of its phases.
+    """A move of `distance_m`: a cubic in time on each of its phases.
 
-    phase_start_s, position_m, speed_m_s, acceleration_m_s2, jerk_m_s3: (phases,), the last
-    four at the start of each phase, the position counted from the start of the move.
+    phase_start_s, position_m, speed_m_s, acceleration_m_s2, jerk_m_s3: (phases,), the last four at
+    the start of each phase, the position counted from the start of the move. end_speed_m_s: 0,
+    except where a jog goes on into the next.
     """
 
     distance_m: float
@@ -34,9 +36,10 @@ class Shape:
     speed_m_s: Array
     acceleration_m_s2: Array
     jerk_m_s3: Array
+    end_speed_m_s: float = 0.0
 
     def at(self, time_s: Array) -> tuple[Array, Array, Array]:
-        """Position (m), speed (m/s) and acceleration (m/s²) at times since the start; at rest outside the move."""
+        """Position (m), speed (m/s) and acceleration (m/s²) at times since the start; speed 0 outside the move."""
         inside = np.clip(time_s, 0.0, self.duration_s)
         phase = np.clip(np.searchsorted(self.phase_start_s, inside, side="right") - 1, 0, None)
         t = inside - self.phase_start_s[phase]
@@ -99,6 +102,73 @@ KINDS: dict[str, Callable[[float, Limits], Shape]] = {
     "ruckig": ruckig,
     "ruckig_equal_time": ruckig_equal_time,
 }
+
+
+def jog(kind: str, speed_m_s: float, next_speed_m_s: float, limits: Limits, for_s: float) -> Shape:
+    """From one speed over to the next within acceleration and jerk limits, then on at it until `for_s` is over.
+
+    The ramp is a trapezoid's (no jerk limit), the jerk-limited one, or that one s times as fast, with
+    a → s·a and j → s²·j, so that it takes as long as the trapezoid's |Δv|/a. Over to rest, the
+    shape ends with its ramp. InputError where the ramp takes longer than `for_s`.
+    """
+    change = abs(next_speed_m_s - speed_m_s)
+    if kind == "trapezoid":
+        limits = limits.without_jerk_limit()
+    else:
+        _need_jerk(limits, kind)
+    if kind == "ruckig_equal_time" and change > 0.0:
+        ramp_s = float(_velocity_ramp(speed_m_s, next_speed_m_s, limits).duration)
+        limits = limits.ramps_faster(ramp_s * limits.acceleration_m_s2 / change)
+    trajectory = _velocity_ramp(speed_m_s, next_speed_m_s, limits)
+    ramp_s = float(trajectory.duration)
+    if ramp_s > for_s * (1.0 + 1e-9):
+        raise InputError(
+            f"from {speed_m_s:g} m/s to {next_speed_m_s:g} m/s takes {ramp_s:.3g} s within the limits, "
+            f"for_s gives {for_s:g} s"
+        )
+    profile = trajectory.profiles[0][0]
+    starts = np.concatenate(([0.0], np.cumsum(np.asarray(profile.t))[:-1], [ramp_s]))
+    end_m = float(profile.p[7])
+    on_s = 0.0 if next_speed_m_s == 0.0 else max(for_s - ramp_s, 0.0)
+    return Shape(
+        distance_m=end_m + next_speed_m_s * on_s,
+        duration_s=ramp_s + on_s,
+        limits=limits,
+        phase_start_s=starts,
+        position_m=np.asarray([*profile.p[:7], end_m]),
+        speed_m_s=np.asarray([*profile.v[:7], next_speed_m_s]),
+        acceleration_m_s2=np.asarray([*profile.a[:7], 0.0]),
+        jerk_m_s3=np.asarray([*profile.j, 0.0]),
+        end_speed_m_s=next_speed_m_s,
+    )
+
+
+def duration_s(kind: str, distance_m: float, limits: Limits) -> float:
+    """What a move takes, without its shape. InputError as for the shape."""
+    if kind == "ruckig":
+        _need_jerk(limits, kind)
+        return float(_calculated(distance_m, limits).duration)
+    d, v, a = abs(distance_m), limits.speed_m_s, limits.acceleration_m_s2
+    return d / v + v / a if d >= v * v / a else 2.0 * math.sqrt(d / a)
+
+
+def _velocity_ramp(speed_m_s: float, next_speed_m_s: float, limits: Limits) -> Any:
+    """Ruckig's trajectory from one steady speed to another, by its velocity interface."""
+    from ruckig import ControlInterface, InputParameter, Ruckig, RuckigError, Trajectory
+
+    wanted = InputParameter(1)
+    wanted.control_interface = ControlInterface.Velocity
+    wanted.current_velocity, wanted.target_velocity = [speed_m_s], [next_speed_m_s]
+    wanted.max_acceleration, wanted.max_jerk = [limits.acceleration_m_s2], [limits.jerk_m_s3]
+    trajectory = Trajectory(1)
+    try:
+        Ruckig(1).calculate(wanted, trajectory)
+    except RuckigError as error:
+        raise InputError(
+            f"no way from {speed_m_s:g} m/s to {next_speed_m_s:g} m/s within {limits.acceleration_m_s2:g} m/s² and "
+            f"{limits.jerk_m_s3:g} m/s³ was found; expected limits of a like size"
+        ) from error
+    return trajectory
 
 
 def _need_jerk(limits: Limits, kind: str) -> None:
