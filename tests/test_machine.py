@@ -101,7 +101,9 @@ MISTAKES = {
     ("kind: hoist", "kind: axis"): "motion: is missing; valid: linear, rotary",
     ("name: vertical", "name: 5 #"): "name: 5, expected text; put it in quotes",
     ("  payload: 0.005", "  paylod: 0.005"): "tolerances.paylod: unknown key 'paylod'; did you mean 'payload'?",
-    ("overload: 1.6", "overload: 1.6\n  torque_lagg: 3"): "drive.torque_lag: unknown key 'torque_lag'; valid: overload",
+    ("overload: 1.6", "overload: 1.6\n  torque_lagg: 3"): (
+        "drive.torque_lagg: unknown key 'torque_lagg'; did you mean 'torque_lag_s'?"
+    ),
 }
 
 
