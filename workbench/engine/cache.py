@@ -1,29 +1,31 @@
 """Generated kernels on disk: compiled once, found again by what they say.
 
-A kernel's module is named after the hash of its whole text and of the compiler's
-version. The text holds all physics, straight-line, so an edit of any equation gives
-another name and can never meet an old binary; numba's own cache does not notice
-such edits across modules.
+A kernel's file is named after the hash of its whole text, of the compiler's version
+and of the processor. The text holds all physics, straight-line, so an edit of any
+equation gives another name and can never meet an old binary.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import importlib.util
+import json
 import logging
 import os
-import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+from workbench.engine.native import compile_function, host, load_function
+
 log = logging.getLogger(__name__)
-_loading = threading.Lock()  # a module half loaded by one thread is not for another
+_loading = threading.Lock()  # two threads that want one kernel compile it once
+_loaded: dict[str, dict[str, Callable[..., int]]] = {}
+_said = False
 
 
 def cache_folder() -> Path:
@@ -51,71 +53,67 @@ def _fallback_folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="workbench-"))
 
 
-def load_module(text: str) -> ModuleType:
-    """A generated module, imported from its place on disk; its functions compile at their first call."""
+def load_functions(text: str, letters: Mapping[str, str]) -> dict[str, Callable[..., int]]:
+    """The functions of a generated module that `letters` names, by their argument letters; see `native`.
+
+    They come from the disk where they were compiled before, else they are compiled and
+    kept there; on a full disk they are compiled and not kept.
+    """
+    digest = _digest(text, letters)
     with _loading:
-        return _module(text)
+        if digest not in _loaded:
+            path = cache_folder() / f"{digest}.kernel"
+            codes = _read(path)
+            if codes is None:
+                codes = _compile(text, letters)
+                _write(path, codes)
+            _loaded[digest] = {name: load_function(codes[name], each) for name, each in letters.items()}
+        return _loaded[digest]
 
 
-def _module(text: str) -> ModuleType:
-    import numba
+def _digest(text: str, letters: Mapping[str, str]) -> str:
+    said = json.dumps([dict(host()), dict(letters), text], sort_keys=True)
+    return hashlib.sha256(said.encode()).hexdigest()[:24]
 
-    version = f"{sys.version_info[:2]} numba {numba.__version__}"
-    digest = hashlib.sha256(f"{version}\n{text}".encode()).hexdigest()[:24]
-    module_name = f"workbench_kernel_{digest}"
-    if module_name in sys.modules:
-        return sys.modules[module_name]
-    path = cache_folder() / f"{module_name}.py"
-    if not _holds(path, text):
+
+def _compile(text: str, letters: Mapping[str, str]) -> dict[str, bytes]:
+    global _said
+    if not _said:
+        _said = True
+        log.info("compiling the simulation for this computer (once; some seconds) ...")
+    begun = time.perf_counter()
+    module: dict[str, Any] = {"__name__": "workbench_kernel"}
+    exec(compile(text, "<generated kernel>", "exec"), module)
+    codes = {name: compile_function(module[name], each) for name, each in letters.items()}
+    log.debug("compiled %s in %.1f s", ", ".join(letters), time.perf_counter() - begun)
+    return codes
+
+
+def _write(path: Path, codes: Mapping[str, bytes]) -> None:
+    """A line of JSON (name, length and hash of each function's code), then the codes one after the other."""
+    head = json.dumps([[name, len(code), hashlib.sha256(code).hexdigest()] for name, code in codes.items()])
+    with contextlib.suppress(OSError):
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
         try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
+            with os.fdopen(handle, "wb") as file:
+                file.write(head.encode() + b"\n" + b"".join(codes.values()))
             os.replace(temporary, path)
         except BaseException:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
             raise
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
+
+
+def _read(path: Path) -> dict[str, bytes] | None:
+    """The codes in a file; None where it is not there or not whole (a full disk, a careless hand)."""
     try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[module_name]
-        raise
-    return module
-
-
-def _holds(path: Path, text: str) -> bool:
-    """Whether the file is there and whole: a disk that filled up or a careless hand may have spoilt it."""
-    try:
-        return path.read_text(encoding="utf-8") == text
-    except (OSError, UnicodeDecodeError):
-        return False
-
-
-def compiled_before(function: Any) -> bool:
-    """Whether the on-disk cache already holds this function for this machine."""
-    path = Path(function.py_func.__code__.co_filename)
-    return any((path.parent / "__pycache__").glob(f"{path.stem}.{function.py_func.__name__}-*.nbc"))
-
-
-class announced:
-    """Says, once per process, that kernels are being compiled, and how long it took."""
-
-    said = False
-
-    def __init__(self, what: str, needed: bool) -> None:
-        self.what, self.needed = what, needed
-
-    def __enter__(self) -> None:
-        self.begun = time.perf_counter()
-        if self.needed and not announced.said:
-            announced.said = True
-            log.info("compiling the %s for this computer (once; some seconds) ...", self.what)
-
-    def __exit__(self, *_: object) -> None:
-        if self.needed:
-            log.debug("compiled the %s in %.1f s", self.what, time.perf_counter() - self.begun)
+        head, _, rest = path.read_bytes().partition(b"\n")
+        codes, at = {}, 0
+        for name, length, digest in json.loads(head):
+            codes[name] = rest[at : at + length]
+            at += length
+            if hashlib.sha256(codes[name]).hexdigest() != digest:
+                return None
+        return codes
+    except (OSError, ValueError, TypeError):
+        return None

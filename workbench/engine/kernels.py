@@ -14,9 +14,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from workbench.engine.cache import announced, compiled_before, load_module
+from workbench.engine.cache import load_functions
 from workbench.engine.source import driven_source, loop_source, replay_source
-from workbench.engine.text import module_source
+from workbench.engine.text import KernelSource
 from workbench.plants import NO_EFFECTS, Effects, Plant
 from workbench.run import Array
 
@@ -29,41 +29,36 @@ MOST_STEPS = 64  # between two samples
 
 @dataclass(frozen=True)
 class Kernel:
-    """One compiled loop for a fixed number of lanes."""
+    """One compiled loop for a fixed number of lanes; `call` takes flat arrays of rows of lanes."""
 
-    name: str
     lanes: int
     rows: int  # of the prepared constants
-    prepare: Callable[..., None]
+    prepare: Callable[..., int]
     call: Callable[..., int]
 
     def constants(self, parameters: Array) -> Array:
         """parameters: (names, lanes) -> what the steps read of them, once a scenario."""
         c = np.empty(self.rows * self.lanes)
-        with announced("simulation kernels", not compiled_before(self.prepare)):
-            self.prepare(np.ascontiguousarray(parameters).ravel(), c)
+        self.prepare(np.ascontiguousarray(parameters, dtype=float).reshape(-1), c)
         return c
 
     def __call__(self, *arguments: Any) -> int:
-        with announced("simulation kernels", not compiled_before(self.call)):
-            return self.call(*arguments)
+        return self.call(*arguments)
 
 
-def _kernel(text: str, name: str, lanes: int) -> Kernel:
-    module = load_module(module_source(text))
-    return Kernel(
-        name, lanes, getattr(module, f"PREPARED_{name}"), getattr(module, f"prepare_{name}"), getattr(module, name)
-    )
+def _kernel(source: KernelSource, lanes: int) -> Kernel:
+    functions = load_functions(source.text, {"prepare": "aa", "run": source.letters})
+    return Kernel(lanes, source.rows, functions["prepare"], functions["run"])
 
 
 @cache
 def replay_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
-    return _kernel(replay_source(plant, effects, (*plant.parameters, *effects.parameters), lanes), "replay", lanes)
+    return _kernel(replay_source(plant, effects, (*plant.parameters, *effects.parameters), lanes), lanes)
 
 
 @cache
 def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
-    return _kernel(driven_source(plant, effects, (*plant.parameters, *effects.parameters), lanes), "driven", lanes)
+    return _kernel(driven_source(plant, effects, (*plant.parameters, *effects.parameters), lanes), lanes)
 
 
 @cache
@@ -77,7 +72,7 @@ def loop_kernel(
     lagged: bool,
 ) -> Kernel:
     names = loop_parameters(plant, effects, controller, observer)
-    return _kernel(loop_source(plant, effects, names, lanes, controller, observer, recorded, lagged), "loop", lanes)
+    return _kernel(loop_source(plant, effects, names, lanes, controller, observer, recorded, lagged), lanes)
 
 
 def loop_parameters(plant: Plant, effects: Effects, controller: Any, observer: Any) -> tuple[str, ...]:

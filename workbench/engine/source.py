@@ -17,7 +17,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from workbench.engine.rodas3 import rodas3_step
-from workbench.engine.text import INDENT, KernelText, parameter_symbols, state_symbols
+from workbench.engine.text import INDENT, KernelSource, KernelText, parameter_symbols, state_symbols
 from workbench.plants import Effects, Plant
 from workbench.trace.derive import derivative
 from workbench.trace.expr import Scalar, symbol
@@ -57,7 +57,7 @@ def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, 
     k.add(2, "if m > 1 and largest < 0.05 * tolerance:", f"{INDENT}m //= 2")
 
 
-def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int) -> str:
+def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int) -> KernelSource:
     """Kernel `replay`: the plant under an input given at samples, linear between them.
 
     times, inputs: (n, lanes); state: (states, lanes), advanced in place; out: (n, speeds
@@ -84,10 +84,11 @@ def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     k.add(1, f"for j in range({len(states) * lanes}):")
     k.add(2, f"out[(n - 1) * {len(states) * lanes} + j] = state[j]")
     k.add(1, "return steps")
-    return k.text("replay", "c, times, inputs, state, work, worst, inverse_scale, tolerance, most, out")
+    arrays = dict.fromkeys(("c", "times", "inputs", "state", "work", "worst", "inverse_scale"), "a")
+    return k.finish("replay", {**arrays, "tolerance": "f", "most": "i", "out": "a"})
 
 
-def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int) -> str:
+def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int) -> KernelSource:
     """Kernel `driven`: the first coordinate moves as measured, the rest follows; out: the input it takes.
 
     times, angles, speeds, accelerations: (n, lanes) of the driven coordinate. Between
@@ -137,8 +138,9 @@ def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
         k.add(2, "if k == n - 1:", f"{INDENT}break")
         _adaptive_interval(k, states, {"inputs": inputs, "next": [*q1, *y1], "errors": errors})
     k.add(1, "return steps")
-    arguments = "c, times, angles, speeds, accelerations, state, work, worst, inverse_scale, tolerance, most, out"
-    return k.text("driven", arguments)
+    measured = ("times", "angles", "speeds", "accelerations")
+    arrays = dict.fromkeys(("c", *measured, "state", "work", "worst", "inverse_scale"), "a")
+    return k.finish("driven", {**arrays, "tolerance": "f", "most": "i", "out": "a"})
 
 
 def loop_source(
@@ -150,7 +152,7 @@ def loop_source(
     observer: Any,
     recorded: Sequence[str],
     lagged: bool,
-) -> str:
+) -> KernelSource:
     """Kernel `loop`: a sampled controller on the plant, its output held between samples.
 
     At each sample: read the signals, step the controller, feed the observer's
@@ -206,4 +208,6 @@ def loop_source(
     q1, y1, _, _ = rodas3_step(rates, t, h, q, y, u, symbol("u_rate") if lagged else 0.0)
     k.store(4, "state", k.block(4, [*q1, *y1]))
     k.add(1, "return row")
-    return k.text("loop", "c, references, dt, substeps, every, state, memory, sums, held, actual, shown, out")
+    numbers = {"c": "a", "references": "a", "dt": "f", "substeps": "i", "every": "i"}
+    arrays = dict.fromkeys(("state", "memory", "sums", "held", "actual", "shown", "out"), "a")
+    return k.finish("loop", {**numbers, **arrays})

@@ -6,7 +6,8 @@ innermost loop, over the lanes, reads and writes side by side.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 from workbench.engine.preamble import PREAMBLE
@@ -63,20 +64,26 @@ class KernelText:
     def store(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
         self.add(indent, *(f"{self.at(array, first + i)} = {name}" for i, name in enumerate(names)))
 
-    def text(self, name: str, arguments: str) -> str:
+    def finish(self, name: str, arguments: Mapping[str, str]) -> KernelSource:
+        """The kernel whole; arguments: name -> letter of its type (see `native`)."""
         prepare = [
-            f"def prepare_{name}(parameters, c):",
+            "def prepare(parameters, c):",
             f"{INDENT}for l in range({self.lanes}):",
             *(f"{INDENT * 2}p_{p} = {self.at('parameters', i)}" for i, p in enumerate(self.parameters)),
             *(INDENT * 2 + line for line in self.printer.setup),
             *(f"{INDENT * 2}{self.at('c', row)} = {n}" for n, row in self.rows.items()),
+            f"{INDENT}return 0",
         ]
-        jit = '@njit(cache=True, nogil=True, error_model="numpy")'
-        body = [f"def {name}({arguments}):", *self.lines]
-        size = f"PREPARED_{name} = {max(1, len(self.rows))}"
-        return "\n".join([jit, *prepare, "", "", jit, *body, "", "", size, ""])
+        jit = '@njit(nogil=True, error_model="numpy", _nrt=False)'
+        body = [f"def run({', '.join(arguments)}):", *self.lines]
+        text = "\n".join([f"# Generated: {name}.", PREAMBLE, jit, *prepare, "", "", jit, *body, ""])
+        return KernelSource(text, "".join(arguments.values()), max(1, len(self.rows)))
 
 
-def module_source(*kernels: str) -> str:
-    """One importable module of kernels."""
-    return "\n\n".join(["# Generated; see workbench/engine/source.py." + PREAMBLE, *kernels])
+@dataclass(frozen=True)
+class KernelSource:
+    """A module with `prepare(parameters, c)` and `run`; letters: of run's arguments; rows: of c."""
+
+    text: str
+    letters: str
+    rows: int
