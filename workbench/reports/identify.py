@@ -82,21 +82,20 @@ def _measures(name: str, result: ReplayResult) -> list[str]:
 def sentences(found: Identification) -> list[str]:
     """How far the residual fell, the paper's iteration, then what the data cannot tell."""
     w = words_of(found.machine)
-    fell = (
-        f"The {w.quantity} residual fell from {found.before.residual_percent:.2f} to {found.after.residual_percent:.2f} % "
-        f"of the {w.quantity} itself."
-    )
+    before, after = found.before.residual_percent, found.after.residual_percent
+    fell = f"The {w.quantity} residual went from {before:.2f} to {after:.2f} % of the {w.quantity} itself."
     return [fell, iteration(found.campaign.machine, found.levels), *found.fit.statements]
 
 
 def iteration(machine: Hoist | Axis, levels: Levels) -> str:
     forward, backward = direction_names(machine)
     rounds = len(levels.forward) - 1
-    ended = f"settled after {rounds} rounds" if levels.settled else f"not settled after {rounds} rounds"
+    ended = f"settled after {rounds} rounds" if levels.settled else f"had not settled after {rounds} rounds"
     unit = words_of(machine).unit if isinstance(machine, Axis) else "N"
     return (
         "The paper's iteration, which leaves all other values nominal, puts friction at "
-        f"{figures(levels.forward[-1], 4)} {unit} {forward} and {figures(levels.backward[-1], 4)} {unit} {backward}, {ended}."
+        f"{figures(levels.forward[-1], 4)} {unit} {forward} and {figures(levels.backward[-1], 4)} {unit} {backward}; "
+        f"it {ended}."
     )
 
 

@@ -38,7 +38,7 @@ def save_identify_page(found: Identification, path: Path) -> None:
             correlation_matrix([free.key for free in found.fit.free], found.fit.correlation),
         ],
         path,
-        title=f"Identification of {machine.name} from {found.campaign.name}",
+        title=f"Identification of {machine.name} from campaign {found.campaign.name}",
         sentences=[*report.sentences(found), *notes_line(found.campaign)],
         table=(report.HEAD, report.table(found.fit)),
         caption=report.CAPTION,

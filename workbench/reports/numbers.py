@@ -35,7 +35,10 @@ def with_error(value: float, error: float) -> tuple[str, str]:
 
 def change_percent(nominal: float, value: float) -> str:
     """By how much a value differs from its nominal one; nothing to compare with where that is zero."""
-    return NOTHING if nominal == 0.0 else f"{100.0 * (value - nominal) / abs(nominal):+.1f}"
+    if nominal == 0.0:
+        return NOTHING
+    change = round(100.0 * (value - nominal) / abs(nominal), 1)
+    return f"{change:+.1f}" if change else "0.0"
 
 
 def _magnitude(value: float) -> int:

@@ -33,7 +33,7 @@ def save_replay_page(campaign: Campaign, result: ReplayResult, path: Path) -> No
     save(
         [inputs(machine, result), speeds(machine, result), residuals(machine, result)],
         path,
-        title=f"Replay of {campaign.name} — {machine.name}",
+        title=f"Replay of campaign {campaign.name} — {machine.name}",
         sentences=[*report.sentences(machine, result), *notes_line(campaign)],
         table=(report.head(machine), report.table(result)),
         caption=report.caption(machine, result),

@@ -33,7 +33,8 @@ def check_band(band_hz: float, runs: Sequence[Run]) -> None:
     """InputError for a band that these runs cannot show."""
     highest = min(0.5 / run.sample_time_s for run in runs)
     lowest = max(LEAST_PERIODS / run.duration_s for run in runs)
-    if not (math.isfinite(band_hz) and lowest <= band_hz < highest):
+    # Steps are differences of rounded times: half the sampling rate may come out a rounding error above itself.
+    if not (math.isfinite(band_hz) and lowest <= band_hz < highest * (1.0 - 1e-6)):
         raise InputError(
             f"{band_hz:g} Hz, expected at least {lowest:.2g} Hz ({LEAST_PERIODS:g} periods in the shortest run) "
             f"and less than {highest:.3g} Hz (half the sampling rate)",
