@@ -16,7 +16,6 @@ from click.testing import CliRunner
 from workbench.cli.study import command
 from workbench.errors import InputError
 from workbench.figures.study_page import save_study_page, study_figures
-from workbench.study import run as study_run
 from workbench.study.load import Study, load_study
 from workbench.study.results import index_table, place_for, read_rows, write_results
 from workbench.study.run import METRICS, Row, StudyResult, run_study
@@ -311,7 +310,7 @@ def test_command_says_that_this_very_study_is_there_and_runs_nothing(
     out = tmp_path / "out"
     first = CliRunner().invoke(command, [str(scenario), "--out", str(out)], catch_exceptions=False)
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
-    monkeypatch.setattr(study_run, "simulate_loop", None)
+    monkeypatch.setattr("workbench.study.chunk.simulate_loop", None)
     again = CliRunner().invoke(command, [str(scenario), "--out", str(out)], catch_exceptions=False)
     assert "holds this very study already; nothing was run" in again.output
     assert again.output.splitlines()[:11] == first.output.splitlines()[:11]

@@ -26,10 +26,11 @@ def study_figures(result: StudyResult) -> list[Figure]:
     if not good:
         return []
     figures = [overview(good, nominal, limit, f"Study {name}: closed loop at each payload")]
-    start, shape = next(iter(result.study.plans.values())).moves[0]
+    start, end = next(iter(result.study.plans.values())).move_windows[0]
+    limits = result.study.specs[0].limits
     # Speed ramp and what rings after it: the longest of the references' ramps is below 3 v/a.
-    ramp = 3.0 * shape.limits.speed_m_s / shape.limits.acceleration_m_s2
-    window = (max(start - 0.4, 0.0), start + min(shape.duration_s, ramp) + 0.6)
+    ramp = 3.0 * limits.hoisting.speed_m_s / limits.hoisting.acceleration_m_s2 if limits is not None else 5.0
+    window = (max(start - 0.4, 0.0), start + min(end - start, ramp) + 0.6)
     figures.append(
         overview(good, nominal, limit, f"Study {name}: start of the first move", window, ("speed", "error", "torque"))
     )
@@ -38,7 +39,7 @@ def study_figures(result: StudyResult) -> list[Figure]:
         held = {row.payload_kg: row["hold_torque_nm"] / machine.motor.count for row in result.rows}
         peaks = {
             kind: np.array([_peak(result, payload, kind) for payload in payloads])
-            for kind in result.study.scenario.references
+            for kind in result.study.scenario.kinds
         }
         static = np.array([held[payload] for payload in payloads])
         figures.append(peak_torque_over_payload(payloads, peaks, nominal, limit, static))

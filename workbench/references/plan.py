@@ -53,6 +53,7 @@ class Plan(Protocol):
     @property
     def acceleration_m_s2(self) -> float: ...
     def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile: ...
+    def __hash__(self) -> int: ...
 
 
 def sample_times(sample_time_s: float, duration_s: float) -> Array:
@@ -64,7 +65,7 @@ def sample_times(sample_time_s: float, duration_s: float) -> Array:
     return np.arange(samples, dtype=np.float64) * np.float64(sample_time_s)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MotionPlan:
     """Moves at their start times: exact, not yet sampled."""
 

@@ -19,7 +19,7 @@ from workbench.references.limits import Limits
 from workbench.run import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape:
     """A move of `distance_m`: a cubic in time on each of its phases.
 
