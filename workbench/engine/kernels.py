@@ -97,6 +97,18 @@ def _lanes(a: Array, group: np.ndarray) -> Array:
     return np.array(columns, dtype=float, order="C").reshape(-1)  # a copy: kernels advance states in place
 
 
+def _interleaved(references: Sequence[Array]) -> Array:
+    """(references, n) of each lane -> flat rows of lanes."""
+    first = references[0]
+    out = np.empty((first.shape[1], first.shape[0], len(references)))
+    if all(each is first for each in references):
+        np.copyto(out, first.T[:, :, None])
+    else:
+        for lane, each in enumerate(references):
+            out[:, :, lane] = each.T
+    return out.reshape(-1)
+
+
 def _spread(work: Callable[[np.ndarray], T], groups: Sequence[np.ndarray], threads: int | None) -> list[T]:
     """Run the groups; kernels let go of the interpreter lock, so threads use all cores."""
     workers = min(len(groups), threads or os.cpu_count() or 1)
@@ -203,7 +215,7 @@ def loop(
     observer: Any,
     recorded: tuple[str, ...],
     parameters: Array,
-    references: Array,
+    references: Sequence[Array],
     sample_time: float,
     start: Array,
     memory: Array,
@@ -216,15 +228,15 @@ def loop(
 ) -> tuple[Array, Array, Array]:
     """A sampled controller on the plant.
 
-    parameters: (names, scenarios), rows as `loop_parameters` names them; references:
-    (n, references, scenarios); start: (states, scenarios); memory: (controller
+    parameters: (names, scenarios), rows as `loop_parameters` names them; references: one
+    (references, n) array a scenario, the same object where it is the same; start: (states, scenarios); memory: (controller
     memory, scenarios); actual: (scenarios,) the input at work at the start where the
     drive lags, None where it does not. Returns recorded signals (rows, signals, scenarios), the
     observer's sums (sums, scenarios) and the final states (states, scenarios).
     """
     scenarios = parameters.shape[1]
     kernel = loop_kernel(plant, effects, lanes_for(scenarios), controller, observer, recorded, actual is not None)
-    n = references.shape[0]
+    n = references[0].shape[-1]
     rows = -(-n // every)
 
     def work(group: np.ndarray) -> tuple[Array, Array, Array]:
@@ -234,7 +246,7 @@ def loop(
         sums = np.repeat(np.asarray(observer.start, dtype=float), L)
         kernel(
             kernel.constants(parameters[:, group]),
-            _lanes(references, group),
+            _interleaved([references[j] for j in group]),
             sample_time,
             substeps,
             every,

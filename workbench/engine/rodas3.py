@@ -41,7 +41,8 @@ def rodas3_step(
     f_y = [[derivative(f, x, memo) for x in y] for f in f0]
     f_t = [derivative(f, t, memo) + derivative(f, u, memo) * u_rate for f in f0]
 
-    s = 1.0 / (GAMMA * h)
+    per_h = 1.0 / h  # the one division by the step
+    s = per_h * (1.0 / GAMMA)
     gh = GAMMA * h
     matrix = [
         [(s if i == j else 0.0) - f_y[i][j] - (f_q[i][j] * gh if j < n else 0.0) for j in range(m)] for i in range(m)
@@ -59,8 +60,8 @@ def rodas3_step(
         rq: list[Scalar] = list(y_at[:n])
         ry: list[Scalar] = list(f)
         for factor, (uq, uy) in terms:
-            rq = [r + factor / h * w for r, w in zip(rq, uq, strict=True)]
-            ry = [r + factor / h * w for r, w in zip(ry, uy, strict=True)]
+            rq = [r + (factor * per_h) * w for r, w in zip(rq, uq, strict=True)]
+            ry = [r + (factor * per_h) * w for r, w in zip(ry, uy, strict=True)]
         if ft:
             ry = [r + ft * h * d for r, d in zip(ry, f_t, strict=True)]
         return solve(rq, ry)

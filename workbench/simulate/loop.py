@@ -133,7 +133,7 @@ def _simulate_alike(
         HOIST_OBSERVER,
         RECORDED if record_every else (),
         np.array([[v[name] for v in values] for name in _names(controller, effects)]),
-        np.stack([case.speed_reference_rad_s for case in cases], axis=-1)[:, None, :],
+        _references(cases),
         sample_time,
         np.array(starts).T,
         np.array(memory).T,
@@ -148,6 +148,15 @@ def _simulate_alike(
         _result(case, time, out[:, :, j], sums[:, j], ends[:, j], holds[j], values[j], n * sample_time)
         for j, case in enumerate(cases)
     ]
+
+
+def _references(cases: Sequence[LoopCase]) -> list[Array]:
+    """One (1, n) array a case; cases that share a reference share the array."""
+    known: dict[int, Array] = {}
+    for case in cases:
+        speed = case.speed_reference_rad_s
+        known.setdefault(id(speed), np.asarray(speed, dtype=float)[None, :])
+    return [known[id(case.speed_reference_rad_s)] for case in cases]
 
 
 def _names(controller: Controller, effects: Effects) -> tuple[str, ...]:
