@@ -229,8 +229,8 @@ def loop(
     """A sampled controller on the plant.
 
     parameters: (names, scenarios), rows as `loop_parameters` names them; references: one
-    (references, n) array a scenario, the same object where it is the same; start: (states, scenarios); memory: (controller
-    memory, scenarios); actual: (scenarios,) the input at work at the start where the
+    (references, n) array a scenario, the same object where it is the same; start:
+    (states, scenarios); memory: (controller memory, scenarios); actual: (scenarios,) the input at work at the start where the
     drive lags, None where it does not. Returns recorded signals (rows, signals, scenarios), the
     observer's sums (sums, scenarios) and the final states (states, scenarios).
     """
