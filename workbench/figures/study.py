@@ -20,7 +20,7 @@ MOST_COLUMNS = 3
 QUANTITIES = ("speed", "error", "torque", "tension")
 _TITLES = {
     "speed": "motor speed<br>(rad/s)",
-    "error": "speed error<br>(rad/s)",
+    "error": "set point − speed<br>(rad/s)",
     "torque": "torque per motor<br>(N m)",
     "tension": "wire tension<br>(kN)",
 }
@@ -77,7 +77,7 @@ def _draw(panels: Panels, column: int, run: Run, quantities: Sequence[str], name
             thin_dots = line("set point", width=1.2)
             panels.line(row, column, t, run["speed_reference_rad_s"], "set points", thin_dots, "rad/s", legendrank=2000)
         elif quantity == "error":
-            error = run["speed_motor_rad_s"] - run["speed_reference_rad_s"]
+            error = run["speed_reference_rad_s"] - run["speed_motor_rad_s"]
             panels.line(row, column, t, error, name, look, "rad/s")
         elif quantity == "torque":
             panels.line(row, column, t, harder_worked_nm(run), name, look, "N m")
