@@ -111,13 +111,8 @@ def test_the_page_shows_the_papers_figures_and_the_residual(workbench: Commands,
     page = (tmp_path / "out" / "replay.html").read_text(encoding="utf-8")
     assert page.count('class="plotly-graph-div"') == 3
     assert "<script src=" not in page
-    for words in (
-        "Measured motor torque",
-        "Measured and simulated speed",
-        "Torque residual",
-        "Replay of campaign lifts",
-    ):
-        assert words in page
+    titles = ("Measured motor torque", "Measured and simulated speed", "Torque residual", "Replay of campaign lifts")
+    assert all(title in page for title in titles)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["replay.html", "replay.json"]
 
 

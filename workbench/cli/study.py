@@ -32,9 +32,10 @@ def command(file: Path, out: Path | None) -> None:
 
 
 def _report(rows: Sequence[Row], torque_limit_nm: float, place: Place) -> None:
+    from workbench.cli.show import print_table
     from workbench.study.summary import CAPTION, HEAD, sentences, table
 
-    _print_table(HEAD, table(rows))
+    print_table(HEAD, table(rows))
     click.secho(textwrap.fill(CAPTION, 98), dim=True)
     click.echo("\n" + "\n".join(sentences(rows, torque_limit_nm)) + "\n")
     if place.finished:
@@ -42,19 +43,3 @@ def _report(rows: Sequence[Row], torque_limit_nm: float, place: Place) -> None:
     if place.note:
         click.echo(place.note)
     click.echo(f"Figure: {place.folder / 'study.html'}\nIndex:  {place.folder / 'index.parquet'}")
-
-
-def _print_table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console()
-    shown = Table(box=None, pad_edge=False, padding=(0, 1))
-    for name in head:
-        shown.add_column(name.strip(), justify="left" if name.startswith(" ") else "right", no_wrap=True)
-    for line in lines:
-        shown.add_row(*line)
-    # A pipe has no width of its own; the table's is kept whole there.
-    if not console.is_terminal:
-        console = Console(width=100)
-    console.print(shown)
