@@ -40,7 +40,7 @@ def command(
         check_free(out)
     read = load_campaign(campaign, runs, machine, band)
     if list_keys:
-        print_table((" key", "value", " fitted"), report.keys_table(read))
+        print_table((" key", "value", " usual fit"), report.keys_table(read))
         return
     from workbench.identify.identify import identify
 

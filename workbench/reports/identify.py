@@ -15,10 +15,10 @@ from workbench.reports.numbers import change_percent, figures, rounded, with_err
 from workbench.reports.words import direction_names, words_of
 from workbench.simulate.replay import ReplayResult
 
-HEAD = (" parameter", "nominal", "identified", "± standard\nerror", "change\n%", " held")
+HEAD = (" parameter", "nominal", "identified", "± std\nerror", "change\n%", " held")
 CAPTION = (
-    "held: by tolerance, so the nominal value within its tolerance counts as a measurement of its own; free: by the "
-    "runs alone. The end of a name is its unit."
+    "held: the nominal value, within its tolerance, counts as one more measurement; else the runs alone decide. "
+    "A name's end is its unit."
 )
 
 
@@ -38,7 +38,8 @@ def table(fit: Fit) -> list[list[str]]:
 
 
 def held(by_tolerance: bool) -> str:
-    return "by tolerance" if by_tolerance else "free"
+    """Whether a tolerance holds the value in the fit."""
+    return "yes" if by_tolerance else "no"
 
 
 def keys_table(campaign: Campaign) -> list[list[str]]:
@@ -46,7 +47,7 @@ def keys_table(campaign: Campaign) -> list[list[str]]:
     machine = campaign.machine
     usual = {free.key: free.prior_std is not None for free in free_parameters(machine, campaign.runs)}
     return [
-        [key, figures(get_value(machine, key), 5), held(usual[key]) if key in usual else ""]
+        [key, figures(get_value(machine, key), 5), ("held" if usual[key] else "free") if key in usual else ""]
         for key in fittable(machine)
     ]
 
