@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import sys
 from collections.abc import Sequence
@@ -61,6 +62,17 @@ def cli() -> None:
     """
 
 
+def _speak() -> None:
+    """What the library has to say while it works, such as that it compiles, goes to stderr as plain lines."""
+    log = logging.getLogger("workbench")
+    if not log.handlers:
+        handler = logging.StreamHandler()
+        handler.setFormatter(logging.Formatter("%(message)s"))
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
+        log.propagate = False
+
+
 def main(args: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit; a command may return its exit status, None is 0.
 
@@ -68,6 +80,7 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
     its traceback. Any other exception is a defect of workbench and always shows where it arose.
     """
     words = list(sys.argv[1:] if args is None else args)
+    _speak()
     try:
         status = cli.main(words, prog_name="workbench", standalone_mode=False)
         sys.stdout.flush()
