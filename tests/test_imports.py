@@ -24,7 +24,7 @@ LAYERS = [
     ("engine",),
     ("logs", "control", "references", "metrics"),
     ("simulate",),
-    ("identify",),
+    ("identify", "analysis"),
     ("study",),
     ("figures",),
     ("reports",),

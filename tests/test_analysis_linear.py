@@ -1,0 +1,223 @@
+"""The linear plant is the derivative of the compiled one, and the linear controller that of its step."""
+
+from __future__ import annotations
+
+import inspect
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from workbench.analysis.controller import linear_controller
+from workbench.analysis.discrete import STEP_S, Sampled, sampled_plant
+from workbench.analysis.linearise import (
+    MOTIONS,
+    OUTPUTS,
+    STIFFNESS_BY_LENGTH,
+    LinearPlant,
+    OperatingPoint,
+    linearise,
+)
+from workbench.control import FeedForward, Notch, PiSettings, delay_taps, full_pi, loop_values
+from workbench.machine import Hoist, default_hoist, with_values
+from workbench.plants import HOIST
+from workbench.simulate.loop import simulate_loop
+
+PAYLOADS = (0.0, 4500.0, 9000.0)
+
+
+def with_drive(**drive: float) -> Hoist:
+    return with_values(default_hoist(), {f"drive.{key}": value for key, value in drive.items()})
+
+
+def oscillation(plant: LinearPlant) -> tuple[float, float]:
+    """(Hz, damping ratio) of the slowest oscillating mode."""
+    s = min((e for e in np.linalg.eigvals(plant.A) if e.imag > 0.0), key=abs)
+    return abs(s) / (2.0 * np.pi), -s.real / abs(s)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("payload", PAYLOADS)
+def test_the_linear_plant_is_the_finite_difference_of_the_plant(payload: float, motion: Any):
+    plant = linearise(default_hoist(), OperatingPoint(payload, 10.0, motion), height_free=True)
+    p = HOIST.values(default_hoist(), payload)
+    q0, y0, u0 = plant.start
+    _, even, _ = HOIST.start_of(10.0, 1.0, p)
+    T = np.eye(6)
+    T[:2, 2] = np.array(even[:2]) / even[2]  # back from relative positions
+
+    def rates(x: np.ndarray, u: float) -> np.ndarray:
+        dx = T @ x
+        q, y = list(q0 + dx[:3]), list(y0 + dx[3:])
+        shown = HOIST.outputs(0.0, q, y, u, p)
+        rest = [shown[name] for name in OUTPUTS]
+        return np.array([*np.linalg.solve(T[:3, :3], dx[3:]), *HOIST.accelerations(0.0, q, y, u, p), *rest])
+
+    # Steps of each state's own size; at rest one-sided, to the side the model takes at standstill.
+    sizes = np.array([1e-3, 1e-4, 1e-3, 1e-6, 1e-7, -1e-8 if motion == "at_rest" else 1e-6])
+    for i, h in enumerate(sizes):
+        e = np.zeros(6)
+        e[i] = h
+        sided = motion == "at_rest" and i == 5
+        slope = (rates(e, u0) - rates(-e, u0)) / (2.0 * h) if not sided else (rates(e, u0) - rates(0.0 * e, u0)) / h
+        expected = np.concatenate([plant.A[:, i], plant.C[:, i]])
+        np.testing.assert_allclose(slope, expected, rtol=2e-4, atol=2e-4 * max(1.0, np.abs(expected).max()))
+    gain = (rates(np.zeros(6), u0 + 1.0) - rates(np.zeros(6), u0))[:6]
+    np.testing.assert_allclose(gain, plant.B[:, 0], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_the_operating_point_accelerates_nothing(motion: Any):
+    plant = linearise(default_hoist(), OperatingPoint(9000.0, 3.0, motion))
+    q, y, u = plant.start
+    np.testing.assert_allclose(HOIST.accelerations(0.0, q, y, u, HOIST.values(default_hoist(), 9000.0)), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("payload", "hz", "zeta"), [(0.0, 3.10, 0.97), (4500.0, 2.55, 0.80), (9000.0, 2.24, 0.70)])
+def test_the_carriage_on_the_wire_with_a_free_motor_is_that_of_the_model_page(payload: float, hz: float, zeta: float):
+    found = oscillation(linearise(default_hoist(), OperatingPoint(payload, 10.0)))
+    assert found == pytest.approx((hz, zeta), abs=0.006)
+
+
+@pytest.mark.parametrize(("payload", "hz", "zeta"), [(0.0, 2.93, 0.92), (4500.0, 2.35, 0.74), (9000.0, 2.01, 0.63)])
+def test_with_a_held_motor_it_is_that_of_the_model_page_too(payload: float, hz: float, zeta: float):
+    held = with_values(default_hoist(), {"motor.rotor_inertia_kg_m2": 1e6})
+    found = oscillation(linearise(held, OperatingPoint(payload, 10.0)))
+    assert found == pytest.approx((hz, zeta), abs=0.006)
+
+
+@pytest.mark.parametrize(
+    ("payload", "motion", "fastest"),
+    [(0.0, "hoisting", -5660), (9000.0, "lowering", -5660), (9000.0, "at_rest", -11200)],
+)
+def test_the_fastest_eigenvalue_is_that_of_the_model_page(payload: float, motion: Any, fastest: float):
+    plant = linearise(default_hoist(), OperatingPoint(payload, 10.0, motion))
+    assert np.linalg.eigvals(plant.A).real.min() == pytest.approx(fastest, rel=3e-3)
+
+
+def test_the_height_makes_one_slow_unstable_mode_and_nothing_else_where_a_loop_works():
+    point = OperatingPoint(0.0, 10.0)
+    free = linearise(default_hoist(), point, height_free=True)
+    frozen = linearise(default_hoist(), point)
+    assert np.linalg.eigvals(free.A).real.max() == pytest.approx(0.025, abs=0.001)
+    assert np.linalg.eigvals(frozen.A).real.max() < 0.0
+    f = np.geomspace(0.1, 400.0, 50)
+    a, b = (sampled_plant(each, 0.001, 0.0).response(f)[:, 0, 0] for each in (free, frozen))
+    np.testing.assert_allclose(a, b, rtol=2.5e-3)
+    np.testing.assert_allclose(a[f > 1.0], b[f > 1.0], rtol=3e-5)
+
+
+def test_a_wire_as_stiff_as_its_free_length_moves_the_mode_by_the_root_of_the_stiffness():
+    held = with_values(default_hoist(), {"motor.rotor_inertia_kg_m2": 1e6, "wire.damping_time_s": 0.02})
+    short = linearise(held, OperatingPoint(9000.0, 15.0), effects=STIFFNESS_BY_LENGTH)
+    whole = linearise(held, OperatingPoint(9000.0, 15.0))
+    assert oscillation(short)[0] / oscillation(whole)[0] == pytest.approx(np.sqrt(25.0 / 10.0), rel=2e-3)
+
+
+def test_the_sampled_plant_is_the_exact_hold_of_the_continuous_one():
+    import control
+
+    plant = linearise(default_hoist(), OperatingPoint(4500.0, 10.0))
+    ours = sampled_plant(plant, 0.004, 0.0)
+    theirs = control.c2d(plant.system(), 0.004, "zoh")
+    np.testing.assert_allclose(ours.A, theirs.A, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(ours.B[:, [0]], theirs.B, rtol=1e-9, atol=1e-12)
+
+
+def test_behind_a_lag_the_sampled_plant_is_near_the_continuous_lag_and_ends_exact():
+    import control
+
+    lag = 0.006
+    plant = linearise(default_hoist(), OperatingPoint(4500.0, 10.0))
+    ours = sampled_plant(plant, 0.002, lag)
+    f = np.geomspace(0.1, 30.0, 30)
+    lagged = plant.system()[0, 0] * control.tf(1, [lag, 1])
+    theirs = control.c2d(lagged, 0.002, "zoh")(np.exp(2j * np.pi * f * 0.002))
+    # Linear within a step of 1 ms: off by (step/lag)^2/12 of the torque's own change.
+    np.testing.assert_allclose(ours.response(f)[:, 0, 0], theirs, rtol=4e-3)
+    assert ours.poles().real.min() >= 0.0
+    assert np.min(np.abs(ours.poles() - np.exp(-0.002 / lag))) < 1e-12
+
+
+def test_the_step_of_the_analysis_is_the_step_of_the_compiled_loop():
+    assert inspect.signature(simulate_loop).parameters["step_s"].default == STEP_S
+
+
+SETTINGS = {
+    "plain": PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0),
+    "weighted": PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, set_point_weight=0.4),
+    "all": PiSettings(
+        sample_time_s=0.002,
+        kp_nm_s_per_rad=40.0,
+        ki_nm_per_rad=300.0,
+        set_point_weight=0.7,
+        low_pass_hz=60.0,
+        notch=Notch(frequency_hz=3.0, damping=0.4, depth=0.2),
+        feed_forward=FeedForward(inertia=0.8),
+    ),
+}
+DRIVES = {
+    "ideal": with_drive(),
+    "late": with_drive(speed_filter_s=0.003, speed_delay_s=0.0035),
+}
+
+
+def impulse_by_the_step(settings: PiSettings, machine: Hoist, n: int, of_reference: bool) -> np.ndarray:
+    """The pure step run on numbers: torque after a unit sample of the reference or of the measured speed."""
+    controller = full_pi(delay_taps(machine.drive.speed_delay_s, settings.sample_time_s))
+    numbers = {
+        **vars(HOIST.values(machine, 0.0)),
+        **loop_values(settings, machine.drive, 0.0),
+        **dict.fromkeys(("u_all", "u_one", "t_fail", "w_weak"), 1e9),
+    }
+    p = SimpleNamespace(**numbers)
+    memory, out = controller.start(p, 0.0, 0.0), []
+    for k in range(n):
+        pulse = 1.0 if k == 0 else 0.0
+        reference = SimpleNamespace(speed_reference_rad_s=pulse if of_reference else 0.0)
+        speed = 0.0 if of_reference else pulse
+        measured = SimpleNamespace(t=0.0, speed_motor_rad_s=speed, angle_motor_rad=0.0)
+        torque, memory = controller.step(p, memory, reference, measured, settings.sample_time_s)
+        out.append(float(torque))
+    return np.array(out)
+
+
+@pytest.mark.parametrize("of_reference", [True, False], ids=["reference", "speed"])
+@pytest.mark.parametrize("machine", DRIVES.values(), ids=DRIVES)
+@pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
+def test_the_linear_controller_answers_a_pulse_as_the_step_does(settings: Any, machine: Hoist, of_reference: bool):
+    linear = linear_controller(settings, machine)
+    pulse = np.zeros((200, 2))
+    pulse[0, 0 if of_reference else 1] = 1.0
+    expected = impulse_by_the_step(settings, machine, 200, of_reference)
+    np.testing.assert_allclose(linear.run(pulse)[:, 0], expected, rtol=1e-11, atol=1e-11 * np.abs(expected).max())
+
+
+def test_a_plain_controller_is_kp_and_an_euler_integral():
+    linear = linear_controller(SETTINGS["weighted"], default_hoist())
+    f = np.geomspace(0.01, 500.0, 20)
+    z = np.exp(2j * np.pi * f * 0.001)
+    integral = 122.0 * 0.001 / (z - 1.0)
+    response = linear.response(f)
+    np.testing.assert_allclose(response[:, 0, 0], 31.0 * 0.4 + integral, rtol=1e-9)
+    np.testing.assert_allclose(response[:, 0, 1], -(31.0 + integral), rtol=1e-9)
+    assert len(linear.A) == 1  # what is switched off leaves no memory
+
+
+def test_a_filter_and_a_fractional_delay_are_as_written():
+    linear = linear_controller(SETTINGS["plain"], DRIVES["late"])
+    f = np.geomspace(0.01, 500.0, 20)
+    z = np.exp(2j * np.pi * f * 0.001)
+    alpha = 1.0 - np.exp(-0.001 / 0.003)
+    late = alpha / (1.0 - (1.0 - alpha) / z) * (0.5 * z**-3 + 0.5 * z**-4)
+    np.testing.assert_allclose(linear.response(f)[:, 0, 1], -(31.0 + 0.122 / (z - 1.0)) * late, rtol=1e-9)
+
+
+def test_a_sampled_system_answers_a_sine_by_its_response():
+    system = Sampled(np.array([[0.5, 0.1], [0.0, -0.3]]), np.eye(2), np.ones((1, 2)), np.zeros((1, 2)), 0.01)
+    k = np.arange(400)
+    wave = np.exp(2j * np.pi * 7.0 * 0.01 * k)
+    out = system.run(np.column_stack([wave.real, np.zeros(400)]))[:, 0]
+    expected = (system.response(np.array([7.0]))[0, 0, 0] * wave).real
+    np.testing.assert_allclose(out[100:], expected[100:], atol=1e-12)

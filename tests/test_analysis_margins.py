@@ -1,0 +1,178 @@
+"""Margins against a brute grid, against python-control, and against what they promise: where the loop falls over."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from workbench.analysis.family import family, operating_points, weakest
+from workbench.analysis.linearise import OperatingPoint
+from workbench.analysis.loop import LinearLoop, linear_loop
+from workbench.analysis.margins import margins
+from workbench.control import Notch, PiSettings
+from workbench.errors import InputError
+from workbench.machine import Hoist, default_hoist, with_values
+from workbench.plants import Effects
+
+PI = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
+
+
+def with_drive(base: Hoist | None = None, **drive: float) -> Hoist:
+    return with_values(base or default_hoist(), {f"drive.{key}": value for key, value in drive.items()})
+
+
+SLOW_DRIVE = with_drive(torque_lag_s=0.004, speed_filter_s=0.003, speed_delay_s=0.0025)
+LIGHTLY_DAMPED = with_values(default_hoist(), {"wire.damping_time_s": 0.004})
+LOOPS = {
+    "ideal drive": linear_loop(default_hoist(), PI, OperatingPoint(0.0, 10.0)),
+    "slow drive": linear_loop(SLOW_DRIVE, PI, OperatingPoint(9000.0, 2.0, "lowering")),
+    "fast gains": linear_loop(
+        SLOW_DRIVE,
+        PiSettings(sample_time_s=0.002, kp_nm_s_per_rad=90.0, ki_nm_per_rad=900.0),
+        OperatingPoint(4500.0, 20.0),
+    ),
+    "at rest": linear_loop(SLOW_DRIVE, PI, OperatingPoint(9000.0, 10.0, "at_rest")),
+    "light damping": linear_loop(LIGHTLY_DAMPED, PI, OperatingPoint(9000.0, 10.0)),
+    "notch": linear_loop(
+        with_drive(LIGHTLY_DAMPED, speed_delay_s=0.004),
+        PiSettings(
+            kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, notch=Notch(frequency_hz=2.2, depth=0.3), low_pass_hz=80.0
+        ),
+        OperatingPoint(9000.0, 10.0),
+    ),
+}
+each_loop = pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS)
+
+
+@each_loop
+def test_every_margin_agrees_with_a_dense_grid(loop: LinearLoop):
+    found = margins(loop)
+    f = np.unique(np.concatenate([np.geomspace(1e-3, loop.nyquist_hz, 60_000), np.linspace(0.3, 4.0, 20_000)]))
+    L = np.concatenate([loop.open_response(part) for part in np.array_split(f, 20)])
+    S, T = 1.0 / (1.0 + L), L / (1.0 + L)
+    assert found.ms == pytest.approx(np.abs(S).max(), rel=2e-6)
+    assert found.mt == pytest.approx(np.abs(T).max(), rel=2e-6)
+    assert found.disk == pytest.approx(2.0 / np.abs(S - T).max(), rel=2e-6)
+    assert found.bandwidth_hz == pytest.approx(f[np.argmax(np.abs(T) < math.sqrt(0.5))], rel=4e-4)
+
+    over = np.flatnonzero(np.diff(np.sign(np.log(np.abs(L)))) != 0)
+    lag = np.degrees(np.angle(-L[over])) % 360.0
+    assert found.phase_deg == pytest.approx(np.minimum(lag, 360.0 - lag).min(), abs=0.05)
+    assert found.delay_s == pytest.approx((lag / 360.0 / f[over]).min(), rel=1e-3)
+
+    axis = np.flatnonzero(np.diff(np.sign(L.imag[:-1])) != 0)
+    gains = [-1.0 / L[k].real for k in [*axis, len(f) - 1] if L[k].real < 0.0]
+    assert found.gain_up == pytest.approx(min((g for g in gains if g >= 1.0), default=math.inf), rel=1e-3)
+    assert found.gain_down == pytest.approx(max((g for g in gains if g < 1.0), default=0.0), rel=1e-3)
+
+
+@each_loop
+def test_every_margin_agrees_with_python_control(loop: LinearLoop):
+    import control
+
+    found = margins(loop)
+    f = np.geomspace(1e-2, 0.9999 * loop.nyquist_hz, 20_000)
+    gm, pm, sm, _, w_pm, _ = control.stability_margins(control.frd(loop.open_response(f), 2.0 * np.pi * f))
+    # Its frequency data end below half the sample rate, where an ideal loop has its only phase crossing.
+    if found.gain_up_hz < f[-1]:
+        assert gm == pytest.approx(found.gain_up, rel=1e-5)
+    assert pm == pytest.approx(found.phase_deg, abs=1e-3)
+    assert w_pm / (2.0 * np.pi) == pytest.approx(found.crossover_hz, rel=1e-5)
+    if found.ms_hz < f[-1]:
+        assert 1.0 / sm == pytest.approx(found.ms, rel=1e-5)
+
+
+def test_the_disk_margin_is_that_of_python_control():
+    import control
+
+    for loop in LOOPS.values():
+        L, _, _ = loop.systems()
+        f = loop.grid()
+        disk, _, phase = control.disk_margins(L, 2.0 * np.pi * f, 0.0)
+        found = margins(loop)
+        assert found.disk == pytest.approx(disk, rel=1e-3)
+        assert found.disk_phase_deg == pytest.approx(phase, rel=1e-3)
+
+
+def with_gain(loop: LinearLoop, factor: float) -> LinearLoop:
+    controller = replace(loop.controller, C=loop.controller.C * factor, D=loop.controller.D * factor)
+    return replace(loop, controller=controller)
+
+
+@each_loop
+def test_the_loop_falls_over_at_its_gain_margin_and_not_before(loop: LinearLoop):
+    found = margins(loop)
+    assert found.stable
+    if math.isfinite(found.gain_up):
+        assert with_gain(loop, 0.999 * found.gain_up).stable
+        assert not with_gain(loop, 1.001 * found.gain_up).stable
+    if found.gain_down > 0.0:
+        assert not with_gain(loop, 0.999 * found.gain_down).stable
+    assert with_gain(loop, max(1.001 * found.gain_down, 1e-3)).stable
+
+
+@pytest.mark.parametrize("payload", [0.0, 9000.0])
+def test_the_loop_falls_over_at_its_delay_margin_and_not_before(payload: float):
+    point = OperatingPoint(payload, 10.0)
+    margin = margins(linear_loop(SLOW_DRIVE, PI, point)).delay_s
+    more = SLOW_DRIVE.drive.speed_delay_s + margin
+    for factor, stable in ((0.985, True), (1.015, False)):
+        # Whole samples: between two of them the interpolation takes amplitude too.
+        late = round(more * factor, 3)
+        assert linear_loop(with_drive(SLOW_DRIVE, speed_delay_s=late), PI, point).stable is stable
+
+
+def test_a_machine_that_runs_away_has_a_lower_gain_margin_and_falls_over_there():
+    pushing = Effects({"guide_force_n": [lambda s, p: 2e5 * s.v]})  # friction of the wrong sign
+    loop = linear_loop(SLOW_DRIVE, PI, OperatingPoint(9000.0, 10.0), effects=pushing)
+    assert np.abs(loop.plant.poles()).max() > 1.0
+    found = margins(loop)
+    assert 0.0 < found.gain_down < 1.0
+    assert with_gain(loop, 1.001 * found.gain_down).stable
+    assert not with_gain(loop, 0.999 * found.gain_down).stable
+
+
+def test_an_unstable_loop_is_called_so():
+    loop = linear_loop(SLOW_DRIVE, PiSettings(kp_nm_s_per_rad=900.0, ki_nm_per_rad=122.0), OperatingPoint(0.0, 10.0))
+    assert not margins(loop).stable
+
+
+@each_loop
+def test_the_closed_loop_is_the_feedback_of_its_parts(loop: LinearLoop):
+    f = np.geomspace(0.05, 0.99 * loop.nyquist_hz, 40)
+    r = loop.responses(f)
+    closed = loop.closed.response(f)
+    np.testing.assert_allclose(closed[:, 0, 0], r.R, rtol=1e-7)
+    np.testing.assert_allclose(closed[:, 0, 1], r.PS, rtol=1e-7)
+    np.testing.assert_allclose(closed[:, 0, 2], -r.T, rtol=1e-7)
+    np.testing.assert_allclose(closed[:, 3, 2], -r.CS, rtol=1e-7)
+    np.testing.assert_allclose(r.S + r.T, 1.0, rtol=1e-9)
+
+
+@each_loop
+def test_python_controls_systems_are_the_same_loop(loop: LinearLoop):
+    L, S, closed = loop.systems()
+    f = np.geomspace(0.05, 0.99 * loop.nyquist_hz, 40)
+    z = np.exp(2j * np.pi * f * loop.dt)
+    np.testing.assert_allclose(L(z), loop.open_response(f), rtol=1e-6)
+    np.testing.assert_allclose(S(z), loop.responses(f).S, rtol=1e-6)
+    assert closed.dt == loop.dt
+    ours, theirs = np.sort(np.abs(loop.poles())), np.sort(np.abs(closed.poles()))
+    np.testing.assert_allclose(ours, theirs, atol=1e-7)
+
+
+def test_a_family_is_every_payload_at_every_height_and_its_weakest_has_the_largest_ms():
+    members = family(SLOW_DRIVE, PI, operating_points(SLOW_DRIVE, (0.0, 9000.0), (2.0, 20.0)))
+    assert [(m.point.payload_kg, m.point.height_m) for m in members] == [
+        (0.0, 2.0), (0.0, 20.0), (9000.0, 2.0), (9000.0, 20.0)
+    ]  # fmt: skip
+    assert weakest(members).margins.ms == max(m.margins.ms for m in members)
+
+
+@pytest.mark.parametrize("height", [-1.0, 25.0, 30.0])
+def test_a_height_without_free_wire_is_refused(height: float):
+    with pytest.raises(InputError, match="off the rail"):
+        operating_points(default_hoist(), (0.0,), (height,))

@@ -1,0 +1,87 @@
+"""Sampled linear systems: their records, their frequency response, and the plant as the loop samples it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from workbench.analysis.linearise import LinearPlant
+from workbench.control.settings import lag_left
+from workbench.run import Array
+
+# The plant's longest step between two samples, as the closed loop takes it; a lagging torque is linear within it.
+STEP_S = 0.001
+Complex = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k] at every `dt` seconds."""
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    dt: float
+
+    def response(self, frequency_hz: Array) -> Complex:
+        """(frequencies, outputs, inputs), complex: C (zI - A)^-1 B + D at z = exp(2 pi i f dt)."""
+        z = np.exp(2j * math.pi * np.atleast_1d(frequency_hz).astype(np.complex128) * self.dt)
+        n = len(self.A)
+        if n == 0:
+            return np.broadcast_to(self.D.astype(complex), (len(z), *self.D.shape))
+        inner: Complex = (z[:, None, None] * np.eye(n) - self.A).astype(np.complex128)
+        right: Complex = np.broadcast_to(self.B.astype(complex), (len(z), *self.B.shape))
+        out: Complex = (self.C @ np.linalg.solve(inner, right) + self.D).astype(np.complex128)
+        return out
+
+    def poles(self) -> Complex:
+        found: Complex = np.linalg.eigvals(self.A).astype(np.complex128)
+        return found
+
+    def run(self, inputs: Array) -> Array:
+        """Outputs (n, outputs) from rest under inputs (n, inputs)."""
+        x = np.zeros(len(self.A))
+        out = np.empty((len(inputs), len(self.C)))
+        for k, u in enumerate(inputs):
+            out[k] = self.C @ x + self.D @ u
+            x = self.A @ x + self.B @ u
+        return out
+
+    def system(self, inputs: list[str], outputs: list[str]) -> Any:
+        """As a `control.StateSpace` with its sample time."""
+        import control
+
+        return control.ss(self.A, self.B, self.C, self.D, self.dt, inputs=inputs, outputs=outputs)
+
+
+def sampled_plant(plant: LinearPlant, dt: float, torque_lag_s: float) -> Sampled:
+    """Inputs: torque wanted of the drive (held), and a torque on the shaft beside it (held). Outputs: the plant's.
+
+    Exact: the held torque through the matrix exponential; behind a lag, the torque nears the wanted one as
+    1 - exp(-t/lag) from step to step and is linear within a step, as in the compiled loop.
+    """
+    from scipy.linalg import expm
+
+    steps = max(1, math.ceil(dt / STEP_S - 1e-9))
+    h, n = dt / steps, len(plant.A)
+    whole = np.zeros((n + 2, n + 2))
+    whole[:n, :n], whole[:n, n : n + 1], whole[n, n + 1] = plant.A * h, plant.B * h, 1.0
+    whole = expm(whole)
+    F, held, ramp = whole[:n, :n], whole[:n, [n]], whole[:n, [n + 1]]
+    if torque_lag_s == 0.0:
+        step_A, step_B, C = F, np.hstack([held, held]), plant.C
+    else:
+        left = lag_left(torque_lag_s, h)
+        step_A = np.block([[F, held - ramp * (1.0 - left)], [np.zeros((1, n)), np.full((1, 1), left)]])
+        step_B = np.block([[ramp * (1.0 - left), held], [np.array([[1.0 - left, 0.0]])]])
+        C = np.hstack([plant.C, np.zeros((len(plant.C), 1))])
+    A, B = step_A, step_B
+    for _ in range(steps - 1):
+        B = step_A @ B + step_B
+        A = step_A @ A
+    return Sampled(A, B, C, np.zeros((len(C), 2)), dt)

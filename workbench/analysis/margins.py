@@ -1,0 +1,121 @@
+"""Margins of a sampled loop: found on a grid, then refined on the exact frequency response.
+
+K. J. Astrom, R. M. Murray, "Feedback Systems", 2nd ed., chapter 10, for gain, phase and delay margin and
+the sensitivities' peaks; P. Seiler, A. Packard, P. Gahinet, "An introduction to disk margins", IEEE Control
+Systems 40 (2020), for the disk margin, there with skew 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.analysis.loop import LinearLoop
+from workbench.run import Array
+
+HALF_POWER = math.sqrt(0.5)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """What a stable loop bears. Of an unstable loop no margin means anything; `stable` says so.
+
+    gain_up, gain_down: the factors (more, less than 1) on the loop gain at which it becomes unstable; inf
+    and 0 where none does. phase_deg: smallest phase lag or lead at a gain crossover; crossover_hz: that
+    crossover. delay_s: smallest added delay, phase over angular frequency. disk: largest alpha so that
+    every factor (1 + d/2)/(1 - d/2), |d| < alpha, gain and phase at once, is borne: 2/max|S - T|.
+    ms, mt: largest |S|, |T|. bandwidth_hz: where |T| first falls below -3 dB, inf where it never does.
+    """
+
+    stable: bool
+    gain_up: float
+    gain_up_hz: float
+    gain_down: float
+    gain_down_hz: float
+    phase_deg: float
+    crossover_hz: float
+    delay_s: float
+    disk: float
+    ms: float
+    ms_hz: float
+    mt: float
+    mt_hz: float
+    bandwidth_hz: float
+
+    @property
+    def disk_gain(self) -> tuple[float, float]:
+        """The gains that the disk margin bears at the same time as nothing else."""
+        half = self.disk / 2.0
+        high = (1.0 + half) / (1.0 - half) if half < 1.0 else math.inf
+        return max((1.0 - half) / (1.0 + half), 0.0), high
+
+    @property
+    def disk_phase_deg(self) -> float:
+        return math.degrees(2.0 * math.atan(self.disk / 2.0))
+
+
+def margins(loop: LinearLoop) -> Margins:
+    """All margins of a loop, each to about nine digits."""
+    f = loop.grid()
+    L = loop.open_response(f)
+    S = 1.0 / (1.0 + L)
+
+    def at(x: float) -> complex:
+        return complex(loop.open_response(np.array([x]))[0])
+
+    crossings = _roots(lambda x: math.log(abs(at(x))), f, np.log(np.abs(L)))
+    lags = [(math.degrees(np.angle(at(x))) + 180.0) % 360.0 for x in crossings]
+    phases = [(min(lag, 360.0 - lag), x) for lag, x in zip(lags, crossings, strict=True)]
+    phase, crossover = min(phases, default=(math.inf, math.nan))
+    delay = min((lag / 360.0 / x for lag, x in zip(lags, crossings, strict=True)), default=math.inf)
+
+    real = [(x, at(x).real) for x in _roots(lambda x: at(x).imag, f[:-1], L.imag[:-1])]
+    real.append((float(f[-1]), float(L[-1].real)))  # at half the sample rate L is always real
+    factors = [(-1.0 / value, x) for x, value in real if value < 0.0]
+    up = min((pair for pair in factors if pair[0] >= 1.0), default=(math.inf, math.nan))
+    down = max((pair for pair in factors if pair[0] < 1.0), default=(0.0, math.nan))
+
+    ms, ms_hz = _peak(lambda x: 1.0 / abs(1.0 + at(x)), f, np.abs(S))
+    mt, mt_hz = _peak(lambda x: abs(1.0 - 1.0 / (1.0 + at(x))), f, np.abs(L * S))
+    worst, _ = _peak(lambda x: abs(2.0 / (1.0 + at(x)) - 1.0), f, np.abs(S - L * S))
+    return Margins(
+        loop.stable, up[0], up[1], down[0], down[1], phase, crossover, delay, 2.0 / worst,
+        ms, ms_hz, mt, mt_hz, _bandwidth(at, f, np.abs(L * S)),
+    )  # fmt: skip
+
+
+def _bandwidth(at: Callable[[float], complex], f: Array, T: Array) -> float:
+    below = np.flatnonzero(T < HALF_POWER)
+    if not len(below):
+        return math.inf
+    k = int(below[0])
+    if k == 0:
+        return float(f[0])
+    found = _roots(
+        lambda x: abs(1.0 - 1.0 / (1.0 + at(x))) - HALF_POWER, f[k - 1 : k + 1], T[k - 1 : k + 1] - HALF_POWER
+    )
+    return found[0] if found else float(f[k])
+
+
+def _roots(function: Callable[[float], float], f: Array, values: Array) -> list[float]:
+    """Where a function of frequency changes its sign, from its values on the grid."""
+    from scipy.optimize import brentq
+
+    turns = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0)
+    return [float(brentq(function, f[k], f[k + 1], xtol=1e-13 * f[k], rtol=1e-12)) for k in turns]
+
+
+def _peak(function: Callable[[float], float], f: Array, values: Array) -> tuple[float, float]:
+    """(value, frequency) of the largest, between the neighbours of the grid's largest."""
+    from scipy.optimize import minimize_scalar
+
+    k = int(np.argmax(values))
+    low, high = f[max(k - 1, 0)], f[min(k + 1, len(f) - 1)]
+    found = minimize_scalar(
+        lambda x: -function(x), bounds=(low, high), method="bounded", options={"xatol": 1e-8 * high}
+    )
+    best = (float(-found.fun), float(found.x))
+    return max(best, (float(values[k]), float(f[k])))
