@@ -19,6 +19,7 @@ from workbench.errors import InputError, nearest
 COMMANDS: dict[str, tuple[str, str]] = {
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign; write the machine."),
     "replay": ("workbench.cli.replay:command", "Replay a campaign's measured torque; compare the speeds."),
+    "schema": ("workbench.cli.schema:command", "Print a file's JSON Schema, for completion in an editor."),
     "study": ("workbench.cli.study:command", "Run a scenario file: closed-loop moves, tables, figures."),
 }
 
@@ -62,15 +63,18 @@ def cli() -> None:
     """
 
 
+class _Echo(logging.Handler):
+    """What the library has to say while it works, such as that it compiles: a plain line on stderr."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        click.echo(record.getMessage(), err=True)
+
+
 def _speak() -> None:
-    """What the library has to say while it works, such as that it compiles, goes to stderr as plain lines."""
     log = logging.getLogger("workbench")
-    if not log.handlers:
-        handler = logging.StreamHandler()
-        handler.setFormatter(logging.Formatter("%(message)s"))
-        log.addHandler(handler)
+    if not any(isinstance(handler, _Echo) for handler in log.handlers):
+        log.addHandler(_Echo())
         log.setLevel(logging.INFO)
-        log.propagate = False
 
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
