@@ -26,6 +26,7 @@ LAYERS = [
     ("simulate",),
     ("identify", "analysis"),
     ("study",),
+    ("cluster", "testing"),
     ("figures",),
     ("reports",),
     ("cli",),

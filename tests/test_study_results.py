@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +17,12 @@ from click.testing import CliRunner
 from workbench.cli.study import command
 from workbench.errors import InputError
 from workbench.figures.study_page import save_study_page, study_figures
+from workbench.study.batch import run_batch
+from workbench.study.index import index_table, read_rows
 from workbench.study.load import Study, load_study
-from workbench.study.results import index_table, place_for, read_rows, write_results
+from workbench.study.results import SavedRuns, place_for
 from workbench.study.run import METRICS, Row, StudyResult, run_study
+from workbench.study.store import Chunk
 from workbench.study.summary import HEAD, sentences, table
 
 SCENARIO = """\
@@ -108,13 +112,15 @@ def test_jerk_limit_lowers_the_torque_peak_under_the_same_limits(result: StudyRe
         assert smooth["speed_error_max_rad_s"] < hard["speed_error_max_rad_s"]
 
 
-def written(result: StudyResult, folder: Path) -> Path:
-    write_results(lambda: result, folder, {"study.html": save_study_page})
+def written(study: Study, folder: Path) -> Path:
+    run_batch(study, place_for(study, folder), extras={"study.html": save_study_page})
     return folder
 
 
-def test_folder_holds_index_signals_scenario_machine_manifest_and_page(result: StudyResult, tmp_path: Path) -> None:
-    folder = written(result, tmp_path / "deep" / "small")
+def test_folder_holds_index_signals_scenario_machine_manifest_and_page(
+    result: StudyResult, study: Study, tmp_path: Path
+) -> None:
+    folder = written(study, tmp_path / "deep" / "small")
     index = pq.read_table(folder / "index.parquet")
     assert index.column_names[:6] == ["run_id", "scenario", "status", "reason", "payload_kg", "reference"]
     assert index.column_names[6 : 6 + len(METRICS)] == list(METRICS)
@@ -126,21 +132,22 @@ def test_folder_holds_index_signals_scenario_machine_manifest_and_page(result: S
     said = json.loads((folder / "manifest.json").read_text())
     assert said["fingerprint"] == result.study.fingerprint
     assert said["versions"]["workbench"]
+    assert said["runs"] == {"all": 6, "ok": 6, "failed": 0}
     assert "Plotly.newPlot" in (folder / "study.html").read_text(encoding="utf-8")
     assert [p.name for p in folder.parent.iterdir()] == ["small"]
     assert folder.stat().st_mode & 0o777 == 0o755
 
 
-def test_written_scenario_is_complete_and_the_same_study(result: StudyResult, tmp_path: Path) -> None:
-    folder = written(result, tmp_path / "small")
+def test_written_scenario_is_complete_and_the_same_study(study: Study, tmp_path: Path) -> None:
+    folder = written(study, tmp_path / "small")
     again = load_study(folder / "scenario.yaml")
-    assert again.fingerprint == result.study.fingerprint
-    assert again.scenario.model_dump(exclude={"machine"}) == result.study.scenario.model_dump(exclude={"machine"})
+    assert again.fingerprint == study.fingerprint
+    assert again.scenario.model_dump(exclude={"machine"}) == study.scenario.model_dump(exclude={"machine"})
 
 
 def test_identical_input_gives_identical_bytes_of_the_index(study: Study, tmp_path: Path) -> None:
     for name in ("a", "b"):
-        write_results(lambda: run_study(study), tmp_path / name, {})
+        run_batch(study, place_for(study, tmp_path / name))
     a, b = ((tmp_path / name / "index.parquet").read_bytes() for name in ("a", "b"))
     assert a == b
 
@@ -154,43 +161,44 @@ def test_index_read_back_is_the_rows_that_were_written(result: StudyResult, tmp_
     assert read_rows(folder) == rows
 
 
+def test_signals_read_back_are_those_of_the_runs(result: StudyResult, study: Study, tmp_path: Path) -> None:
+    folder = written(study, tmp_path / "small")
+    saved = SavedRuns(folder, read_rows(folder))
+    assert list(saved) == [row.run_id for row in result.rows]
+    for run_id, run in saved.items():
+        assert run.signals.keys() == result.runs[run_id].signals.keys()
+        for name, values in run.signals.items():
+            np.testing.assert_array_equal(values, result.runs[run_id][name])
+        assert run.payload_kg == result.runs[run_id].payload_kg
+
+
 def test_an_index_that_is_damaged_is_named(tmp_path: Path) -> None:
     (tmp_path / "index.parquet").write_bytes(b"PAR1 and then nothing")
     with pytest.raises(InputError, match=r"index\.parquet: is no readable index"):
         read_rows(tmp_path)
 
 
-def test_what_stops_in_the_middle_leaves_nothing(study: Study, tmp_path: Path) -> None:
-    def stop(_: StudyResult, path: Path) -> None:
-        path.write_text("half")
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_results(lambda: run_study(study), tmp_path / "small", {"study.html": stop})
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_is_one_sentence_and_leaves_nothing(result: StudyResult, tmp_path: Path) -> None:
+def test_a_full_disk_is_one_sentence_and_leaves_no_result(study: Study, tmp_path: Path) -> None:
     def full(_: StudyResult, path: Path) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with pytest.raises(InputError, match="small: no results written: No space left on device"):
-        write_results(lambda: result, tmp_path / "small", {"study.html": full})
-    assert list(tmp_path.iterdir()) == []
+        run_batch(study, place_for(study, tmp_path / "small"), extras={"study.html": full})
+    assert not (tmp_path / "small").exists()
 
 
-def test_a_place_that_cannot_be_written_is_known_before_anything_is_run(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_known_before_anything_is_run(study: Study, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
 
-    def never() -> StudyResult:
+    def never(*_: object) -> Iterator[tuple[int, Chunk]]:
         raise AssertionError("was run")
 
     with pytest.raises(InputError, match="small: no results can be written there: a file stands where"):
-        write_results(never, tmp_path / "file" / "small", {})
+        run_batch(study, place_for(study, tmp_path / "file" / "small"), spread=never)
 
 
-def test_a_finished_result_is_never_overwritten(result: StudyResult, study: Study, tmp_path: Path) -> None:
-    folder = written(result, tmp_path / "small")
+def test_a_finished_result_is_never_overwritten(study: Study, tmp_path: Path) -> None:
+    folder = written(study, tmp_path / "small")
     assert place_for(study, folder).finished
     other = replace(study, scenario=study.scenario.model_copy(update={"payloads_kg": (1.0,)}))
     with pytest.raises(InputError, match=r"holds another result \('small'.*choose another --out"):
@@ -205,19 +213,19 @@ def test_a_finished_result_is_never_overwritten(result: StudyResult, study: Stud
     assert not place_for(study, tmp_path / "empty").finished
 
 
-def test_a_result_without_its_index_is_not_taken_for_whole(result: StudyResult, study: Study, tmp_path: Path) -> None:
-    folder = written(result, tmp_path / "small")
+def test_a_result_without_its_index_is_not_taken_for_whole(study: Study, tmp_path: Path) -> None:
+    folder = written(study, tmp_path / "small")
     (folder / "index.parquet").unlink()
     with pytest.raises(InputError, match="choose another --out"):
         place_for(study, folder)
 
 
 def test_without_out_another_study_of_the_name_gets_the_next_number(
-    result: StudyResult, study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert place_for(study).folder == Path("results/small")
-    written(result, Path("results/small"))
+    written(study, Path("results/small"))
     assert place_for(study).finished
     other = replace(study, scenario=study.scenario.model_copy(update={"settle_s": 1.0}))
     place = place_for(other)
@@ -230,14 +238,15 @@ def test_a_loop_that_runs_away_is_a_failed_row_and_the_rest_goes_on(tmp_path: Pa
     # Holding 68 t takes 3.2 kN m and the drive gives at most 1.5: the load runs off the rail. Without it all is well.
     path = tmp_path / "wild.yaml"
     path.write_text(SCENARIO.replace("[0, 9000]", "[0, 60000]"), encoding="utf-8")
-    result = run_study(load_study(path))
+    study = load_study(path)
+    result = run_study(study)
     failed = [row for row in result.rows if not row.ok]
     assert {row.payload_kg for row in failed} == {60000.0}
     assert len(failed) == 3
     assert all("holding the load takes 3" in row.reason and "at most 1536 N m" in row.reason for row in failed)
     assert all(row.metrics["peak_torque_motor_nm"] is None and row.reason for row in failed)
     assert all(row.metrics["move_time_s"] is not None for row in failed)
-    folder = written(result, tmp_path / "wild")
+    folder = written(study, tmp_path / "wild")
     statuses = pq.read_table(folder / "index.parquet")["status"].to_pylist()
     assert statuses.count("failed") == len(failed)
     assert any("failed" in line for line in table(result.rows)[-1])

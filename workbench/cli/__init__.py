@@ -17,10 +17,11 @@ from workbench.errors import InputError, nearest
 # name -> (where the click command stands, its line in `workbench --help`). The line stands here
 # so that the help imports no numpy, numba or pydantic.
 COMMANDS: dict[str, tuple[str, str]] = {
+    "compare": ("workbench.cli.compare:command", "Compare two results, metric by metric; say what got worse."),
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign; write the machine."),
     "replay": ("workbench.cli.replay:command", "Replay a campaign's measured torque; compare the speeds."),
     "schema": ("workbench.cli.schema:command", "Print a file's JSON Schema, for completion in an editor."),
-    "study": ("workbench.cli.study:command", "Run a scenario file: closed-loop moves, tables, figures."),
+    "study": ("workbench.cli.study:command", "Run scenario files: closed-loop moves, tables, figures."),
 }
 
 EXIT_BAD_INPUT = 2

@@ -1,45 +1,111 @@
-"""`workbench study`: run a scenario file, print what came out, say where it lies."""
+"""`workbench study`: run scenario files, print what came out, say where it lies."""
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from workbench.errors import InputError
+
 if TYPE_CHECKING:
+    from workbench.study.batch import Spread, Tell
+    from workbench.study.load import Study
     from workbench.study.results import Place
-    from workbench.study.run import Row
+
+MOST_ON_PAGE = 60
+MOST_IN_TABLE = 40
 
 
 @click.command(name="study")
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to make; without it results/<name of the study>.")
-def command(file: Path, out: Path | None) -> None:
-    """Run the scenario FILE: every payload with every reference, in closed loop."""
-    from workbench.figures.study_page import save_study_page
+@click.argument("files", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FILE...")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder to make, of several files the folder to make theirs in; without it results/<name of the study>.",
+)
+@click.option("--cluster", metavar="ADDRESS", help="Run on Dask: tcp://host:port, or local:N for N processes here.")
+def command(files: tuple[Path, ...], out: Path | None, cluster: str | None) -> None:
+    """Run the scenario of each FILE: every run in closed loop.
+
+    What is done is kept: after Ctrl-C the same command goes on where it stopped.
+    """
+    from workbench.cli.progress import shown
     from workbench.study.load import load_study
-    from workbench.study.results import place_for, read_rows, write_results
-    from workbench.study.run import motor_torque_limit_nm, run_study
+    from workbench.study.results import place_for
 
-    study = load_study(file)
-    place = place_for(study, out)
-    if not place.finished:
-        write_results(lambda: run_study(study), place.folder, {"study.html": save_study_page})
-    _report(read_rows(place.folder), motor_torque_limit_nm(study.machine), place)
+    studies = [load_study(file) for file in files]
+    places = _out_folders(studies, files, out)
+    done = []
+    with shown([study.scenario.name for study in studies]) as tell, ExitStack() as started:
+        spread = None
+        for study, folder in zip(studies, places, strict=True):
+            place = place_for(study, folder)
+            if not place.finished:
+                spread = spread or started.enter_context(_spread(cluster))
+                _run(study, place, spread, tell)
+            done.append(place)
+    for study, place in zip(studies, done, strict=True):
+        _report(study, place)
 
 
-def _report(rows: Sequence[Row], torque_limit_nm: float, place: Place) -> None:
-    from workbench.cli.show import print_table
+def _out_folders(studies: Sequence[Study], files: Sequence[Path], out: Path | None) -> list[Path | None]:
+    """Where each study goes: `out` itself, or a folder in it for each of several."""
+    if out is None or len(studies) == 1:
+        return [out] * len(studies)
+    names = [study.scenario.name for study in studies]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            like = files[names.index(name)]
+            raise InputError(f"is study '{name}', like {like}; run them with an --out each", file=files[i])
+    return [out / name for name in names]
+
+
+@contextmanager
+def _spread(cluster: str | None) -> Iterator[Spread]:
+    """How chunks are run: on this computer, or on a cluster for as long as the block lasts."""
+    if cluster is None:
+        from workbench.study.batch import on_this_computer
+
+        yield on_this_computer
+        return
+    from workbench.cluster import spread_on
+
+    with spread_on(cluster) as spread:
+        yield spread
+
+
+def _run(study: Study, place: Place, spread: Spread, tell: Tell) -> None:
+    from workbench.figures.study_page import save_study_page
+    from workbench.study.batch import run_batch
+
+    # Curves of more runs than this are a tangle, and a page of megabytes.
+    fits = study.scenario.outputs.signals != "none" and len(study.specs) <= MOST_ON_PAGE
+    page = {"study.html": save_study_page} if fits else {}
+    run_batch(study, place, spread=spread, tell=tell, extras=page)
+
+
+def _report(study: Study, place: Place) -> None:
+    from workbench.cli.show import print_table, print_text
+    from workbench.study.index import read_rows
+    from workbench.study.run import motor_torque_limit_nm
     from workbench.study.summary import CAPTION, HEAD, sentences, table
 
-    print_table(HEAD, table(rows))
-    click.secho(textwrap.fill(CAPTION, 98), dim=True)
-    click.echo("\n" + "\n".join(sentences(rows, torque_limit_nm)) + "\n")
+    rows = read_rows(place.folder)
+    shown = table(rows[:MOST_IN_TABLE])
+    print_table(HEAD, shown)
+    if len(rows) > len(shown):
+        click.echo(f"… and {len(rows) - len(shown)} more runs in the index.")
+    print_text([CAPTION], dim=True)
+    print_text(["", *sentences(rows, motor_torque_limit_nm(study.machine)), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")
     if place.note:
         click.echo(place.note)
-    click.echo(f"Figure: {place.folder / 'study.html'}\nIndex:  {place.folder / 'index.parquet'}")
+    page = place.folder / "study.html"
+    if page.is_file():
+        click.echo(f"Figure: {page}")
+    click.echo(f"Index:  {place.folder / 'index.parquet'}")

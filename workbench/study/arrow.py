@@ -42,3 +42,20 @@ def table(columns: Mapping[str, Any]) -> Any:
     import pyarrow as pa
 
     return pa.Table.from_arrays(list(columns.values()), names=list(columns))
+
+
+def columns(table: Any) -> dict[str, Array]:
+    """The float64 columns of a table as arrays, by name."""
+    whole = table.combine_chunks()
+    return {name: np.asarray(whole[name].to_numpy()) for name in whole.column_names}
+
+
+def parquet_bytes(table: Any, **how: Any) -> bytes:
+    """The table as the bytes of a Parquet file; `how` is Arrow's own way of writing it."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    stream = pa.BufferOutputStream()
+    pq.write_table(table, stream, **how)
+    data: bytes = stream.getvalue().to_pybytes()
+    return data

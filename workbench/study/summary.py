@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from workbench.study.run import Row
+from workbench.study.row import Row
 
 # Heads that start with a blank are words, set left. The second line is the unit.
 HEAD = (

@@ -1,0 +1,103 @@
+"""`workbench compare`: two results of a study, metric by metric; exit status 1 where one got too bad."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from workbench.cli.show import print_table
+
+if TYPE_CHECKING:
+    from workbench.study.compare import Change, Comparison, Pair, Regression
+
+MOST_LINES = 10
+
+
+@click.command(name="compare")
+@click.argument("a", type=click.Path(path_type=Path))
+@click.argument("b", type=click.Path(path_type=Path))
+@click.option(
+    "--max-regression",
+    "limits",
+    multiple=True,
+    metavar="METRIC=LIMIT",
+    help="How much worse a metric may get in any run: peak_torque=5% or peak_torque=20 (its unit); may be repeated.",
+)
+@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write all figures to this file too.")
+def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -> int:
+    """Compare result B with result A, folders that `workbench study` made.
+
+    Runs are matched by their id, or by payload, reference and swept values. Exit status 1 where a
+    metric got worse than its limit allows, or, with a limit, a run fails that did not.
+    """
+    from workbench.study.compare import BETTER, compare, parse_limits, regressions
+    from workbench.study.compare_json import as_json
+    from workbench.study.index import read_rows
+    from workbench.whole_folder import write_json
+
+    rows_a, rows_b = read_rows(a), read_rows(b)
+    allowed = parse_limits(limits, dict.fromkeys([*BETTER, *rows_a[0].metrics]))
+    comparison = compare(rows_a, rows_b)
+    found = regressions(comparison, allowed)
+    _show(comparison)
+    if json_file is not None:
+        write_json(json_file, as_json(comparison, allowed, found))
+    if not allowed:
+        return 0
+    broken = [_regression_line(each) for each in found]
+    broken += [f"{pair.name} failed: {pair.b.reason}" for pair in comparison.newly_failed]
+    if not comparison.pairs:
+        broken.append("no run is in both")
+    _print_some("Too much worse:", broken)
+    if not broken:
+        click.echo(f"Within {', '.join(map(str, allowed))} in all {len(comparison.pairs)} runs.")
+    return 1 if broken else 0
+
+
+def _show(comparison: Comparison) -> None:
+    moved = [change for change in comparison.changes if change.worst]
+    if moved:
+        head = (" metric", "mean A", "mean B", "mean Δ", "%", "median Δ", "largest Δ")
+        print_table(head, [_line(change) for change in moved])
+        _print_some("\nMoved most:", [_moved_most(change) for change in moved], len(moved))
+    same = len(comparison.changes) - len(moved)
+    metrics = f"{same} of {len(comparison.changes)} metrics are the same in all"
+    click.echo(f"\n{len(comparison.pairs)} runs compared; {metrics}.")
+    _print_some("Only in A:", comparison.only_a)
+    _print_some("Only in B:", comparison.only_b)
+    _print_some("Failed in B only:", [f"{pair.name}: {pair.b.reason}" for pair in comparison.newly_failed])
+    _print_some("Failed in A only:", [f"{pair.name}: {pair.a.reason}" for pair in comparison.newly_ok])
+
+
+def _line(change: Change) -> list[str]:
+    numbers = change.mean_a, change.mean_b
+    deltas = change.median_delta, change.max_delta
+    return [
+        change.metric,
+        *(f"{number:.5g}" for number in numbers),
+        f"{change.mean_delta:+.3g}",
+        f"{change.mean_percent:+.2f}",
+        *(f"{delta:+.3g}" for delta in deltas),
+    ]
+
+
+def _moved_most(change: Change) -> str:
+    return f"{change.metric}: " + ", ".join(_values(change.metric, pair) for pair in change.worst)
+
+
+def _values(metric: str, pair: Pair) -> str:
+    return f"{pair.name} {pair.a[metric]:.5g} → {pair.b[metric]:.5g}"
+
+
+def _regression_line(each: Regression) -> str:
+    unit = " %" if each.limit.relative else ""
+    return f"{_values(each.limit.metric, each.pair)}: worse by {each.worse:.3g}{unit}, allowed {each.limit}"
+
+
+def _print_some(title: str, lines: list[str] | tuple[str, ...], most: int = MOST_LINES) -> None:
+    if lines:
+        click.echo("\n".join([title, *(f"  {line}" for line in lines[:most])]))
+    if len(lines) > most:
+        click.echo(f"  … and {len(lines) - most} more")

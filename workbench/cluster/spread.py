@@ -1,0 +1,127 @@
+"""Chunks of a study as Dask tasks: some at a time, repeated where a worker dies."""
+
+from __future__ import annotations
+
+import pickle
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
+from workbench.errors import InputError
+from workbench.study.batch import Spread
+from workbench.study.load import Study
+from workbench.study.store import Chunk
+
+RETRIES = 3
+# Tasks handed out for each worker thread: one in work, one waiting, so that nobody idles.
+AHEAD = 2
+WAIT_FOR_WORKERS_S = 60
+
+
+@contextmanager
+def spread_on(cluster: str) -> Iterator[Spread]:
+    """A way to run chunks on `cluster`: `local:N` for N processes on this computer, or a scheduler's address.
+
+    The processes of `local:N` live as long as the block; they listen on the loopback interface only.
+    InputError for a text that is neither, without the extra `cluster`, and where nobody answers.
+    """
+    local = re.fullmatch(r"local:([1-9]\d{0,3})", cluster)
+    if not local and not re.fullmatch(r"(tcp|tls|ucx|ws|wss)://\S+", cluster):
+        raise InputError(f"'{cluster}' is no cluster; expected tcp://host:port, or local:N for N processes here")
+    client = _local_client(int(local[1])) if local else _client(cluster)
+    try:
+        yield lambda study, numbers: _chunks(client, cluster, study, numbers)
+    finally:
+        client.close()
+        if local:
+            client.cluster.close()
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError("--cluster needs the extra 'cluster': pip install 'workbench[cluster]'") from error
+    return distributed
+
+
+def _local_client(processes: int) -> Any:
+    distributed = _distributed()
+    import dask
+
+    # Chunks are small, and a worker that is killed shall cost a second, not the default's many.
+    dask.config.set({"distributed.worker.memory.terminate": False, "distributed.scheduler.allowed-failures": RETRIES})
+    made = distributed.LocalCluster(
+        n_workers=processes,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address=None,
+        memory_limit=0,
+        silence_logs=50,
+    )
+    client = distributed.Client(made)
+    client.cluster = made
+    return client
+
+
+def _client(address: str) -> Any:
+    distributed = _distributed()
+    try:
+        client = distributed.Client(address, timeout=10)
+        client.wait_for_workers(1, timeout=WAIT_FOR_WORKERS_S)
+    except TimeoutError as error:
+        said = f"no worker came in {WAIT_FOR_WORKERS_S} s; start one with: dask worker {address}"
+        raise InputError(said, file=address) from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"no Dask scheduler answers there: {error}", file=address) from error
+    return client
+
+
+def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int]) -> Iterator[tuple[int, Chunk]]:
+    """The chunks as they come. As many are handed out as there are hands: the memory stays small everywhere."""
+    from distributed import KilledWorker, as_completed
+
+    # With each task, since what is kept on one worker dies with it; some kilobytes.
+    ask = (pickle.dumps(study), study.fingerprint, versions())
+    waiting = iter(numbers)
+    of: dict[Any, int] = {}
+    lost: list[int] = []
+    coming = as_completed([])
+
+    def hand_out(how_many: int) -> None:
+        for _, number in zip(range(how_many), waiting, strict=False):
+            data, fingerprint, wanted = ask
+            future = client.submit(
+                run_remote_chunk, data, number, fingerprint, wanted, retries=RETRIES, pure=False,
+                key=f"{study.scenario.name}-{fingerprint}-{number:06d}",
+            )  # fmt: skip
+            of[future.key] = number
+            coming.add(future)
+
+    hand_out(AHEAD * _threads(client))
+    for future in coming:
+        number = of.pop(future.key)
+        try:
+            chunk = future.result()
+        except KilledWorker:
+            lost.append(number)
+        else:
+            if isinstance(chunk, OtherProgram):
+                raise InputError(f"worker on {chunk.where} has {chunk.what}; the numbers would differ", file=cluster)
+            yield number, chunk
+        future.release()
+        # A cluster may grow and shrink while it works.
+        hand_out(max(1, AHEAD * _threads(client) - len(of)))
+    if lost:
+        raise InputError(
+            f"chunks {', '.join(map(str, sorted(lost)))} took their workers down {RETRIES} times; out of memory there? "
+            "All others are done and kept; the same command tries these again",
+            file=cluster,
+        )
+
+
+def _threads(client: Any) -> int:
+    return max(1, sum(client.nthreads().values()))
