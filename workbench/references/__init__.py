@@ -4,6 +4,7 @@ from workbench.references.limits import LimitPair, Limits, Step
 from workbench.references.plan import MotionPlan, Plan, Profile, motion_time_s, plan_motion
 from workbench.references.recorded import RecordedPlan
 from workbench.references.shapes import KINDS, Shape
+from workbench.references.stopped import StoppedPlan
 from workbench.references.transmission import allowed_carriage_speed_m_s, motor_speed_rad_s
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "RecordedPlan",
     "Shape",
     "Step",
+    "StoppedPlan",
     "allowed_carriage_speed_m_s",
     "motion_time_s",
     "motor_speed_rad_s",

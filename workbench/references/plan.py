@@ -52,6 +52,7 @@ class Plan(Protocol):
     def move_windows(self) -> tuple[tuple[float, float], ...]: ...
     @property
     def acceleration_m_s2(self) -> float: ...
+    def at(self, time_s: Array) -> tuple[Array, Array, Array]: ...
     def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile: ...
     def __hash__(self) -> int: ...
 
@@ -94,9 +95,8 @@ class MotionPlan:
         """The largest acceleration limit that a move was planned with."""
         return max(shape.limits.acceleration_m_s2 for _, shape in self.moves)
 
-    def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile:
-        """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
-        time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
+    def at(self, time_s: Array) -> tuple[Array, Array, Array]:
+        """Height (m), speed (m/s) and acceleration (m/s²) at any times (s)."""
         position = np.full(time_s.shape, self.start_position_m)
         speed, acceleration = np.zeros_like(time_s), np.zeros_like(time_s)
         for start_s, shape in self.moves:
@@ -104,6 +104,12 @@ class MotionPlan:
             position += p
             speed += v
             acceleration += a
+        return position, speed, acceleration
+
+    def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile:
+        """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
+        time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
+        position, speed, acceleration = self.at(time_s)
         return Profile(
             kind=self.kind,
             time_s=time_s,

@@ -116,9 +116,8 @@ class RecordedPlan:
         step = float(np.median(np.diff(self.time_s)))
         return float(np.abs(self.sample(step).acceleration_m_s2).max())
 
-    def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile:
-        """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
-        time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
+    def at(self, time_s: Array) -> tuple[Array, Array, Array]:
+        """Height (m), speed (m/s) and acceleration (m/s², by differences of the times) at rising times (s)."""
         t = time_s - self.lead_s
         recorded = self.time_s - self.time_s[0]
         if self.smoothing_s > 0.0:
@@ -128,12 +127,19 @@ class RecordedPlan:
         else:
             travel = self._travel(t)
             speed = np.interp(t, recorded, self.speed_recorded_m_s, left=0.0, right=0.0)
+        acceleration = np.gradient(speed, time_s) if len(time_s) > 1 else np.zeros_like(speed)
+        return self.start_position_m + travel, speed, acceleration
+
+    def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile:
+        """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
+        time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
+        position, speed, acceleration = self.at(time_s)
         return Profile(
             kind=self.kind,
             time_s=time_s,
-            position_m=self.start_position_m + travel,
+            position_m=position,
             speed_m_s=speed,
-            acceleration_m_s2=np.gradient(speed, time_s),
+            acceleration_m_s2=acceleration,
             move_windows=self.move_windows,
             move_limits=(),
         )

@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Discriminator, Field, PlainValidator, Tag, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PlainValidator,
+    Tag,
+    field_validator,
+    model_validator,
+)
 
 from workbench.errors import nearest
 from workbench.machine.record import Finite, Positive, Record
@@ -73,7 +82,13 @@ def _list_or_range(value: Any) -> str:
     return "range" if isinstance(value, dict | RangeBlock) else "list"
 
 
-Listed = Annotated[tuple[Value, ...], Field(min_length=1, max_length=MOST_VALUES)]
+def _not_empty(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if not 1 <= len(values) <= MOST_VALUES:
+        raise ValueError(f"holds {len(values)} values, expected 1 to {MOST_VALUES}")
+    return values
+
+
+Listed = Annotated[tuple[Value, ...], AfterValidator(_not_empty), Field(json_schema_extra={"minItems": 1})]
 AxisValues = Annotated[
     Annotated[Listed, Tag("list")] | Annotated[RangeBlock, Tag("range")], Discriminator(_list_or_range)
 ]

@@ -82,6 +82,12 @@ class Fields:
 
     def value(self, name: str) -> float | None:
         """A field's own number; None where it has none, or not one only."""
+        if ("value", name) not in self._cache:
+            self._cache["value", name] = self._value(name)
+        found: float | None = self._cache["value", name]
+        return found
+
+    def _value(self, name: str) -> float | None:
         parts = self.parts({})
         root, path = _split(name)
         if root in _NUMBERS:

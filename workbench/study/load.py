@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import json
 import os
 import re
@@ -125,10 +126,19 @@ def _scenario(layers: Layered) -> Scenario:
     try:
         return Scenario.model_validate(layers.data)
     except ValidationError as error:
-        found = [layers.error(text, place) for place, text in problem_lines(Scenario, error, layers.data)]
+        found = [layers.error(*_clearer(text, place)) for place, text in problem_lines(Scenario, error, layers.data)]
         first = found[0]
         text = "\n".join([first.problem, *map(str, found[1:])])
         raise InputError(text, file=first.file, line=first.line, place=first.place) from error
+
+
+def _clearer(text: str, place: Place) -> tuple[str, Place]:
+    """Without the names of a union's members, and with the keys of a range where one is misspelt."""
+    if place[-1:] and place[-1] in ("list", "range", "recorded", "kind") and len(place) > 1:
+        place = place[:-1] if place[0] in ("sweep", "references") and place[-2:] != ("references", "kind") else place
+    if place[:1] == ("sweep",) and len(place) > 2 and text.startswith("unknown key"):
+        text = f"unknown key '{place[-1]}'; {nearest(str(place[-1]), ('from', 'to', 'steps', 'step', 'scale'))}"
+    return text, place
 
 
 def _machine(scenario: Scenario, layers: Layered) -> Hoist:
@@ -161,6 +171,7 @@ def _equipped(scenario: Scenario, machine: Hoist) -> Hoist:
         block[last] = value
     if scenario.drive is not None:
         data["drive"] |= scenario.drive.model_dump(exclude_none=True)
+    _check_effects(scenario.effects)
     data["effects"] = {name: dict(values) for name, values in machine.effects.items()} | scenario.effects
     try:
         return Hoist.model_validate(data)
@@ -170,6 +181,17 @@ def _equipped(scenario: Scenario, machine: Hoist) -> Hoist:
         named = next((each for each in scenario.machine_overrides if each.startswith(name or "?")), None)
         where = f"machine_overrides.{named}" if named else name if place[:1] in (("drive",), ("effects",)) else ""
         raise InputError(problem, place=where or "machine_overrides") from error
+
+
+def _check_effects(effects: Mapping[str, Mapping[str, float]]) -> None:
+    """InputError for an effect that this version does not know: it would be left out without a word."""
+    known: tuple[str, ...] = ()
+    if importlib.util.find_spec("workbench.effects") is not None:
+        known = tuple(importlib.import_module("workbench.effects").names())
+    for name in effects:
+        if name not in known:
+            hint = nearest(name, known) if known else "this version has none"
+            raise InputError(f"unknown effect '{name}'; {hint}", place=f"effects.{name}")
 
 
 def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:

@@ -14,6 +14,7 @@ from workbench.references import (
     Plan,
     RecordedPlan,
     Step,
+    StoppedPlan,
     allowed_carriage_speed_m_s,
     plan_motion,
 )
@@ -69,6 +70,12 @@ class RunSpec:
         """The motion; equal motions are planned once. InputError where it is not possible."""
         if self.problem:
             raise InputError(self.problem)
+        plan, events = self._undisturbed(), self.events
+        if events.emergency_stop_s is None or events.emergency_deceleration_m_s2 is None:
+            return plan
+        return _stopped(plan, events.emergency_stop_s, events.emergency_deceleration_m_s2)
+
+    def _undisturbed(self) -> Plan:
         rail = (self.machine.rail.lowest_position_m, self.machine.highest_position_m)
         if self.recording is not None:
             return _recorded_plan(self.recording, rail, self.lead_s, self.settle_s)
@@ -80,6 +87,7 @@ class RunSpec:
 
 
 _planned = lru_cache(maxsize=256)(plan_motion)
+_stopped = lru_cache(maxsize=256)(StoppedPlan)
 
 
 @lru_cache(maxsize=16)
