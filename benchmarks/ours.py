@@ -1,0 +1,66 @@
+"""The workbench, called the way its own commands call it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from workbench.control import PiSettings
+from workbench.identify.fit import Fit, fit
+from workbench.identify.models import SpeedModel
+from workbench.identify.parameters import free_parameters
+from workbench.machine import default_hoist
+from workbench.run import Run
+from workbench.simulate.driven import Bench
+from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
+from workbench.simulate.replay import simulate_replays
+
+from .case import FITTED, HEIGHT_M, PAYLOAD_KG, Loop, Replay
+from .hoist import Floats
+
+
+def log_of(case: Replay) -> Run:
+    """The case as a measured run: torque, and the reference's speed as the measured one."""
+    signals = {"torque_motor_nm": case.torque_nm, "speed_motor_rad_s": case.speed_rad_s}
+    return Run("benchmark", case.time_s, signals, PAYLOAD_KG, HEIGHT_M)
+
+
+def read(case: Replay) -> Bench:
+    """The log made ready, as after reading a campaign; not part of a replay's time."""
+    return Bench(default_hoist(), [log_of(case)])
+
+
+def replay(bench: Bench) -> Floats:
+    """Motor speed at the log's samples, rad/s."""
+    states = simulate_replays(bench.machine, bench)[0]
+    return np.asarray(states[:, len(bench.plant.positions)])
+
+
+def loop_cases(loops: Sequence[Loop]) -> list[LoopCase]:
+    machine = default_hoist()
+    return [
+        LoopCase(
+            f"benchmark {j}",
+            machine,
+            case.payload_kg,
+            HEIGHT_M,
+            PiSettings(kp_nm_s_per_rad=case.loop.kp, ki_nm_per_rad=case.loop.ki, sample_time_s=case.loop.interval_s),
+            case.wanted_rad_s,
+        )
+        for j, case in enumerate(loops)
+    ]
+
+
+def closed_loops(cases: Sequence[LoopCase], record_every: int) -> list[LoopResult]:
+    """All cases on one core, every metric taken; record_every = 0 keeps no signals."""
+    return simulate_loop(cases, record_every=record_every, threads=1)
+
+
+def speed_of(result: LoopResult) -> Floats:
+    return result.run["speed_motor_rad_s"]
+
+
+def friction_fit(bench: Bench) -> Fit:
+    """The guide's two levels and its slope, by output error of the motor speed."""
+    return fit(SpeedModel(bench), free_parameters(bench.machine, bench.runs, list(FITTED)))

@@ -1,0 +1,130 @@
+"""The benchmarks' own hoist against the workbench's, and the form of what they write. Nothing here is timed."""
+
+from __future__ import annotations
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks import measure, ours
+from benchmarks.case import FITTED, HEIGHT_M, LOOP, PAYLOAD_KG, make_fit_log, make_loop, make_replay, solve_loop
+from benchmarks.hoist import hanging, load_hoist, rates, reference_replay, speed_error
+from benchmarks.measure import Measured, Work, in_turns
+from benchmarks.peers.python_rhs import linear_between, make_rates
+from benchmarks.rows import ACCURACY, FIT_ACCURACY, RESULTS, Row
+
+KEYS = {
+    "name": str,
+    "ours_s": float,
+    "peer": str,
+    "peer_s": float,
+    "ratio": float,
+    "error_ours": float,
+    "error_peer": float,
+}
+NAMES = {"replay", "closed_loop", "batch", "fit"}
+PEERS = {"scipy-bdf", "scipy-lsoda", "cvode", "python-control", "casadi"}
+
+
+@pytest.fixture(scope="module")
+def loop():
+    case = make_loop()
+    return case, *solve_loop(case)
+
+
+@pytest.fixture(scope="module")
+def log(loop):
+    return make_replay(load_hoist(PAYLOAD_KG), loop[2])
+
+
+def test_replay_meets_the_independent_reference_within_a_millionth(log):
+    assert speed_error(ours.replay(ours.read(log)), log.speed_rad_s) <= ACCURACY
+
+
+def test_closed_loop_meets_the_independent_reference_within_a_millionth(loop):
+    case, speed, _ = loop
+    result = ours.closed_loops(ours.loop_cases([case]), 1)[0]
+    assert speed_error(ours.speed_of(result), speed) <= ACCURACY
+
+
+def test_saturated_loop_meets_the_independent_reference(loop):
+    """Ramps ten times as steep drive the torque into its limit, where the anti-windup acts."""
+    case = make_loop(9000.0, LOOP, ramp=0.1)
+    speed, torque = solve_loop(case)
+    assert np.max(np.abs(torque)) == LOOP.limit_nm
+    result = ours.closed_loops(ours.loop_cases([case]), 1)[0]
+    assert speed_error(ours.speed_of(result), speed) <= 1e-5
+
+
+def test_halving_the_references_step_changes_nothing_that_counts(log):
+    short = slice(0, 400)  # standing, the ramp up, and the swing after it
+    fine = reference_replay(log.hoist, log.start, log.torque_nm[short], 0.01, 2.5e-6)[:, 1]
+    assert speed_error(fine, log.speed_rad_s[short]) < 1e-3 * ACCURACY
+
+
+def test_fit_finds_the_friction_that_the_log_was_made_with():
+    found = ours.friction_fit(ours.read(make_fit_log()))
+    assert found.values() == pytest.approx(FITTED, rel=FIT_ACCURACY)
+
+
+@pytest.mark.parametrize("payload_kg", [0.0, 4500.0, 9000.0])
+def test_hanging_still_is_an_equilibrium(payload_kg):
+    p = load_hoist(payload_kg)
+    state, hold = hanging(p, HEIGHT_M)
+    assert np.max(np.abs(rates(p, *state, hold))) < 1e-9
+
+
+def test_the_peers_right_hand_side_is_the_references():
+    """In every regime: up and down, slack and taut, pins sticking and slipping."""
+    p = load_hoist(PAYLOAD_KG)
+    (th, _, th_s, _, x, _), hold = hanging(p, HEIGHT_M)
+    flat = make_rates(p)
+    for w, w_s, v, sag in itertools.product((-140.0, 0.1, 90.0), (-2.0, 0.004), (-0.7, 0.0, 0.3), (-0.5, 0.0, 0.2)):
+        y = (th, w, th_s, w_s, x - sag, v)
+        assert flat(list(y), hold + 50.0) == pytest.approx(rates(p, *y, hold + 50.0), rel=1e-12, abs=1e-9)
+
+
+def test_casadis_right_hand_side_is_the_references():
+    casadi = pytest.importorskip("casadi", reason="allowed: the peers come with the bench extra")
+    from benchmarks.peers.casadi_sim import make_rates as symbolic_rates
+
+    p = load_hoist(PAYLOAD_KG)
+    (th, _, th_s, _, x, _), hold = hanging(p, HEIGHT_M)
+    y, u = casadi.SX.sym("y", 6), casadi.SX.sym("u")
+    f = casadi.Function("f", [y, u], [symbolic_rates(p, y, u)])
+    for w, w_s, v, sag in itertools.product((-140.0, 0.1, 90.0), (-2.0, 0.004), (-0.7, 0.0, 0.3), (-0.5, 0.0, 0.2)):
+        state = (th, w, th_s, w_s, x - sag, v)
+        found = np.asarray(f(list(state), hold + 50.0)).ravel()
+        assert found == pytest.approx(rates(p, *state, hold + 50.0), rel=1e-12, abs=1e-9)
+
+
+def test_torque_is_linear_between_samples_and_held_after_the_last():
+    torque = linear_between(np.array([1.0, 3.0, 2.0]), 0.01)
+    assert [torque(t) for t in (0.0, 0.005, 0.01, 0.015, 0.02, 0.5)] == pytest.approx([1.0, 2.0, 3.0, 2.5, 2.0, 2.0])
+
+
+def test_each_way_is_judged_by_its_own_answer_and_timed_by_the_part(monkeypatch):
+    monkeypatch.setattr(measure, "_timed", lambda do: (2.0, 3.0))
+    ways = {"whole": Work(lambda: 7.0, lambda got: got), "quartered": Work(lambda: 7.0, lambda got: got + 1.0, parts=4)}
+    assert in_turns(ways, rounds=3) == {"whole": Measured(2.0, 3.0, 7.0), "quartered": Measured(0.5, 0.75, 8.0)}
+
+
+def test_ratio_is_the_peers_time_over_ours():
+    row = Row("replay", Measured(0.001, 0.001, 1e-7), "cvode", Measured(0.05, 0.06, 2e-7), "", 30.0)
+    assert row.record() == {
+        "name": "replay", "ours_s": 0.001, "peer": "cvode", "peer_s": 0.05, "ratio": pytest.approx(50.0),
+        "error_ours": 1e-7, "error_peer": 2e-7,
+    }  # fmt: skip
+
+
+def test_results_json_has_the_agreed_form_and_every_comparison():
+    if not RESULTS.is_file():
+        pytest.skip("allowed: no benchmarks/results.json; make bench writes it")
+    rows = json.loads(RESULTS.read_text(encoding="utf-8"))
+    assert {row["name"] for row in rows} == NAMES
+    assert {row["peer"] for row in rows} == PEERS
+    for row in rows:
+        assert {key: type(value) for key, value in row.items()} == KEYS
+        assert row["ratio"] == pytest.approx(row["peer_s"] / row["ours_s"])
