@@ -275,3 +275,13 @@ def test_the_driven_simulation_gives_the_torque_of_a_replayed_motion():
     )[:, :, 0]
     assert np.max(np.abs(out[:, 0] - torques)) < 0.05  # N m of 600: speed is linear between samples
     assert np.max(np.abs(out[:, 2] - states[:, 2])) < 1e-5  # m of height
+
+
+def test_parameters_of_another_number_of_rows_are_refused():
+    """Compiled code would read beyond them."""
+    p = values()
+    s, hold = start(p)
+    times = np.arange(0.0, 0.1, 0.01)
+    rows = np.array([[getattr(p, name)] for name in HOIST.parameters])
+    with pytest.raises(ValueError, match="22 rows of parameters, the kernel takes 23"):
+        kernels.replay(HOIST, rows[:-1], times[:, None], 0.0 * times[:, None] + hold, s[:, None], np.ones((3, 1)))

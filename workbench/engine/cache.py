@@ -64,7 +64,7 @@ def load_functions(text: str, letters: Mapping[str, str]) -> dict[str, Callable[
         if digest not in _loaded:
             path = cache_folder() / f"{digest}.kernel"
             codes = _read(path)
-            if codes is None:
+            if codes is None or codes.keys() != letters.keys():
                 codes = _compile(text, letters)
                 _write(path, codes)
             _loaded[digest] = {name: load_function(codes[name], each) for name, each in letters.items()}

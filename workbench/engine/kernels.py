@@ -32,12 +32,15 @@ class Kernel:
     """One compiled loop for a fixed number of lanes; `call` takes flat arrays of rows of lanes."""
 
     lanes: int
-    rows: int  # of the prepared constants
+    parameters: int  # rows of what `constants` takes,
+    rows: int  # and of what it gives
     prepare: Callable[..., int]
     call: Callable[..., int]
 
     def constants(self, parameters: Array) -> Array:
         """parameters: (names, lanes) -> what the steps read of them, once a scenario."""
+        if parameters.shape != (self.parameters, self.lanes):  # compiled code reads what it is told to, and beyond
+            raise ValueError(f"{parameters.shape[0]} rows of parameters, the kernel takes {self.parameters}")
         c = np.empty(self.rows * self.lanes)
         self.prepare(np.ascontiguousarray(parameters, dtype=float).reshape(-1), c)
         return c
@@ -48,7 +51,7 @@ class Kernel:
 
 def _kernel(source: KernelSource, lanes: int) -> Kernel:
     functions = load_functions(source.text, {"prepare": "aa", "run": source.letters})
-    return Kernel(lanes, source.rows, functions["prepare"], functions["run"])
+    return Kernel(lanes, source.parameters, source.rows, functions["prepare"], functions["run"])
 
 
 @cache
@@ -230,9 +233,10 @@ def loop(
 
     parameters: (names, scenarios), rows as `loop_parameters` names them; references: one
     (references, n) array a scenario, the same object where it is the same; start:
-    (states, scenarios); memory: (controller memory, scenarios); actual: (scenarios,) the input at work at the start where the
-    drive lags, None where it does not. Returns recorded signals (rows, signals, scenarios), the
-    observer's sums (sums, scenarios) and the final states (states, scenarios).
+    (states, scenarios); memory: (controller memory, scenarios); actual: (scenarios,) the
+    input at work at the start where the drive lags, None where it does not. Returns
+    recorded signals (rows, signals, scenarios), the observer's sums (sums, scenarios) and
+    the final states (states, scenarios).
     """
     scenarios = parameters.shape[1]
     kernel = loop_kernel(plant, effects, lanes_for(scenarios), controller, observer, recorded, actual is not None)

@@ -77,13 +77,14 @@ class KernelText:
         jit = '@njit(nogil=True, error_model="numpy", _nrt=False)'
         body = [f"def run({', '.join(arguments)}):", *self.lines]
         text = "\n".join([f"# Generated: {name}.", PREAMBLE, jit, *prepare, "", "", jit, *body, ""])
-        return KernelSource(text, "".join(arguments.values()), max(1, len(self.rows)))
+        return KernelSource(text, "".join(arguments.values()), len(self.parameters), max(1, len(self.rows)))
 
 
 @dataclass(frozen=True)
 class KernelSource:
-    """A module with `prepare(parameters, c)` and `run`; letters: of run's arguments; rows: of c."""
+    """A module with `prepare(parameters, c)` and `run`; letters: of run's arguments; the rows of both arrays."""
 
     text: str
     letters: str
+    parameters: int
     rows: int
