@@ -16,6 +16,8 @@ from workbench.run import Array
 AT_REST = 0.01
 # A run that begins or ends faster than this part of its largest speed was cut out of a motion.
 CUT = 0.05
+# A shorter average (s) is the difference of two almost equal numbers, and smooths nothing.
+SHORTEST = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,8 @@ class RecordedPlan:
 
     def __post_init__(self) -> None:
         speed, low, high = self.speed_recorded_m_s, *self.rail_m
+        if not (self.smoothing_s == 0.0 or SHORTEST <= self.smoothing_s < math.inf):
+            raise InputError(f"{self.smoothing_s:g} s, expected 0 or at least {SHORTEST:g} s", place="smoothing_s")
         top = float(np.abs(speed).max())
         if not (math.isfinite(top) and top > 0.0):
             raise InputError("the recorded reference stands still throughout or holds no numbers", place="references")

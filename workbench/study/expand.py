@@ -7,7 +7,7 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import overload
 
@@ -151,9 +151,12 @@ class Expansion(Sequence[RunSpec]):
 
     def assigned(self, at: Sequence[int], payload: float | None) -> tuple[Assigned, Assigned]:
         """What sweep and sample set at a point of the axes; drawn factors are multiplied out."""
+        return self._set(zip(self.axes, at, strict=True), payload)
+
+    def _set(self, points: Iterable[tuple[Axis, int]], payload: float | None) -> tuple[Assigned, Assigned]:
         swept: Assigned = {}
         sampled: Assigned = {}
-        for axis, k in zip(self.axes, at, strict=True):
+        for axis, k in points:
             if not axis.sampled:
                 swept.update(zip(axis.names, axis.values[k], strict=True))
                 continue
@@ -163,6 +166,11 @@ class Expansion(Sequence[RunSpec]):
                     value = float(value) * float(own) if own is not None else math.nan
                 sampled[name] = value
         return swept, sampled
+
+    def motion_parts(self, points: Iterable[tuple[Axis, int]]) -> Parts:
+        """The parts with only these axes set, the rest as the file has it."""
+        swept, sampled = self._set(points, None)
+        return self.fields.parts(swept | sampled)
 
     def _run_id(self, label: str, reference: str, at: Sequence[int]) -> str:
         parts = [axis.labels[k] for axis, k in zip(self.axes, at, strict=True)]
@@ -298,11 +306,12 @@ def _common_duration_s(specs: Expansion) -> float:
     works: list[set[int]] = [set() for _ in moving]
     errors: dict[tuple[int, int], InputError] = {}
     for at in itertools.product(*ends):
-        # An axis that does not move anything stays at its first point.
-        where = iter(at)
-        point = [next(where) if axis.moves else 0 for axis in specs.axes]
         try:
-            longest = max(longest, _time_s(specs, point))
+            parts = specs.motion_parts(zip(moving, at, strict=True))
+        except InputError as error:  # does not fit with the file's own values; other swept ones may mend that
+            first, parts = first or error, None
+        try:
+            longest = longest if parts is None else max(longest, _time_s(specs, parts))
         except InputError as error:
             first = first or error
             for i, k in enumerate(at):
@@ -325,8 +334,7 @@ def _common_duration_s(specs: Expansion) -> float:
     return longest
 
 
-def _time_s(specs: Expansion, point: Sequence[int]) -> float:
-    parts = specs.fields.parts(dict(itertools.chain(*(each.items() for each in specs.assigned(point, None)))))
+def _time_s(specs: Expansion, parts: Parts) -> float:
     scenario, machine = specs.scenario, parts.machine
     rail = (machine.rail.lowest_position_m, machine.highest_position_m)
     times = [r.time_s[-1] - r.time_s[0] + r.smoothing_s for r in specs.recordings.values()]

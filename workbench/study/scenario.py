@@ -83,7 +83,7 @@ class RecordedBlock(Record):
     kind: Literal["recorded", "s_curve"]
     campaign: Annotated[str, Field(min_length=1)]
     run: Annotated[str, Field(min_length=1)]
-    smoothing_s: Annotated[float, Field(gt=0.0, le=60.0, strict=True, allow_inf_nan=False)] | None = None
+    smoothing_s: Annotated[float, Field(ge=0.001, le=60.0, strict=True, allow_inf_nan=False)] | None = None
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,39}$")] | None = None
 
     @model_validator(mode="after")
