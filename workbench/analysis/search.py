@@ -1,0 +1,141 @@
+"""Many gains at once: a family's frequency responses on one grid, and what any (kp, ki) makes of them.
+
+The controller's response is linear in its two gains, L = P (kp K_p + ki K_i), so a candidate costs
+a few multiplications per frequency. What is found here is checked by exact margins afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.analysis.controller import linear_controller
+from workbench.analysis.discrete import Complex, Sampled, sampled_plant
+from workbench.analysis.linearise import OperatingPoint, linearise
+from workbench.control import PiSettings
+from workbench.errors import InputError
+from workbench.machine import Hoist
+from workbench.plants import NO_EFFECTS, Effects
+from workbench.run import Array
+
+HALF_POWER = math.sqrt(0.5)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Of candidates (n,), over the whole family: largest Ms and Mt, smallest bandwidth (Hz), all members stable."""
+
+    ms: Array
+    mt: Array
+    bandwidth_hz: Array
+    stable: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Responses (members, frequencies) of the plants, (frequencies,) of the controller per unit of each gain.
+
+    turns: by how much the phase of 1 + L turns along the grid when the loop is stable, per member:
+    by Nyquist's criterion all stable gains share it.
+    """
+
+    frequency_hz: Array
+    plants: Complex
+    per_kp: Complex
+    per_ki: Complex
+    turns: Array
+    inertia_kg_m2: float
+    dt: float
+
+    def judge(self, kp: Array, ki: Array) -> Judged:
+        """Candidates kp, ki (n,)."""
+        parts = []
+        size = max(1, 400_000 // self.plants.size)
+        for start in range(0, len(kp), size):
+            K = kp[start : start + size, None] * self.per_kp + ki[start : start + size, None] * self.per_ki
+            back = 1.0 + self.plants[None] * K[:, None, :]
+            ms = 1.0 / np.abs(back).min(axis=(1, 2))
+            turned = _turns(back)
+            T = np.abs(1.0 - 1.0 / back)
+            stable = np.all(np.abs(turned - self.turns) < 0.5 * math.pi, axis=1)
+            parts.append((ms, T.max(axis=(1, 2)), self._bandwidth(T).min(axis=1), stable))
+        ms, mt, bandwidth, stable = (np.concatenate([part[i] for part in parts]) for i in range(4))
+        return Judged(ms, mt, bandwidth, stable)
+
+    def _bandwidth(self, T: Array) -> Array:
+        """(candidates, members): where |T| first falls below -3 dB, between two frequencies by their logarithms."""
+        below = T < HALF_POWER
+        k = np.argmax(below, axis=-1)
+        rows = np.indices(k.shape)
+        before = np.maximum(k - 1, 0)
+        a, b = np.log(T[(*rows, before)] / HALF_POWER), np.log(T[(*rows, k)] / HALF_POWER)
+        part = np.where(a > b, a / np.where(a > b, a - b, 1.0), 1.0)
+        f = np.log(self.frequency_hz)
+        found = np.exp(f[before] + np.clip(part, 0.0, 1.0) * (f[k] - f[before]))
+        return np.where(below.any(axis=-1), found, np.inf)
+
+
+def make_search(
+    machine: Hoist,
+    settings: PiSettings,
+    points: Sequence[OperatingPoint],
+    *,
+    effects: Effects = NO_EFFECTS,
+) -> Search:
+    """A search over kp and ki; filters, delays and sample time are those of settings and drive."""
+    dt = settings.sample_time_s
+    linear = [linearise(machine, point, effects=effects) for point in points]
+    plants = [sampled_plant(each, dt, machine.drive.torque_lag_s) for each in linear]
+    f = _grid(plants, dt)
+    responses = np.array([plant.response(f)[:, 0, 0] for plant in plants])
+    units = [linear_controller(settings, machine, gains=gains) for gains in ((1.0, 0.0), (0.0, 1.0))]
+    per_kp, per_ki = (-unit.response(f)[:, 0, 1] for unit in units)
+    inertia = 1.0 / float(linear[0].B[linear[0].states.index("speed_motor_rad_s"), 0])
+    back = 1.0 + responses * _stable_controller(machine, settings, plants, inertia, f)
+    return Search(f, responses, per_kp, per_ki, _turns(back), inertia, dt)
+
+
+def _stable_controller(
+    machine: Hoist, settings: PiSettings, plants: Sequence[Sampled], inertia: float, f: Array
+) -> Complex:
+    """The response of some controller that makes every member stable by its poles: a slow one, if it can be."""
+    for crossover_hz in np.geomspace(40.0 * f[0], 0.2 * f[-1], 12):
+        kp = 2.0 * math.pi * crossover_hz * inertia
+        controller = linear_controller(settings, machine, gains=(kp, 2.0 * math.pi * crossover_hz * kp / 10.0))
+        if all(_closed_stable(plant, controller) for plant in plants):
+            return -controller.response(f)[:, 0, 1]
+    raise InputError(
+        "no PI gains make this loop stable at every payload; the drive is too slow, or the machine runs away"
+    )
+
+
+def _closed_stable(plant: Sampled, controller: Sampled) -> bool:
+    w, u = plant.C[[0]], plant.B[:, [0]]
+    K = controller
+    A = np.block([[plant.A + u @ K.D[:, [1]] @ w, u @ K.C], [K.B[:, [1]] @ w, K.A]])
+    return bool(np.max(np.abs(np.linalg.eigvals(A))) < 1.0)
+
+
+def _turns(back: Complex) -> Array:
+    """(..., frequencies) -> how far the phase turns from the first frequency to the last, whole turns included."""
+    steps = np.angle(back[..., 1:] * np.conj(back[..., :-1]))
+    # The start differs by candidate (how much the integral weighs); its own phase is taken out.
+    return np.asarray(steps.sum(axis=-1) + np.angle(-back[..., 0]))
+
+
+def _grid(plants: Sequence[Sampled], dt: float) -> Array:
+    nyquist = 0.5 / dt
+    lowest = 5e-4
+    parts = [np.geomspace(lowest, nyquist, 260), np.linspace(0.1, 1.0, 80) * nyquist]
+    for plant in plants:
+        for z in plant.poles():
+            if abs(z) > 1e-3 and z.imag > 0.0:
+                s = np.log(z) / (2.0 * math.pi * dt)
+                width = abs(s.real) / max(abs(s), 1e-9)
+                if width < 0.3:  # a sharp peak; the even grid sees the broad ones
+                    parts.append(s.imag * (1.0 + width * np.linspace(-5.0, 5.0, 21)))
+    f = np.unique(np.concatenate(parts))
+    return f[(f >= lowest) & (f <= nyquist)]

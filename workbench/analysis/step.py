@@ -1,0 +1,50 @@
+"""Step responses of the linear loop: the reference, and a torque on the shaft."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.analysis.loop import INPUTS, SHOWN, LinearLoop
+from workbench.run import Array
+
+
+@dataclass(frozen=True)
+class StepResponse:
+    """Deviations after a unit step at time 0; time_s: (n,), signals by name: (n,)."""
+
+    time_s: Array
+    signals: dict[str, Array]
+
+
+def step_response(loop: LinearLoop, of: str, duration_s: float) -> StepResponse:
+    """of: one of INPUTS; 1 rad/s of the reference or 1 N m on the shaft, hoisting. Signals as SHOWN."""
+    import control
+
+    n = max(2, round(duration_s / loop.dt) + 1)
+    time = np.arange(n) * loop.dt
+    inputs = np.zeros((len(INPUTS), n))
+    inputs[INPUTS.index(of)] = 1.0
+    _, _, closed = loop.systems()
+    out = control.forced_response(closed, time, inputs).outputs
+    return StepResponse(time, {name: np.asarray(out[i], dtype=float) for i, name in enumerate(SHOWN)})
+
+
+@dataclass(frozen=True)
+class LoadStep:
+    """What 1 N m on the shaft does to the motor's speed: largest deviation and integral of its magnitude."""
+
+    peak_rad_s: float
+    iae_rad: float
+
+
+def load_step(loop: LinearLoop) -> LoadStep:
+    """By the exact linear loop, until its slowest mode that shows has died out to a thousandth."""
+    sizes = np.abs(loop.poles())
+    slowest = float(np.max(sizes[sizes < 1.0 - 1e-9], initial=0.5))
+    n = int(min(max(np.log(1e-3) / np.log(slowest), 100), 60.0 / loop.dt))
+    load = np.zeros((n, len(INPUTS)))
+    load[:, INPUTS.index("load_torque")] = 1.0
+    speed = loop.closed.run(load)[:, 0]
+    return LoadStep(float(np.abs(speed).max()), float(np.abs(speed).sum() * loop.dt))

@@ -1,0 +1,206 @@
+"""Tuning: loop shaping on the family of linear loops, then refinement on the nonlinear closed loop.
+
+Deterministic: the candidates are a Sobol' sequence with a fixed seed around the shaped gains, then
+smaller and smaller steps along each coordinate from the best of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from workbench.analysis.family import Member, family
+from workbench.analysis.linearise import OperatingPoint
+from workbench.analysis.search import Search, make_search
+from workbench.analysis.shape import NEAR, Shaped, best_rejection, for_bandwidth, kp_for
+from workbench.analysis.trial import Score, Trial, try_out
+from workbench.control import PiSettings
+from workbench.errors import InputError
+from workbench.machine import Hoist
+from workbench.plants import NO_EFFECTS, Effects
+from workbench.run import Array
+
+DRAWN, KEPT = 256, 64  # Sobol' points drawn, and those of them that are simulated
+ROUNDS = 5
+# How far a candidate may leave what was asked for: bandwidth up to 5 % more, ki down to four fifths.
+WIDER, GIVEN_AWAY = 1.05, 0.8
+KP_ROOM, RATIO_ROOM = 0.6, 2.5  # of the logarithms of kp and of ki/kp
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What counts how much; each part is relative to the shaped gains' own."""
+
+    tracking: float = 1.0
+    peak: float = 2.0
+    effort: float = 1.0
+
+    def cost(self, score: Score, base: Score) -> float:
+        """1 for the shaped gains themselves; inf for a candidate that failed."""
+        if not score.ok:
+            return math.inf
+        total = self.tracking + self.peak + self.effort
+        return (
+            self.tracking * score.tracking_percent / base.tracking_percent
+            + self.peak * score.peak_percent / base.peak_percent
+            + self.effort * score.effort_percent / base.effort_percent
+        ) / total
+
+
+@dataclass(frozen=True)
+class Goal:
+    """bandwidth_hz: of the slowest member; None asks for the best rejection of load steps instead."""
+
+    bandwidth_hz: float | None = None
+    ms_limit: float = 1.4
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.ms_limit) and self.ms_limit > 1.0):
+            raise InputError(f"{self.ms_limit:g}, expected a number greater than 1, such as 1.4", place="ms")
+        if self.bandwidth_hz is not None and not (math.isfinite(self.bandwidth_hz) and self.bandwidth_hz > 0.0):
+            raise InputError(f"{self.bandwidth_hz:g} Hz, expected a number greater than 0", place="bandwidth")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One set of gains: what the linear family says of it and what the nonlinear runs say."""
+
+    settings: PiSettings
+    ms: float
+    bandwidth_hz: float
+    score: Score
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """The outcome: the winner, the shaped gains it began from, all that was tried, and the winner's family."""
+
+    goal: Goal
+    shaped: Candidate
+    winner: Candidate
+    tried: Sequence[Candidate]
+    attainable_hz: float
+    members: Sequence[Member] = field(default_factory=list)
+
+    def front(self) -> list[Candidate]:
+        """Those that no other beats in tracking error, torque peak and Ms at once, best tracking first."""
+        good = [c for c in self.tried if c.score.ok]
+        table = np.array([[c.score.tracking_percent, c.score.peak_percent, c.ms] for c in good]).reshape(-1, 3)
+        no_worse = np.all(table[:, None, :] <= table[None, :, :], axis=-1)
+        better = np.any(table[:, None, :] < table[None, :, :], axis=-1)
+        beaten = np.any(no_worse & better, axis=0)
+        return sorted((c for c, b in zip(good, beaten, strict=True) if not b), key=lambda c: c.score.tracking_percent)
+
+
+def tune(
+    machine: Hoist,
+    base: PiSettings,
+    points: Sequence[OperatingPoint],
+    trial: Trial,
+    goal: Goal,
+    weights: Weights = Weights(),  # noqa: B008 (frozen)
+    *,
+    effects: Effects = NO_EFFECTS,
+) -> Tuned:
+    """Gains for a goal; `base` gives all settings but the gains and the set-point weight.
+
+    points: the family whose margins count. InputError where the goal cannot be met.
+    """
+    search = make_search(machine, base, points, effects=effects)
+    if goal.bandwidth_hz is None:
+        shaped = best_rejection(search, goal.ms_limit)
+    else:
+        shaped = for_bandwidth(search, goal.bandwidth_hz, goal.ms_limit)
+    start = _with(base, np.array([shaped.kp, shaped.ki, base.set_point_weight]))
+    (first,) = try_out(trial, [start])
+    if not first.ok:
+        raise InputError(
+            "the trial's moves fail under the shaped gains: a load too heavy for the motors, or moves beyond their "
+            "limits; try lighter payloads or a scenario with slower moves",
+            place="payloads",
+        )
+    begun = Candidate(start, shaped.ms, shaped.bandwidth_hz, first, 1.0)
+    tried = [begun]
+
+    def add(points_: Array) -> None:
+        gains = _gains(points_, search, goal, shaped)
+        settings = [_with(base, x) for x in gains[_allowed(gains, search, goal, shaped)][:KEPT]]
+        known = {c.settings for c in tried}
+        settings = [s for s in dict.fromkeys(settings) if s not in known]
+        if not settings:
+            return
+        judged = search.judge(*(np.array([getattr(s, n) for s in settings]) for n in _GAINS))
+        for s, ms, hz, score in zip(settings, judged.ms, judged.bandwidth_hz, try_out(trial, settings), strict=True):
+            tried.append(Candidate(s, float(ms), float(hz), score, weights.cost(score, first)))
+            places[s] = _place(s, float(hz), goal, shaped)
+
+    places = {start: _place(start, shaped.bandwidth_hz, goal, shaped)}
+    add(_drawn())
+    size = 0.2
+    for _ in range(ROUNDS):
+        at = places[min(tried, key=lambda c: c.cost).settings]
+        steps = size * np.kron(np.eye(3), np.array([[-1.0], [-0.5], [0.5], [1.0]]))
+        add(np.clip(at + steps, 0.0, 1.0))
+        size *= 0.5
+    winner = min(tried, key=lambda c: c.cost)
+    members = family(machine, winner.settings, points, effects=effects)
+    return Tuned(goal, begun, winner, tried, shaped.attainable_hz, members)
+
+
+_GAINS = ("kp_nm_s_per_rad", "ki_nm_per_rad")
+
+
+def _with(base: PiSettings, x: Array) -> PiSettings:
+    """The settings with (kp, ki, set-point weight), to five digits: what is written is what was judged."""
+    kp, ki, b = (float(f"{value:.5g}") for value in x)
+    return base.model_copy(update={_GAINS[0]: kp, _GAINS[1]: ki, "set_point_weight": b})
+
+
+def _drawn() -> Array:
+    """Sobol' points in the unit cube."""
+    from scipy.stats import qmc
+
+    return np.asarray(qmc.Sobol(3, seed=SEED).random(DRAWN))
+
+
+def _gains(unit: Array, search: Search, goal: Goal, shaped: Shaped) -> Array:
+    """Points of the unit cube as (kp, ki, set-point weight), so that each coordinate keeps to what was asked for.
+
+    With a bandwidth: the bandwidth within its room, ki/kp below the shaped one, which is the largest.
+    For rejection: ki within its room, kp around the shaped one.
+    """
+    if goal.bandwidth_hz is None:
+        ki = shaped.ki * (GIVEN_AWAY + (1.0 - GIVEN_AWAY) * unit[:, 0])
+        kp = shaped.kp * np.exp(KP_ROOM * (2.0 * unit[:, 1] - 1.0))
+    else:
+        ratio = shaped.ki / shaped.kp * np.exp(-RATIO_ROOM * (1.0 - unit[:, 1]))
+        kp = kp_for(search, goal.bandwidth_hz * WIDER ** unit[:, 0], ratio)
+        ki = kp * ratio
+    return np.column_stack([kp, ki, unit[:, 2]])
+
+
+def _place(settings: PiSettings, bandwidth_hz: float, goal: Goal, shaped: Shaped) -> Array:
+    """Where in the unit cube gains stand; the inverse of `_gains`."""
+    kp, ki, b = settings.kp_nm_s_per_rad, settings.ki_nm_per_rad, settings.set_point_weight
+    if goal.bandwidth_hz is None:
+        at = [(ki / shaped.ki - GIVEN_AWAY) / (1.0 - GIVEN_AWAY), 0.5 + 0.5 * math.log(kp / shaped.kp) / KP_ROOM, b]
+    else:
+        part = math.log(bandwidth_hz / goal.bandwidth_hz) / math.log(WIDER)
+        at = [part, 1.0 + math.log(ki / kp * shaped.kp / shaped.ki) / RATIO_ROOM, b]
+    return np.clip(np.array(at), 0.0, 1.0)
+
+
+def _allowed(gains: Array, search: Search, goal: Goal, shaped: Shaped) -> np.ndarray:
+    """Those that keep to the bound on Ms and to what was asked for."""
+    judged = search.judge(gains[:, 0], gains[:, 1])
+    good = judged.stable & (judged.ms <= goal.ms_limit * NEAR)
+    if goal.bandwidth_hz is not None:
+        rounding = 1.001
+        good &= (judged.bandwidth_hz >= goal.bandwidth_hz / rounding) & (judged.mt <= goal.ms_limit)
+        good &= judged.bandwidth_hz <= goal.bandwidth_hz * WIDER * rounding
+    return np.asarray(good)
