@@ -12,6 +12,7 @@ import contextlib
 import os
 import shutil
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -67,12 +68,16 @@ class Part:
 
     def commit(self, number: int, chunk: Chunk) -> None:
         """Keep a chunk: signals first, then, at one stroke, the rows that say that they are there."""
+        places = []
         for run_id, data in chunk.signals.items():
             place = self.folder / "runs" / run_id
             place.mkdir(parents=True, exist_ok=True)
-            _write(place / SIGNALS, data)
-        if chunk.signals:
-            _settle(self.folder / "runs")
+            (place / SIGNALS).write_bytes(data)
+            places += [place / SIGNALS, place]
+        if places:
+            # Side by side: the disk takes many files at a time nearly as fast as one.
+            with ThreadPoolExecutor(16) as pool:
+                list(pool.map(_settle, [*places, self.folder / "runs"]))
         file = self._file(number)
         file.parent.mkdir(exist_ok=True)
         temporary = file.with_suffix(".tmp")
@@ -136,11 +141,13 @@ def _write(path: Path, data: bytes) -> None:
         os.fsync(stream.fileno())
 
 
-def _settle(folder: Path) -> None:
-    """The names in a folder are on the disk when this returns, where the system can do that."""
-    with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+def _settle(path: Path) -> None:
+    """What a file, or the names in a folder, say is on the disk when this returns, where the system can do that."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except PermissionError:  # a folder, on systems that open files only
+        return
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
