@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import pickle
 import re
 from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,6 +19,7 @@ from workbench.study.store import Chunk
 RETRIES = 3
 # Tasks handed out for each worker thread: one in work, one waiting, so that nobody idles.
 AHEAD = 2
+CONNECT_S = 10
 WAIT_FOR_WORKERS_S = 60
 
 
@@ -32,7 +35,7 @@ def spread_on(cluster: str) -> Iterator[Spread]:
         raise InputError(f"'{cluster}' is no cluster; expected tcp://host:port, or local:N for N processes here")
     client = _local_client(int(local[1])) if local else _client(cluster)
     try:
-        yield lambda study, numbers: _chunks(client, cluster, study, numbers)
+        yield lambda study, numbers: _while_it_lives(_chunks(client, cluster, study, numbers), cluster)
     finally:
         client.close()
         if local:
@@ -44,6 +47,8 @@ def _distributed() -> Any:
         import distributed
     except ImportError as error:
         raise InputError("--cluster needs the extra 'cluster': pip install 'workbench[cluster]'") from error
+    # What it says of lost workers is dealt with here, and ends in one sentence or in nothing.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     return distributed
 
 
@@ -70,7 +75,7 @@ def _local_client(processes: int) -> Any:
 def _client(address: str) -> Any:
     distributed = _distributed()
     try:
-        client = distributed.Client(address, timeout=10)
+        client = distributed.Client(address, timeout=CONNECT_S)
         client.wait_for_workers(1, timeout=WAIT_FOR_WORKERS_S)
     except TimeoutError as error:
         said = f"no worker came in {WAIT_FOR_WORKERS_S} s; start one with: dask worker {address}"
@@ -78,6 +83,13 @@ def _client(address: str) -> Any:
     except (OSError, ValueError) as error:
         raise InputError(f"no Dask scheduler answers there: {error}", file=address) from error
     return client
+
+
+def _while_it_lives(chunks: Iterator[tuple[int, Chunk]], cluster: str) -> Iterator[tuple[int, Chunk]]:
+    try:
+        yield from chunks
+    except (CancelledError, OSError) as error:
+        raise InputError("the cluster is gone; what is done is kept", file=cluster) from error
 
 
 def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int]) -> Iterator[tuple[int, Chunk]]:
