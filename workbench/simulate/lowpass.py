@@ -14,14 +14,14 @@ def lowpass(time_s: Array, values: Array, band_hz: float) -> Array:
     """`values` (n,) or (n, k) without what lies above `band_hz` (-3 dB), at the same times.
 
     The gain is that of a fourth-order Butterworth filter run forth and back, applied in
-    the frequency domain; the ends are continued by reflection through the end point.
-    Irregular samples are filtered on an even grid of their median step.
+    the frequency domain; the ends are continued by reflection through the end point, and
+    a line passes as it is. Irregular samples are filtered on an even grid of their median step.
     """
     n = len(time_s)
     step = float(np.median(np.diff(time_s)))
     if 2.0 * band_hz * step >= 1.0:  # nothing to take away below half the sampling rate
         return np.array(values, dtype=float)
-    even = time_s[0] + step * np.arange(round((time_s[-1] - time_s[0]) / step) + 1)
+    even = np.linspace(time_s[0], time_s[-1], max(1, round((time_s[-1] - time_s[0]) / step)) + 1)
     regular = len(even) == n and np.allclose(even, time_s, rtol=0.0, atol=0.02 * step)
     columns = np.asarray(values, dtype=float).reshape(n, -1)
     if not regular:
@@ -31,10 +31,12 @@ def lowpass(time_s: Array, values: Array, band_hz: float) -> Array:
     ends = (2.0 * columns[0] - columns[pad:0:-1], 2.0 * columns[-1] - columns[-2 : -pad - 2 : -1])
     padded = np.concatenate([ends[0], columns, ends[1]])
     size = _good_size(len(padded))
-    spectrum = np.fft.rfft(np.concatenate([padded, np.repeat(padded[-1:], size - len(padded), axis=0)]), axis=0)
+    # Without the line from end to end there is no jump where the transform closes its circle.
+    line = padded[0] + (padded[-1] - padded[0]) * np.linspace(0.0, 1.0, len(padded))[:, None]
+    spectrum = np.fft.rfft(padded - line, size, axis=0)
     f0 = band_hz / (np.sqrt(2.0) - 1.0) ** (1.0 / POWER)
     gain = 1.0 / (1.0 + (np.fft.rfftfreq(size, step) / f0) ** POWER)
-    smooth = np.fft.irfft(spectrum * gain[:, None], size, axis=0)[pad : pad + m]
+    smooth = (np.fft.irfft(spectrum * gain[:, None], size, axis=0)[: len(line)] + line)[pad : pad + m]
     if not regular:
         smooth = _resampled(time_s, even, smooth)
     return smooth.reshape(np.shape(values))
