@@ -27,28 +27,42 @@ def select(context, condition, a, b):
     return types.float64(types.boolean, types.float64, types.float64), generate
 
 
+@intrinsic
+def fma_(context, a, b, c):
+    """a b + c with one rounding, the same whatever the compiler makes of its surroundings."""
+
+    def generate(context, builder, signature, args):
+        return builder.fma(*args)
+
+    return types.float64(types.float64, types.float64, types.float64), generate
+
+
 @njit(forceinline=True, error_model="numpy")
 def atan_(x):
-    """Cephes' atan: three ranges and a rational function, within 2e-16."""
+    """atan within 3e-16: three ranges, one division, a polynomial in pairs so that little waits for little.
+
+    z (1 + s Q(s)), s = z^2 up to tan(pi/8)^2: minimax by Remez' points at 40 digits, 1.3e-18.
+    """
     a = abs(x)
     far = a > 2.414213562373095
-    mid = a > 0.66
+    mid = a > 0.41421356237309503
     num = select(far, -1.0, select(mid, a - 1.0, a))
     den = select(far, a, select(mid, a + 1.0, 1.0))
     offset = select(far, 1.5707963267948966, select(mid, 0.7853981633974483, 0.0))
     z = num / den
     s = z * z
-    p = -8.750608600031904122785e-1
-    p = p * s - 1.615753718733365076637e1
-    p = p * s - 7.500855792314704667340e1
-    p = p * s - 1.228866684490136173410e2
-    p = p * s - 6.485021904942025371773e1
-    q = s + 2.485846490142306297962e1
-    q = q * s + 1.650270098316988542046e2
-    q = q * s + 4.328810604912902668951e2
-    q = q * s + 4.853903996359136964868e2
-    q = q * s + 1.945506571482613964425e2
-    r = offset + (z * (s * p / q) + z)
+    s2 = s * s
+    s4 = s2 * s2
+    a0 = fma_(0.19999999999940837, s, -0.3333333333333312)
+    a1 = fma_(0.11111110744657099, s, -0.14285714279244968)
+    a2 = fma_(0.07692045194561481, s, -0.09090896801472813)
+    a3 = fma_(0.05846866752275139, s, -0.06662950246036792)
+    a4 = fma_(0.03796390316111083, s, -0.05035049795312439)
+    b0 = fma_(a1, s2, a0)
+    b1 = fma_(a3, s2, a2)
+    b2 = fma_(-0.017803896394812564, s2, a4)
+    q = fma_(b2, s4 * s4, fma_(b1, s4, b0))
+    r = offset + fma_(z * s, q, z)
     return select(x < 0.0, -r, r)
 
 

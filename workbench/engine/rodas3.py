@@ -18,10 +18,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from workbench.trace.derive import derivative
-from workbench.trace.expr import Expr, Scalar
+from workbench.trace.expr import Expr, Scalar, fma
 
 GAMMA = 0.5
 Increment = tuple[list[Scalar], list[Scalar]]  # of positions and of speeds
+Pair = tuple[list[Scalar], list[Scalar]]
 Rates = Callable[[Scalar, Sequence[Scalar], Sequence[Scalar], Scalar], Sequence[Scalar]]
 
 
@@ -42,52 +43,83 @@ def rodas3_step(
     f_t = [derivative(f, t, memo) + derivative(f, u, memo) * u_rate for f in f0]
 
     per_h = 1.0 / h  # the one division by the step
-    s = per_h * (1.0 / GAMMA)
     gh = GAMMA * h
+    g_q = [[gh * d for d in row] for row in f_q]
     matrix = [
-        [(s if i == j else 0.0) - f_y[i][j] - (f_q[i][j] * gh if j < n else 0.0) for j in range(m)] for i in range(m)
+        [((1.0 / GAMMA) * per_h if i == j else 0.0) - f_y[i][j] - (g_q[i][j] if j < n else 0.0) for j in range(m)]
+        for i in range(m)
     ]
-    lu = _factorise(matrix)
+    apply = _solver(matrix)
 
-    def solve(rq: Sequence[Scalar], ry: Sequence[Scalar]) -> Increment:
-        right = [ry[i] + gh * _dot(f_q[i], rq) for i in range(m)]
-        uy = _substitute(lu, right)
+    def solve(rq: Sequence[Scalar], ry: Sequence[Scalar]) -> Pair:
+        uy = apply([_sum_of_products(g_q[i], rq, ry[i]) for i in range(m)])
         return [gh * (rq[i] + uy[i]) for i in range(n)], uy
 
-    def stage(
-        f: Sequence[Scalar], y_at: Sequence[Scalar], terms: Sequence[tuple[float, Increment]], ft: float
-    ) -> Increment:
-        rq: list[Scalar] = list(y_at[:n])
-        ry: list[Scalar] = list(f)
-        for factor, (uq, uy) in terms:
-            rq = [r + (factor * per_h) * w for r, w in zip(rq, uq, strict=True)]
-            ry = [r + (factor * per_h) * w for r, w in zip(ry, uy, strict=True)]
-        if ft:
-            ry = [r + ft * h * d for r, d in zip(ry, f_t, strict=True)]
-        return solve(rq, ry)
-
-    u1 = stage(f0, y, [], 0.5)
-    u2 = stage(f0, y, [(4.0, u1)], 1.5)
-    q3 = [a + 2.0 * b for a, b in zip(q, u1[0], strict=True)]
-    y3 = [a + 2.0 * b for a, b in zip(y, u1[1], strict=True)]
+    u1 = solve(y[:n], _combined(0.5 * h, f_t, f0))
+    past = ([4.0 * w for w in u1[0]], [4.0 * w for w in u1[1]])
+    u2 = solve(_combined(per_h, past[0], y[:n]), _combined(per_h, past[1], _combined(1.5 * h, f_t, f0)))
+    y3 = _combined(2.0, u1[1], y)
+    q3 = _combined(2.0, u1[0], q)
     end, u_end = t + h, u + u_rate * h
-    u3 = stage(rates(end, q3, y3, u_end), y3, [(1.0, u1), (-1.0, u2)], 0.0)
-    q4 = [a + b for a, b in zip(q3, u3[0], strict=True)]
-    y4 = [a + b for a, b in zip(y3, u3[1], strict=True)]
-    u4 = stage(rates(end, q4, y4, u_end), y4, [(1.0, u1), (-1.0, u2), (-8.0 / 3.0, u3)], 0.0)
-    return (
-        [a + b for a, b in zip(q4, u4[0], strict=True)],
-        [a + b for a, b in zip(y4, u4[1], strict=True)],
-        u4[0],
-        u4[1],
-    )
+    past = (_minus(u1[0], u2[0]), _minus(u1[1], u2[1]))
+    u3 = solve(_combined(per_h, past[0], y3[:n]), _combined(per_h, past[1], rates(end, q3, y3, u_end)))
+    q4, y4 = _plus(q3, u3[0]), _plus(y3, u3[1])
+    past = (_combined(-8.0 / 3.0, u3[0], past[0]), _combined(-8.0 / 3.0, u3[1], past[1]))
+    u4 = solve(_combined(per_h, past[0], y4[:n]), _combined(per_h, past[1], rates(end, q4, y4, u_end)))
+    return _plus(q4, u4[0]), _plus(y4, u4[1]), u4[0], u4[1]
 
 
-def _dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
-    total: Scalar = 0.0
+def _plus(a: Sequence[Scalar], b: Sequence[Scalar]) -> list[Scalar]:
+    return [x + y for x, y in zip(a, b, strict=True)]
+
+
+def _minus(a: Sequence[Scalar], b: Sequence[Scalar]) -> list[Scalar]:
+    return [x - y for x, y in zip(a, b, strict=True)]
+
+
+def _combined(factor: Scalar, a: Sequence[Scalar], b: Sequence[Scalar]) -> list[Scalar]:
+    """factor a + b"""
+    return [fma(factor, x, y) for x, y in zip(a, b, strict=True)]
+
+
+def _sum_of_products(a: Sequence[Scalar], b: Sequence[Scalar], total: Scalar) -> Scalar:
     for x, y in zip(a, b, strict=True):
-        total = total + x * y
+        total = fma(x, y, total)
     return total
+
+
+def _solver(a: list[list[Scalar]]) -> Callable[[Sequence[Scalar]], list[Scalar]]:
+    """right -> x of a x = right.
+
+    Up to three unknowns by the inverse: nine products side by side, where elimination
+    goes one after the other. The diagonal dominates, so nothing is lost by it.
+    """
+    if len(a) > 3:
+        lu = _factorise(a)
+        return lambda right: _substitute(lu, right)
+    inverse = _inverse(a)
+    return lambda right: [_sum_of_products(row, right, 0.0) for row in inverse]
+
+
+def _inverse(a: list[list[Scalar]]) -> list[list[Scalar]]:
+    """The inverse by cofactors, with one division."""
+    m = len(a)
+    if m == 0:
+        return []
+    if m == 1:
+        return [[1.0 / a[0][0]]]
+    if m == 2:
+        per_det = 1.0 / (a[0][0] * a[1][1] - a[0][1] * a[1][0])
+        return [[a[1][1] * per_det, -(a[0][1] * per_det)], [-(a[1][0] * per_det), a[0][0] * per_det]]
+    others = ((1, 2), (2, 0), (0, 1))  # in this order cofactors need no sign
+    cofactor = [[_minor(a, others[i], others[j]) for j in range(3)] for i in range(3)]
+    per_det = 1.0 / _sum_of_products(a[0], cofactor[0], 0.0)
+    return [[cofactor[j][i] * per_det for j in range(3)] for i in range(3)]
+
+
+def _minor(a: list[list[Scalar]], rows: tuple[int, int], columns: tuple[int, int]) -> Scalar:
+    (i, j), (k, n) = rows, columns
+    return a[i][k] * a[j][n] - a[i][n] * a[j][k]
 
 
 def _factorise(a: list[list[Scalar]]) -> list[list[Scalar]]:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.errors import InputError
-from workbench.identify.models import OutputModel, residual_rms
+from workbench.identify.least_squares import minimise
+from workbench.identify.models import OutputModel
 from workbench.identify.parameters import Free
 from workbench.run import Array
 
@@ -48,48 +49,26 @@ def fit(model: OutputModel, free: Sequence[Free], ties: Sequence[tuple[str, str]
     rounds: an honest model error widens the error bars. `ties` are pairs of keys that the
     data cannot tell apart from a third: they are held alike, which is said.
     """
-    from scipy.optimize import least_squares
-
     if sum(model.run_lengths) <= len(free):
         raise InputError("the machine hardly moves in these runs: nothing to fit; choose runs with motion")
     m = len(free)
     prior = _prior(free, ties)
-    sigma = model.noise
-    z = np.zeros(m)
-    before = residual_rms(model, free, z)
     lowest = np.array([f.lowest_z for f in free])
-    evaluations = 0
+    evaluations = 1
 
     def both(at: Array) -> tuple[Array, Array]:
-        nonlocal evaluations
-        evaluations += 1
         out = model.residuals(free, [at, *(at + STEP * row for row in np.eye(m))])
         return out[0], (out[1:] - out[0]).T / STEP
 
+    z = np.maximum(np.zeros(m), lowest)
+    residual, jacobian = both(z)
+    before = _rms(residual)
+    sigma = model.noise
     for _ in range(ROUNDS):
-        memory: dict[bytes, tuple[Array, Array]] = {}
-
-        def at(x: Array, memory: dict[bytes, tuple[Array, Array]] = memory) -> tuple[Array, Array]:
-            key = x.tobytes()
-            if key not in memory:
-                memory.clear()
-                memory[key] = both(x)
-            return memory[key]
-
-        found = least_squares(
-            lambda x, s=sigma, at=at: np.concatenate([at(x)[0] / s, prior @ x]),
-            np.maximum(z, lowest + 1e-9),
-            jac=lambda x, s=sigma, at=at: np.vstack([at(x)[1] / s, prior]),
-            bounds=(lowest, np.full(m, np.inf)),
-            x_scale="jac",
-            xtol=1e-9,
-            ftol=1e-10,
-            gtol=1e-10,
-            max_nfev=60,
-        )
-        z = found.x
-        residual, jacobian = both(z)
-        left = float(np.sqrt(np.mean(residual**2)))
+        found = minimise(both, (z, residual, jacobian), lowest, 1.0 / sigma, prior)
+        z, residual, jacobian = found.z, found.residual, found.jacobian
+        evaluations += found.evaluations
+        left = _rms(residual)
         settled = abs(max(model.noise, left) - sigma) < 0.01 * sigma
         sigma = max(model.noise, left)
         if settled:
@@ -109,6 +88,10 @@ def fit(model: OutputModel, free: Sequence[Free], ties: Sequence[tuple[str, str]
         evaluations,
         tuple(_statements(free, z, std_z, covariance / np.outer(safe, safe), jacobian, ties)),
     )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _prior(free: Sequence[Free], ties: Sequence[tuple[str, str]]) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from workbench.engine import kernels
 from workbench.identify.parameters import Free
 from workbench.run import Array
-from workbench.simulate.driven import Bench, changed, pooled_rms, sensor, start_point
+from workbench.simulate.driven import Bench, changed, sensor, start_point
 from workbench.simulate.lowpass import lowpass
 
 SAMPLES_PER_PERIOD = 4.0  # of the band, that a fit looks at; more say nothing new
@@ -101,7 +101,3 @@ class SpeedModel:
             )
             out.append(states[:, len(plant.positions), :] - self.bench.motions[j].speed[:, None])
         return np.concatenate(out).T
-
-
-def residual_rms(model: OutputModel, free: Sequence[Free], z: Array) -> float:
-    return pooled_rms([model.residuals(free, [z])[0]])

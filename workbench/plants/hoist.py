@@ -64,7 +64,8 @@ def guide_friction(v: Scalar, p: Any) -> Scalar:
 
 def tension(delta: Scalar, rate: Scalar, k: Scalar, c: Scalar) -> Scalar:
     """Eq. 1, 2: W = k delta + c rate, N. A wire pulls and never pushes; slack carries nothing."""
-    return where(delta > 0.0, maximum(k * delta + c * rate, 0.0), 0.0)
+    W = k * delta + c * rate
+    return where((delta > 0.0) & (W > 0.0), W, 0.0)
 
 
 def _state(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects) -> SimpleNamespace:

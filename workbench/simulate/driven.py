@@ -7,7 +7,9 @@ balance: it does not drift, as an open-loop replay does.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -50,10 +52,7 @@ class Balance:
 
 
 class Bench:
-    """Runs of one machine, made ready for many predictions with changed parameters.
-
-    Runs may differ in length; the shorter ones are held at their end.
-    """
+    """Runs of one machine, made ready for many predictions with changed parameters."""
 
     def __init__(self, machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> None:
         self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
@@ -69,43 +68,41 @@ class Bench:
             for run, m, i in zip(self.runs, self.motions, self.inside, strict=True)
         ]
         self.noise = [noise_rms(r.time_s, u, self.band_hz) for r, u in zip(self.runs, self.inputs, strict=True)]
-        n = max(len(run.time_s) for run in self.runs)
-        self._times = np.stack([_continued(run.time_s, n) for run in self.runs], axis=-1)
-        self._speeds, self._accelerations, self._travel = (
-            np.stack([_held(getattr(m, name), n) for m in self.motions], axis=-1)
-            for name in ("speed", "acceleration", "position")
-        )
 
     def predict(self, values: Sequence[Sequence[SimpleNamespace]]) -> list[list[tuple[Array, Array]]]:
         """The true input each run's motion takes, for sets of parameters; raw, not low-passed.
 
         values: for every set, a run's parameters by symbol. Returns for every set and run
-        the input (n,) and the other states (n, states).
+        the input (n,) and the other states (n, states). The sets of a run take the same
+        steps, sixteen at a time, so their differences are free of step-size noise.
         """
-        plant, k = self.plant, len(values)
-        flat = [p for chosen in values for p in chosen]
-        start, angles, scales = [], [], []
-        for j, p in enumerate(flat):
-            run, motion = self.runs[j % len(self.runs)], self.motions[j % len(self.runs)]
-            q, y, _ = plant.start_of(*start_point(plant, run, motion), p)
-            start.append([*q[1:], *y[1:]])
-            scales.append(np.abs(plant.start_of(0.0, self.scale, p)[1]))
-            travel = self._travel[:, j % len(self.runs)]
-            angles.append(travel - travel[0] + q[0])
-        out = kernels.driven(
+
+        def one(j: int) -> Array:
+            return self._predict_run(j, [chosen[j] for chosen in values])
+
+        workers = min(len(self.runs), os.cpu_count() or 1)
+        first = one(0)  # compiles, if need be, in one thread only
+        with ThreadPoolExecutor(workers) as pool:
+            by_run = [first, *pool.map(one, range(1, len(self.runs)))]
+        return [[(out[:, 0, i], out[:, 1:, i]) for out in by_run] for i in range(len(values))]
+
+    def _predict_run(self, j: int, sets: Sequence[SimpleNamespace]) -> Array:
+        plant, run, motion = self.plant, self.runs[j], self.motions[j]
+        point = start_point(plant, run, motion)
+        starts = [plant.start_of(*point, p) for p in sets]
+        travelled = motion.position - motion.position[0]
+        return kernels.driven(
             plant,
-            np.array([[getattr(p, name) for p in flat] for name in plant.parameters]),
-            np.tile(self._times, k),
-            np.stack(angles, axis=-1),
-            np.tile(self._speeds, k),
-            np.tile(self._accelerations, k),
-            np.array(start).T.reshape(-1, len(flat)),
-            np.array(scales).T,
+            np.array([[getattr(p, name) for p in sets] for name in plant.parameters]),
+            run.time_s[:, None],
+            travelled[:, None] + np.array([q[0] for q, _, _ in starts]),
+            motion.speed[:, None],
+            motion.acceleration[:, None],
+            np.array([[*q[1:], *y[1:]] for q, y, _ in starts]).T.reshape(-1, len(sets)),
+            np.array([np.abs(plant.start_of(0.0, self.scale, p)[1]) for p in sets]).T,
             tolerance=TOLERANCE,
+            threads=1,
         )
-        lengths = [len(run.time_s) for run in self.runs]
-        m = len(self.runs)
-        return [[(out[:n, 0, i * m + j], out[:n, 1:, i * m + j]) for j, n in enumerate(lengths)] for i in range(k)]
 
     def balances(self, values: Sequence[SimpleNamespace] | None = None) -> list[Balance]:
         """Each run's balance under one set of parameters, the machine's own by default."""
@@ -153,15 +150,6 @@ def pooled_rms(parts: Sequence[Array]) -> float:
     """Root mean square over all samples of all parts."""
     together = np.concatenate(parts)
     return float(np.sqrt(np.mean(together**2))) if len(together) else float("nan")
-
-
-def _held(values: Array, n: int) -> Array:
-    return np.concatenate([values, np.full(n - len(values), values[-1])])
-
-
-def _continued(time: Array, n: int) -> Array:
-    step = float(np.median(np.diff(time)))
-    return np.concatenate([time, time[-1] + step * np.arange(1, n - len(time) + 1)])
 
 
 def changed(p: SimpleNamespace, changes: Mapping[str, float]) -> SimpleNamespace:

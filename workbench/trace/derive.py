@@ -35,12 +35,14 @@ def _rule(e: Expr, by: Expr, memo: dict[tuple[int, int], Scalar]) -> Scalar:
             return -d[0]
         case "*":
             return d[0] * e.args[1] + a * d[1]
+        case "fma":
+            return d[0] * e.args[1] + a * d[1] + d[2]
         case "/":
             return (d[0] - e * d[1]) / e.args[1]
         case "where":
             return where(a, d[1], d[2])
         case "abs":
-            return where(a < 0.0, -d[0], d[0])
+            return where(a < 0.0, -1.0, 1.0) * d[0]
         case "atan":
             return d[0] / (1.0 + a * a)
         case "sin":

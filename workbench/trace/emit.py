@@ -95,7 +95,7 @@ def _operation(e: Expr, args: Sequence[str]) -> str:
         return f"select({args[0]}, {args[1]}, {args[2]})"
     if e.op == "abs":
         return f"abs({args[0]})"
-    return f"{e.op}_({args[0]})"
+    return f"{e.op}_({', '.join(args)})"
 
 
 def evaluate(outputs: Sequence[Scalar], values: Mapping[str, float]) -> list[float]:

@@ -203,6 +203,17 @@ def clip(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
     return minimum(maximum(x, low), high)
 
 
+def fma(a: Scalar, b: Scalar, c: Scalar) -> Scalar:
+    """a b + c; rounded once where it is compiled, so use it where no effect may add anything."""
+    if not _traced(a, b, c):
+        return a * b + c
+    if const_value(a) == 0.0 or const_value(b) == 0.0:
+        return c
+    if const_value(c) == 0.0:
+        return a * b
+    return _make("fma", _wrap(a), _wrap(b), _wrap(c))
+
+
 def absolute(x: Scalar) -> Scalar:
     return _make("abs", x) if isinstance(x, Expr) else np.abs(x)
 

@@ -1,0 +1,89 @@
+"""Levenberg-Marquardt within bounds, for models that give residual and Jacobian in one call.
+
+The kernels run the changed parameters of a Jacobian as extra lanes beside the plain
+ones, so a residual without its Jacobian saves next to nothing; solvers that ask for
+them one after the other ask for too much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.run import Array
+
+ENOUGH = 0.01  # of chi^2: less than this left to gain is a tenth of a standard error
+ROUND_OFF = 1e-11  # of chi^2, relative: less than this is noise of the arithmetic
+MOST = 40  # evaluations
+DAMPING = 1e-4  # to begin with, of the diagonal of J'J
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """z: (m,); residual: (n,), jacobian: (n, m) at z. settled: nothing worth having was left to gain."""
+
+    z: Array
+    residual: Array
+    jacobian: Array
+    evaluations: int
+    settled: bool
+
+
+def minimise(
+    evaluate: Callable[[Array], tuple[Array, Array]],
+    begin: tuple[Array, Array, Array],
+    lowest: Array,
+    weight: float,
+    prior: Array,
+) -> Minimum:
+    """Minimise |weight residual(z)|^2 + |prior z|^2 for z >= lowest.
+
+    evaluate(z): residual (n,) and its Jacobian (n, m). begin: z with its residual and
+    Jacobian. K. Madsen, H. B. Nielsen, O. Tingleff, "Methods for Non-Linear Least Squares
+    Problems", 2004, section 3.2, with variables held that sit on their bound and want out.
+    """
+    z, residual, jacobian = begin
+    damping, growth, evaluations = DAMPING, 2.0, 0
+    chi2 = _chi2(z, residual, weight, prior)
+    while evaluations < MOST:
+        gradient = weight**2 * (jacobian.T @ residual) + prior.T @ (prior @ z)
+        hessian = weight**2 * (jacobian.T @ jacobian) + prior.T @ prior
+        free = ~((z <= lowest) & (gradient > 0.0))
+        step = _step(hessian, gradient, free, damping)
+        trial = np.maximum(z + step, lowest)
+        step = trial - z
+        promised = -(2.0 * gradient @ step + step @ hessian @ step)
+        if promised <= max(ENOUGH, ROUND_OFF * chi2):
+            return Minimum(z, residual, jacobian, evaluations, True)
+        r, j = evaluate(trial)
+        evaluations += 1
+        found = _chi2(trial, r, weight, prior)
+        if found < chi2:
+            gain = (chi2 - found) / promised
+            z, residual, jacobian, chi2 = trial, r, j, found
+            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3) * 0.3, 1e-12)
+            growth = 2.0
+        else:
+            damping, growth = max(damping, 1e-9) * growth * 4.0, growth * 2.0
+            if damping > 1e12:
+                break
+    return Minimum(z, residual, jacobian, evaluations, False)
+
+
+def _chi2(z: Array, residual: Array, weight: float, prior: Array) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        value = float(weight**2 * (residual @ residual) + np.sum((prior @ z) ** 2))
+    return value if np.isfinite(value) else np.inf
+
+
+def _step(hessian: Array, gradient: Array, free: np.ndarray, damping: float) -> Array:
+    """The damped Newton step of the free variables; none of the others."""
+    step = np.zeros(len(gradient))
+    h = hessian[np.ix_(free, free)]
+    scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
+    unit = h / np.outer(scale, scale)  # variables on their own scale, else the damping is of the largest
+    unit[np.diag_indices_from(unit)] *= 1.0 + damping
+    step[free] = -np.linalg.lstsq(unit, gradient[free] / scale, rcond=1e-14)[0] / scale
+    return step
