@@ -126,16 +126,21 @@ def _scenario(layers: Layered) -> Scenario:
     try:
         return Scenario.model_validate(layers.data)
     except ValidationError as error:
-        found = [layers.error(*_clearer(text, place)) for place, text in problem_lines(Scenario, error, layers.data)]
+        found = [
+            layers.error(*_clearer(text, place, layers.data))
+            for place, text in problem_lines(Scenario, error, layers.data)
+        ]
         first = found[0]
         text = "\n".join([first.problem, *map(str, found[1:])])
         raise InputError(text, file=first.file, line=first.line, place=first.place) from error
 
 
-def _clearer(text: str, place: Place) -> tuple[str, Place]:
+def _clearer(text: str, place: Place, data: Any) -> tuple[str, Place]:
     """Without the names of a union's members, and with the keys of a range where one is misspelt."""
-    if place[-1:] and place[-1] in ("list", "range", "recorded", "kind") and len(place) > 1:
-        place = place[:-1] if place[0] in ("sweep", "references") and place[-2:] != ("references", "kind") else place
+    if place[:1] in (("sweep",), ("references",)) and place[-1] in ("list", "range", "recorded", "kind"):
+        for part in place[:-1]:
+            data = data[part]
+        place = place if isinstance(data, dict) and place[-1] in data else place[:-1]
     if place[:1] == ("sweep",) and len(place) > 2 and text.startswith("unknown key"):
         text = f"unknown key '{place[-1]}'; {nearest(str(place[-1]), ('from', 'to', 'steps', 'step', 'scale'))}"
     return text, place
@@ -162,9 +167,9 @@ def _equipped(scenario: Scenario, machine: Hoist) -> Hoist:
     for name, value in scenario.machine_overrides.items():
         if name not in known or isinstance(value, list):
             valid = [each for each in known if not each.startswith("identified")]
-            raise InputError(
-                f"the machine has no value '{name}'; {nearest(name, valid)[:400]}", place=f"machine_overrides.{name}"
-            )
+            hint = nearest(name, valid)
+            hint = hint if hint.startswith("did") else "expected a dotted name such as wire.segment_length_m"
+            raise InputError(f"the machine has no value '{name}'; {hint}", place=f"machine_overrides.{name}")
         block, (*inner, last) = data, name.split(".")
         for part in inner:
             block = block[part]

@@ -6,7 +6,16 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, create_model, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    Discriminator,
+    Field,
+    JsonValue,
+    Tag,
+    create_model,
+    field_validator,
+    model_validator,
+)
 
 from workbench.control import Events, PiSettings
 from workbench.errors import InputError, nearest
@@ -25,7 +34,13 @@ def _known_reference(name: str) -> str:
     return name
 
 
+# A length that is checked after the items, so that one wrong item is one complaint.
+SOME: dict[str, JsonValue] = {"minItems": 1, "maxItems": 1000}
+
+
 def _once(values: Sequence[object], what: str) -> None:
+    if not 1 <= len(values) <= 1000:
+        raise ValueError(f"holds {len(values)} values, expected 1 to 1000")
     twice = [value for value, count in Counter(values).items() if count > 1]
     if twice:
         raise ValueError(f"{what} {twice[0]} stands there twice; once is enough")
@@ -148,11 +163,11 @@ class Scenario(Record):
     machine: Annotated[str, Field(min_length=1)] = "default"
     machine_overrides: dict[str, Any] = Field(default_factory=dict)
     drive: DriveChanges | None = None
-    payloads_kg: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=1000)] | None = None
+    payloads_kg: Annotated[tuple[NotNegative, ...], Field(json_schema_extra=SOME)] | None = None
     start_position_m: Finite | None = None
     moves: Annotated[tuple[MoveBlock, ...], Field(max_length=1000)] = ()
     limits: LimitsBlock = LimitsBlock()
-    references: Annotated[tuple[Reference, ...], Field(min_length=1, max_length=100)] = tuple(KINDS)
+    references: Annotated[tuple[Reference, ...], Field(json_schema_extra=SOME)] = tuple(KINDS)
     controller: PiSettings
     events: Events = Events()
     effects: dict[str, dict[str, Finite]] = Field(default_factory=dict)
