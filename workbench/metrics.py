@@ -46,6 +46,10 @@ def _error(s: Mapping[str, Scalar]) -> Scalar:
     return s["speed_reference_rad_s"] - s["speed_motor_rad_s"]
 
 
+def _margin(s: Mapping[str, Scalar], p: Any) -> Scalar:
+    return minimum(s["position_carriage_m"] - p.x_low, p.x_high - s["position_carriage_m"])
+
+
 def _first(sums: Sequence[float], p: Any, duration: float) -> float:
     return float(sums[0])
 
@@ -141,6 +145,10 @@ METRICS = (
         "peak_carriage_acceleration_m_s2", "m/s²", "largest acceleration of the carriage, either way",
         **_largest(lambda s, p: absolute(s["acceleration_carriage_m_s2"])),
     ),
+    Metric(
+        "rail_margin_m", "m", "smallest distance of the carriage from the ends of its rail; negative beyond them",
+        start=(HUGE,), update=lambda a, s, p, dt: [minimum(a[0], _margin(s, p))], finish=_first,
+    ),
 )  # fmt: skip
 
 
@@ -170,7 +178,9 @@ class Observer:
         return {metric.name: float(metric.finish(part, p, duration_s)) for metric, part in parts}
 
 
-HOIST_OBSERVER = Observer(METRICS, ("T_nominal", "T_hold", "share", "share_failed", "t_fail", "t_lag"))
+HOIST_OBSERVER = Observer(
+    METRICS, ("T_nominal", "T_hold", "share", "share_failed", "t_fail", "t_lag", "x_low", "x_high")
+)
 
 
 def measure(run: Run, p: Any, observer: Observer = HOIST_OBSERVER) -> dict[str, float]:

@@ -21,6 +21,8 @@ from workbench.plants import HOIST, NO_EFFECTS, Effects
 from workbench.run import Array, Run
 
 NO_EVENTS = Events()
+BOUNDLESS = 1e9  # a state beyond it, in m, rad or per second, belongs to no machine
+RAIL_PLAY = 0.01  # m, that a stop at the end of the rail may overshoot
 
 RECORDED = (
     "torque_motor_nm",
@@ -155,7 +157,10 @@ def _references(cases: Sequence[LoopCase]) -> list[Array]:
     known: dict[int, Array] = {}
     for case in cases:
         speed = case.speed_reference_rad_s
-        known.setdefault(id(speed), np.asarray(speed, dtype=float)[None, :])
+        if id(speed) not in known:
+            known[id(speed)] = np.asarray(speed, dtype=float)[None, :]
+            if not np.all(np.isfinite(speed)):  # a limit would make a torque of it, and nobody would know
+                raise ValueError(f"case {case.name}: the speed reference is not finite throughout")
     return [known[id(case.speed_reference_rad_s)] for case in cases]
 
 
@@ -178,7 +183,7 @@ def shares(machine: Hoist) -> tuple[float, float]:
 
 
 def _limits(case: LoopCase) -> dict[str, float]:
-    """Torque limits and shares by symbol. The harder-worked motor limits them all."""
+    """Torque limits, shares and ends of the rail by symbol. The harder-worked motor limits them all."""
     machine = case.machine
     one = machine.motor.nominal_torque_nm * machine.drive.overload
     share, share_failed = shares(machine)
@@ -192,6 +197,8 @@ def _limits(case: LoopCase) -> dict[str, float]:
         "share": share,
         "share_failed": share_failed,
         "t_lag": machine.drive.torque_lag_s,
+        "x_low": machine.rail.lowest_position_m,
+        "x_high": machine.highest_position_m,
     }
 
 
@@ -211,8 +218,8 @@ def _result(
     else:
         time = time[:0]
     run = Run(case.name, time, signals, case.payload_kg, case.start_position_m)
-    outcome, at = _outcome(case.machine, time, signals, end)
     metrics = HOIST_OBSERVER.finish(sums, SimpleNamespace(**values), duration)
+    outcome, at = _outcome(case.machine, time, signals, end, metrics)
     return LoopResult(case, run, metrics, outcome, at, float(end[2]), hold)
 
 
@@ -229,13 +236,18 @@ def _motors(case: LoopCase, time: Array, torque: Array) -> dict[str, Array]:
     }
 
 
-def _outcome(machine: Hoist, time: Array, signals: dict[str, Array], end: Array) -> tuple[Outcome, str]:
-    if not np.all(np.isfinite(end)):
-        bad = ~np.isfinite(signals["speed_motor_rad_s"]) if signals else np.zeros(0, bool)
+def _outcome(
+    machine: Hoist, time: Array, signals: dict[str, Array], end: Array, metrics: dict[str, float]
+) -> tuple[Outcome, str]:
+    """How the run ended, judged at every sample of the controller; when, as far as signals were kept."""
+    if not np.all(np.abs(end) < BOUNDLESS):
+        bad = ~(np.abs(signals["speed_motor_rad_s"]) < BOUNDLESS) if signals else np.zeros(0, bool)
         return Outcome.DIVERGED, f"by {time[np.argmax(bad)]:.2f} s" if bad.any() else ""
-    heights = signals.get("position_carriage_m", end[2:3])
-    out = (heights < 0.0) | (heights > machine.wire.segment_length_m)
+    if metrics["rail_margin_m"] >= -RAIL_PLAY:
+        return Outcome.COMPLETED, ""
+    heights = signals.get("position_carriage_m", np.zeros(0))
+    out = (heights < machine.rail.lowest_position_m - RAIL_PLAY) | (heights > machine.highest_position_m + RAIL_PLAY)
     if out.any():
         k = int(np.argmax(out))
-        return Outcome.LEFT_THE_RAIL, f"at {time[k]:.2f} s, at height {heights[k]:.2f} m" if signals else "at the end"
-    return Outcome.COMPLETED, ""
+        return Outcome.LEFT_THE_RAIL, f"at {time[k]:.2f} s, at height {heights[k]:.2f} m"
+    return Outcome.LEFT_THE_RAIL, f"by {-metrics['rail_margin_m']:.2f} m"

@@ -30,6 +30,7 @@ BETTER: Mapping[str, Better] = {
     "energy_motoring_j": "lower",
     "energy_regenerated_j": "higher",
     "peak_carriage_acceleration_m_s2": "lower",
+    "rail_margin_m": "higher",
 }
 _UNIT = re.compile(r"_(rad_s2|rad_s|nm_s|nm_per_s|m_s3|m_s2|m_s|nm2_s|percent_s|percent|nm|rad|hz|db|kw|ws|w|j|n|m|s)$")
 # A metric that was zero has no per cent; below this it still is zero.
