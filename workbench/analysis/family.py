@@ -56,5 +56,5 @@ def family(
 
 
 def weakest(members: Sequence[Member]) -> Member:
-    """An unstable one if there is any, else the one of the largest Ms."""
-    return max(members, key=lambda m: (not m.margins.stable, m.margins.ms))
+    """An unstable one if there is any, else the one of the largest Ms; among equal ones of the smallest disk margin."""
+    return max(members, key=lambda m: (not m.margins.stable, round(m.margins.ms, 3), -m.margins.disk))

@@ -128,8 +128,8 @@ def _turns(back: Complex) -> Array:
 
 def _grid(plants: Sequence[Sampled], dt: float) -> Array:
     nyquist = 0.5 / dt
-    lowest = 5e-4
-    parts = [np.geomspace(lowest, nyquist, 260), np.linspace(0.1, 1.0, 80) * nyquist]
+    lowest = 5e-4  # from here on the phase of 1 + L is followed; its peaks lie far above
+    parts = [np.geomspace(lowest, 0.02, 24), np.geomspace(0.02, nyquist, 280), np.linspace(0.1, 1.0, 80) * nyquist]
     for plant in plants:
         for z in plant.poles():
             if abs(z) > 1e-3 and z.imag > 0.0:

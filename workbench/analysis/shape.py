@@ -18,7 +18,7 @@ from workbench.errors import InputError
 from workbench.run import Array
 
 LOWEST_CROSSOVER_HZ = 0.05
-NEAR = 0.9995  # of the bound on Ms, for what lies between the grid's frequencies
+NEAR = 0.999  # of the bound on Ms, for what lies between the grid's frequencies
 Range = tuple[float, float]
 
 
@@ -64,7 +64,7 @@ def for_bandwidth(search: Search, bandwidth_hz: float, ms_limit: float) -> Shape
         judged = search.judge(kp, kp * ratio)
         good = (
             _allowed(judged, ms_limit)
-            & (judged.mt <= ms_limit)
+            & (judged.mt <= NEAR * ms_limit)
             & (np.abs(np.log(judged.bandwidth_hz / bandwidth_hz)) < 1e-3)
         )
         if not good.any():

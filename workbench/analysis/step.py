@@ -23,7 +23,7 @@ def step_response(loop: LinearLoop, of: str, duration_s: float) -> StepResponse:
     import control
 
     n = max(2, round(duration_s / loop.dt) + 1)
-    time = np.arange(n) * loop.dt
+    time: Array = np.arange(n, dtype=np.float64) * np.float64(loop.dt)
     inputs = np.zeros((len(INPUTS), n))
     inputs[INPUTS.index(of)] = 1.0
     _, _, closed = loop.systems()

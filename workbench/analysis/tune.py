@@ -103,7 +103,7 @@ def tune(
     points: Sequence[OperatingPoint],
     trial: Trial,
     goal: Goal,
-    weights: Weights = Weights(),  # noqa: B008 (frozen)
+    weights: Weights = Weights(),
     *,
     effects: Effects = NO_EFFECTS,
 ) -> Tuned:
@@ -147,9 +147,12 @@ def tune(
         steps = size * np.kron(np.eye(3), np.array([[-1.0], [-0.5], [0.5], [1.0]]))
         add(np.clip(at + steps, 0.0, 1.0))
         size *= 0.5
-    winner = min(tried, key=lambda c: c.cost)
-    members = family(machine, winner.settings, points, effects=effects)
-    return Tuned(goal, begun, winner, tried, shaped.attainable_hz, members)
+    for winner in sorted(tried, key=lambda c: c.cost):
+        members = family(machine, winner.settings, points, effects=effects)
+        # The search saw Ms on its grid only; the winner keeps to the bound by its exact margins.
+        if all(m.margins.stable and m.margins.ms <= goal.ms_limit for m in members):
+            return Tuned(goal, begun, winner, tried, shaped.attainable_hz, members)
+    raise InputError(f"{goal.ms_limit:g}: no candidate keeps to it; try a number further above 1", place="ms")
 
 
 _GAINS = ("kp_nm_s_per_rad", "ki_nm_per_rad")
@@ -201,6 +204,6 @@ def _allowed(gains: Array, search: Search, goal: Goal, shaped: Shaped) -> np.nda
     good = judged.stable & (judged.ms <= goal.ms_limit * NEAR)
     if goal.bandwidth_hz is not None:
         rounding = 1.001
-        good &= (judged.bandwidth_hz >= goal.bandwidth_hz / rounding) & (judged.mt <= goal.ms_limit)
+        good &= (judged.bandwidth_hz >= goal.bandwidth_hz / rounding) & (judged.mt <= NEAR * goal.ms_limit)
         good &= judged.bandwidth_hz <= goal.bandwidth_hz * WIDER * rounding
     return np.asarray(good)

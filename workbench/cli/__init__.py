@@ -19,9 +19,11 @@ from workbench.errors import InputError, nearest
 COMMANDS: dict[str, tuple[str, str]] = {
     "compare": ("workbench.cli.compare:command", "Compare two results, metric by metric; say what got worse."),
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign; write the machine."),
+    "loop": ("workbench.cli.loop:command", "Margins of the sampled speed loop over payloads and heights."),
     "replay": ("workbench.cli.replay:command", "Replay a campaign's measured torque; compare the speeds."),
     "schema": ("workbench.cli.schema:command", "Print a file's JSON Schema, for completion in an editor."),
     "study": ("workbench.cli.study:command", "Run scenario files: closed-loop moves, tables, figures."),
+    "tune": ("workbench.cli.tune:command", "Gains for a bandwidth or for best rejection; a controller block."),
 }
 
 EXIT_BAD_INPUT = 2

@@ -1,0 +1,60 @@
+"""`workbench loop`: margins of the speed loop over payloads and heights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command(name="loop")
+@click.option("--machine", type=click.Path(path_type=Path), help="A machine.yaml; the scenario's or the default one.")
+@click.option("--scenario", type=click.Path(path_type=Path), help="Take machine, controller and payloads from here.")
+@click.option("--controller", type=click.Path(path_type=Path), help="A file with a controller block, such as tune's.")
+@click.option("--payloads", help="Payloads in kg, with commas between.")
+@click.option("--heights", help="Carriage heights in m, with commas between; bottom, middle and top without it.")
+@click.option(
+    "--motion",
+    type=click.Choice(["hoisting", "lowering", "at_rest"]),
+    default="hoisting",
+    show_default=True,
+    help="Moving, where friction is saturated, or at rest, on its slope.",
+)
+@click.option("--free-length", is_flag=True, help="Stiffen the wire as its free length shortens.")
+@click.option("--ms", type=float, default=1.4, show_default=True, help="The bound on Ms that the figures show.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder to make, for loop.html and loop.json.")
+def command(
+    machine: Path | None,
+    scenario: Path | None,
+    controller: Path | None,
+    payloads: str | None,
+    heights: str | None,
+    motion: str,
+    free_length: bool,
+    ms: float,
+    out: Path | None,
+) -> None:
+    """Analyse the sampled speed loop, with the drive's lag, filter and delay, as it is simulated."""
+    from workbench.analysis.family import family, operating_points
+    from workbench.analysis.linearise import STIFFNESS_BY_LENGTH
+    from workbench.analysis.tune import Goal
+    from workbench.cli.show import print_table, print_text
+    from workbench.plants import NO_EFFECTS
+    from workbench.reports import loop as report
+    from workbench.reports.loop_case import load_case
+    from workbench.whole_folder import check_free, whole_folder
+
+    if out is not None:
+        check_free(out)
+    goal = Goal(ms_limit=ms)
+    case = load_case(machine, scenario, controller, payloads, heights)
+    points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)  # type: ignore[arg-type]
+    members = family(case.machine, case.settings, points, effects=STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS)
+    print_text([f"Controller {case.origin}: {report.gains_text(case)}.", ""])
+    print_table(report.HEAD, report.table(members))
+    print_text([report.CAPTION], dim=True)
+    print_text(["", *report.sentences(case, members)])
+    if out is not None:
+        with whole_folder(out) as folder:
+            report.write_loop(case, members, goal.ms_limit, folder)
+        click.echo(f"\nFigures: {out / 'loop.html'}\nNumbers: {out / 'loop.json'}")

@@ -1,0 +1,213 @@
+"""Figures of a family of linear loops: Bode, Nyquist, gang of four, step responses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from workbench.analysis.family import Member, weakest
+from workbench.analysis.step import step_response
+from workbench.figures.panels import Panels
+from workbench.figures.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
+from workbench.run import Array
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+LOWEST_HZ = 0.02
+# A colour a payload, a dash a height: both can be told apart, and in black and white the heights still.
+COLOURS = (BLUE, GREEN, VERMILLION, PURPLE, ORANGE, SKY)
+DASHES = ("solid", "8px,3px", "2px,2px", "8px,3px,2px,3px")
+POINTS = 600
+
+
+def member_name(member: Member) -> str:
+    return f"{member.point.payload_kg:g} kg, {member.point.height_m:g} m"
+
+
+def _looks(members: Sequence[Member]) -> list[dict[str, Any]]:
+    payloads = list(dict.fromkeys(m.point.payload_kg for m in members))
+    heights = list(dict.fromkeys(m.point.height_m for m in members))
+    return [
+        {
+            "color": COLOURS[payloads.index(m.point.payload_kg) % len(COLOURS)],
+            "dash": DASHES[heights.index(m.point.height_m) % len(DASHES)],
+            "width": 1.8,
+            "simplify": False,
+        }
+        for m in members
+    ]
+
+
+def _frequencies(member: Member) -> Array:
+    """Even in log, and the loop's own dense ones, so that sharp peaks are drawn."""
+    nyquist = member.loop.nyquist_hz
+    own = member.loop.grid()
+    f = np.unique(np.concatenate([np.geomspace(LOWEST_HZ, nyquist, POINTS), own[own > LOWEST_HZ]]))
+    return f[f <= nyquist]
+
+
+def _db(values: Any) -> Array:
+    return np.asarray(20.0 * np.log10(np.abs(values)))
+
+
+def _log_axes(figure: Figure, members: Sequence[Member]) -> Figure:
+    top = max(m.loop.nyquist_hz for m in members)
+    figure.update_xaxes(type="log", dtick=1, range=[math.log10(LOWEST_HZ), math.log10(top)], minor={"showgrid": True})
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def bode(members: Sequence[Member], title: str = "Open loop L", height: int = 760) -> Figure:
+    """|L| and its phase over frequency; the weakest member's gain and phase margin drawn and said."""
+    panels = Panels(title, ["|L| (dB)", "phase of L (°)"], x_title="frequency (Hz)")
+    worst = weakest(members)
+    lowest_phase = -270.0
+    for member, look in zip(members, _looks(members), strict=True):
+        f = _frequencies(member)
+        L = member.loop.open_response(f)
+        phase = np.degrees(np.unwrap(np.angle(L)))
+        phase -= 360.0 * math.ceil((phase[0] - 1e-9) / 360.0)
+        name = member_name(member)
+        hover = {"hovertemplate": "%{x:.4~g} Hz: %{y:.4~g} ", "mode": "lines"}
+        panels.line(0, 0, f, _db(L), name, look, "dB", **hover)
+        panels.line(1, 0, f, phase, name, look, "°", **hover)
+        if member is worst and member.margins.stable:
+            _draw_margins(panels, member, f, phase, name)
+        lowest_phase = min(lowest_phase, float(phase[_db(L) > -40.0].min()))
+    panels.level(0, 0, 0.0, "0 dB")
+    panels.level(1, 0, -180.0, "−180°")
+    figure = panels.figure(height, y_ranges={0: (-60.0, 60.0), 1: (max(lowest_phase - 30.0, -720.0), -60.0)})
+    return _log_axes(figure, members)
+
+
+def _draw_margins(panels: Panels, member: Member, f: Array, phase: Array, name: str) -> None:
+    m = member.margins
+    dark = {"color": "#222222", "width": 2.2, "simplify": False}
+    if math.isfinite(m.crossover_hz):
+        at = float(np.interp(math.log(m.crossover_hz), np.log(f), phase))
+        foot = -180.0 + 360.0 * round((at + 180.0) / 360.0)
+        _bar(panels, 1, m.crossover_hz, foot, at, dark)
+        _note(panels, 1, m.crossover_hz, at, f"phase margin {m.phase_deg:.0f}° at {m.crossover_hz:.3g} Hz<br>{name}")
+    if math.isfinite(m.gain_up):
+        gain = -20.0 * math.log10(m.gain_up)
+        _bar(panels, 0, m.gain_up_hz, 0.0, gain, dark)
+        _note(panels, 0, m.gain_up_hz, gain, f"gain margin {-gain:.1f} dB at {m.gain_up_hz:.3g} Hz<br>{name}")
+
+
+def _bar(panels: Panels, row: int, x: float, y0: float, y1: float, look: dict[str, Any]) -> None:
+    n = panels._number(row, 0)
+    panels.shapes.append({"type": "line", "x0": x, "x1": x, "y0": y0, "y1": y1, "xref": f"x{n}", "yref": f"y{n}"})
+    panels.shapes[-1]["line"] = {"color": look["color"], "width": look["width"]}
+
+
+def _note(panels: Panels, row: int, x: float, y: float, text: str) -> None:
+    n = panels._number(row, 0)
+    panels.annotations.append(
+        {"text": text, "x": math.log10(x), "y": y, "xref": f"x{n}", "yref": f"y{n}", "align": "right"}
+        | {"showarrow": True, "arrowhead": 0, "ax": -70, "ay": 26 if row == 0 else -34, "xanchor": "right"}
+        | {"font": {"size": 12}, "bgcolor": "rgba(255,255,255,0.8)", "borderpad": 2}
+    )
+
+
+def nyquist(members: Sequence[Member], ms_limit: float, title: str = "Nyquist", height: int = 720) -> Figure:
+    """L in the complex plane around −1, with the circle that it must not enter for Ms to stay below the limit."""
+    import plotly.graph_objects as go
+
+    data: list[dict[str, Any]] = []
+    angle = np.linspace(0.0, 2.0 * math.pi, 181)
+
+    def circle(centre: float, radius: float, name: str, look: dict[str, Any], **more: Any) -> None:
+        x, y = centre + radius * np.cos(angle), radius * np.sin(angle)
+        data.append({"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "line": look, **more})
+
+    worst = max(m.margins.ms for m in members)
+    circle(0.0, 1.0, "|L| = 1", {"color": GREY, "width": 1, "dash": "2px,3px"}, hoverinfo="skip")
+    circle(
+        -1.0, 1.0 / ms_limit, f"Ms = {ms_limit:g}, the limit", {"color": GREY, "width": 1.5, "dash": "5px,3px"},
+        fill="toself", fillcolor="rgba(107,107,107,0.10)", hoverinfo="skip",
+    )  # fmt: skip
+    circle(-1.0, 1.0 / worst, f"Ms = {worst:.3g}, the largest", {"color": "#222222", "width": 1.2}, hoverinfo="skip")
+    for member, look in zip(members, _looks(members), strict=True):
+        f = _frequencies(member)
+        L = member.loop.open_response(f)
+        near = np.abs(L) < 6.0
+        data.append(
+            {"type": "scatter", "mode": "lines", "x": L.real[near], "y": L.imag[near], "line": look}
+            | {"name": member_name(member), "customdata": f[near]}
+            | {"hovertemplate": "%{customdata:.4~g} Hz: %{x:.3f} %{y:+.3f}j"}
+        )
+    data.append(
+        {"type": "scatter", "mode": "markers", "x": [-1.0], "y": [0.0], "showlegend": False, "name": "−1"}
+        | {"marker": {"symbol": "cross", "size": 11, "color": "#222222"}}
+    )
+    layout = {
+        "template": TEMPLATE,
+        "height": height,
+        "title": {"text": title, "y": 1.0 - 22.0 / height, "yanchor": "middle"},
+        "legend": {"orientation": "v", "x": 1.01, "y": 1.0, "yref": "paper", "xref": "paper", "yanchor": "top"},
+        "margin": {"t": 60},
+        "hovermode": "closest",
+        "xaxis": {"title": {"text": "real part"}, "range": [-2.6, 1.4], "constrain": "domain"},
+        "yaxis": {"title": {"text": "imaginary part"}, "range": [-2.4, 1.0], "scaleanchor": "x"},
+    }
+    return go.Figure({"data": data, "layout": layout})
+
+
+GANG = (
+    ("S", 0, 0, "S = 1/(1+L)", 1.0),
+    ("T", 0, 1, "T = L/(1+L)", 1.0),
+    ("PS", 1, 0, "PS: load torque to motor speed, 1 rad/s per N m", 1.0),
+    ("CS", 1, 1, "CS: speed noise to torque, 1 N m per rad/s", 1.0),
+)
+
+
+def gang_of_four(members: Sequence[Member], ms_limit: float, title: str = "Gang of four", height: int = 760) -> Figure:
+    """|S|, |T|, |PS| and |CS| over frequency."""
+    panels = Panels(title, ["dB", "dB"], ["", ""], x_title="frequency (Hz)", link_rows=False)
+    for member, look in zip(members, _looks(members), strict=True):
+        f = _frequencies(member)
+        responses = member.loop.responses(f)
+        for key, row, column, _, _ in GANG:
+            hover = "%{x:.4~g} Hz: %{y:.4~g} dB"
+            panels.line(
+                row, column, f, _db(getattr(responses, key)), member_name(member), look, "dB", hovertemplate=hover
+            )
+    for column, name in ((0, f"Ms {ms_limit:g}"), (1, f"Mt {ms_limit:g}")):
+        panels.level(0, column, 20.0 * math.log10(ms_limit), name)
+    for _, row, column, text, _ in GANG:
+        n = panels._number(row, column)
+        panels.annotations.append(
+            {"text": f"<b>{text}</b>", "x": 0.01, "y": 1.0, "xref": f"x{n} domain", "yref": f"y{n} domain"}
+            | {"xanchor": "left", "yanchor": "bottom", "showarrow": False, "font": {"size": 13}}
+        )
+    figure = panels.figure(height)
+    figure.update_layout({"yaxis": {"range": [-50, 10]}, "yaxis2": {"range": [-50, 10]}})
+    return _log_axes(figure, members)
+
+
+STEPS = (
+    ("speed_reference", "speed_motor_rad_s", "motor speed (rad/s)<br>reference step 1 rad/s", 1.0, "rad/s"),
+    ("speed_reference", "speed_carriage_m_s", "carriage speed (mm/s)<br>the same step", 1000.0, "mm/s"),
+    ("speed_reference", "tension_drum_n", "wire tension (N)<br>the same step", 1.0, "N"),
+    ("load_torque", "speed_motor_rad_s", "motor speed (mrad/s)<br>1 N m on the shaft", 1000.0, "mrad/s"),
+)
+
+
+def steps(members: Sequence[Member], title: str = "Step responses of the linear loop", height: int = 860) -> Figure:
+    """Deviations after a step of the reference, and of a torque on the shaft; duration by the slowest bandwidth."""
+    panels = Panels(title, [text for _, _, text, _, _ in STEPS])
+    slowest = min(m.margins.bandwidth_hz for m in members)
+    duration = min(max(6.0 / slowest if math.isfinite(slowest) else 0.0, 60.0 * members[0].loop.dt), 20.0)
+    for member, look in zip(members, _looks(members), strict=True):
+        responses = {of: step_response(member.loop, of, duration) for of in ("speed_reference", "load_torque")}
+        for row, (of, signal, _, scale, unit) in enumerate(STEPS):
+            found = responses[of]
+            panels.line(row, 0, found.time_s, scale * found.signals[signal], member_name(member), look, unit)
+    panels.level(0, 0, 1.0)
+    figure = panels.figure(height)
+    figure.update_xaxes(gridcolor=FAINT)
+    return figure
