@@ -19,7 +19,8 @@ from workbench import __version__
 from workbench.errors import InputError, nearest
 from workbench.machine import Hoist, default_hoist, load_machine
 from workbench.references import Plan
-from workbench.study.expand import Expansion, expand
+from workbench.study.expand import expand
+from workbench.study.expansion import Expansion
 from workbench.study.layers import Layered, read_layers
 from workbench.study.scenario import Scenario
 from workbench.study.spec import Recording
