@@ -1,0 +1,158 @@
+"""The driven simulation undoes the closed loop, and a replay of a run's own torque gives its own speed."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from workbench.control import PiSettings
+from workbench.machine import LinearAxis, default_hoist, with_values
+from workbench.plants import PLANTS
+from workbench.run import Run
+from workbench.simulate.driven import Bench, changed
+from workbench.simulate.loop import LoopCase, simulate_loop
+from workbench.simulate.replay import replay_runs
+
+MACHINE = default_hoist()
+SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
+SPEEDS = {"fast": 100.0, "slow": 30.0}
+
+
+def reference(top: float, end_s: float) -> np.ndarray:
+    """Rest, up, rest, down, rest."""
+    knots = np.array([0.0, 0.1, 0.3, 0.4, 0.5, 0.6, 0.8, 0.9, 1.0]) * end_s
+    return np.interp(np.arange(round(end_s / 0.001)) * 0.001, knots, [0.0, 0.0, top, top, 0.0, 0.0, -top, -top, 0.0])
+
+
+def logged(result_run: Run, **signals: np.ndarray) -> Run:
+    """What a log would hold: torque and speed, not the rest."""
+    kept = {name: result_run[name] for name in ("torque_motor_nm", "speed_motor_rad_s")}
+    return Run(
+        result_run.name, result_run.time_s, {**kept, **signals}, result_run.payload_kg, result_run.start_position_m
+    )
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Run]:
+    """Two runs of unequal length and payload, at 100 Hz: torque between samples of the log is not held but moves."""
+    cases = [
+        LoopCase("fast", MACHINE, 9000.0, 6.0, SETTINGS, reference(100.0, 20.0)),
+        LoopCase("slow", MACHINE, 0.0, 9.0, SETTINGS, reference(30.0, 14.0)),
+    ]
+    return [logged(result.run) for result in simulate_loop(cases, record_every=10)]
+
+
+def test_the_driven_simulation_gives_back_the_torque_of_the_closed_loop(runs):
+    for balance in Bench(MACHINE, runs).balances():
+        residual = balance.residual[balance.inside]
+        assert np.sqrt(np.mean(residual**2)) < 0.2  # N m of 600: what a log at 100 Hz does not show
+        assert np.max(np.abs(balance.residual[balance.moving])) < 1.0
+
+
+def test_the_carriage_of_the_driven_simulation_moves_as_in_the_closed_loop():
+    result = simulate_loop([LoopCase("fast", MACHINE, 9000.0, 6.0, SETTINGS, reference(100.0, 20.0))])[0]
+    (balance,) = Bench(MACHINE, [logged(result.run)]).balances()
+    assert balance.states[:, 1] == pytest.approx(result.run["position_carriage_m"], abs=2e-3)
+    assert balance.states[:, 3] == pytest.approx(result.run["speed_carriage_m_s"], abs=5e-3)
+
+
+def test_a_bench_of_runs_of_unequal_length_balances_each_as_alone(runs):
+    for together, run in zip(Bench(MACHINE, runs).balances(), runs, strict=True):
+        band = together.band_hz
+        (alone,) = Bench(MACHINE, [run], band).balances()
+        assert len(together.residual) == len(run.time_s)
+        assert together.predicted == pytest.approx(alone.predicted, abs=0.02)
+        assert np.array_equal(together.moving, alone.moving)
+
+
+def test_the_order_of_runs_does_not_matter(runs):
+    forward, backward = Bench(MACHINE, runs).balances(), Bench(MACHINE, runs[::-1]).balances()
+    for a, b in zip(forward, backward[::-1], strict=True):
+        assert a.run.name == b.run.name
+        assert a.predicted == pytest.approx(b.predicted, abs=1e-9)
+
+
+def test_a_force_that_the_model_lacks_shows_in_the_residual_with_its_size(runs):
+    bench = Bench(MACHINE, runs)
+    weaker = [changed(p, {"F_up": p.F_up - 1000.0}) for p in bench.base]
+    for balance in bench.balances(weaker):
+        up = balance.moving & (balance.motion.speed > 0.5 * np.max(balance.motion.speed))
+        down = balance.moving & (balance.motion.speed < 0.5 * np.min(balance.motion.speed))
+        assert np.median(balance.residual[up]) == pytest.approx(1000.0 * MACHINE.lift_m_per_rad, rel=0.05)
+        assert abs(np.median(balance.residual[down])) < 0.2
+
+
+def sensed(runs: list[Run], gain: float, offset: float) -> list[Run]:
+    return [logged(run, torque_motor_nm=gain * run["torque_motor_nm"] + offset) for run in runs]
+
+
+def test_gain_and_offset_of_the_torque_sensor_are_taken_out(runs):
+    machine = with_values(MACHINE, {"sensors.torque_gain": 1.02, "sensors.torque_offset_nm": 12.0})
+    bench = Bench(machine, sensed(runs, 1.02, 12.0))
+    assert all(np.sqrt(np.mean(b.residual[b.inside] ** 2)) < 0.2 for b in bench.balances())
+    result = replay_runs(machine, sensed(runs, 1.02, 12.0))
+    assert result.speed_rmse_percent == pytest.approx(replay_runs(MACHINE, runs).speed_rmse_percent, rel=1e-3)
+
+
+def test_a_torque_offset_that_the_machine_does_not_know_is_the_residual(runs):
+    for balance in Bench(MACHINE, sensed(runs, 1.0, 5.0)).balances():
+        assert np.mean(balance.residual[balance.inside]) == pytest.approx(5.0, abs=0.1)
+
+
+def test_a_replay_of_a_run_s_own_torque_gives_its_own_speed(runs):
+    """At 1 kHz; held torque read as linear between samples is late by half a sample."""
+    result = simulate_loop([LoopCase("own", MACHINE, 4500.0, 6.0, SETTINGS, reference(100.0, 12.0))], record_every=1)
+    replay = replay_runs(MACHINE, [logged(result[0].run)])
+    assert replay.speed_rmse_percent < 0.1
+    assert replay.speed_rmse_percent_restarted_2s < 0.05
+    assert replay.residual_rms < 0.1
+
+
+def test_the_figures_over_all_runs_pool_those_of_each(runs):
+    result = replay_runs(MACHINE, runs)
+    n = np.array([len(run.time_s) for run in runs])
+    each = np.array([r.speed_rmse_percent for r in result.runs])
+    assert result.speed_rmse_percent == pytest.approx(np.sqrt(np.sum(n * each**2) / np.sum(n)))
+    assert [r.name for r in result.runs] == ["fast", "slow"]
+
+
+def test_drift_fools_the_open_loop_and_not_the_restarted_replay(runs):
+    biased = replay_runs(MACHINE, sensed(runs, 1.0, 10.0))
+    assert biased.speed_rmse_percent > 3.0 * biased.speed_rmse_percent_restarted_2s
+    assert biased.residual_rms == pytest.approx(10.0, rel=0.02)
+
+
+def axis_run(noise: float = 0.0) -> tuple[LinearAxis, Run]:
+    """An axis that swings as a sine, and the force that takes, by hand."""
+    machine = LinearAxis.model_validate(
+        {
+            "mass_kg": 95.0,
+            "friction": {"coulomb_forward_n": 20.0, "coulomb_backward_n": 25.0, "viscous_n_s_per_m": 200.0},
+            "gravity": {"constant_n": 4.0},
+        }
+    )
+    t = np.arange(8000, dtype=np.float64) * 0.001
+    w = 2.0 * np.pi * 0.5
+    x, v, a = 0.1 * np.sin(w * t), 0.1 * w * np.cos(w * t), -0.1 * w**2 * np.sin(w * t)
+    force = 95.0 * a + 200.0 * v + np.where(v > 0.0, 20.0, -25.0) + 4.0
+    force = force + noise * np.random.default_rng(1).normal(size=len(t))
+    return machine, Run("swing", t, {"force_n": force, "position_m": x})
+
+
+def test_the_balance_of_an_axis_is_its_equation_with_the_speed_derived_from_position():
+    machine, run = axis_run()
+    (balance,) = Bench(machine, [run]).balances()
+    away = balance.inside & (np.abs(balance.motion.speed) > 0.05)  # from the reversal, where friction jumps
+    assert np.max(np.abs(balance.residual[away])) < 0.3  # N of 80
+    assert balance.states.shape == (8000, 0)
+    assert PLANTS["axis-linear"].band_hz(SimpleNamespace()) == balance.band_hz
+
+
+def test_the_noise_of_the_force_is_told_for_the_band():
+    machine, run = axis_run(noise=2.0)
+    (balance,) = Bench(machine, [run], 20.0).balances()
+    assert balance.noise_rms == pytest.approx(2.0 * np.sqrt(20.0 / 500.0), rel=0.1)
+    left = balance.inside & (np.abs(balance.motion.speed) > 0.15)
+    assert np.std(balance.residual[left]) == pytest.approx(balance.noise_rms, rel=0.3)
