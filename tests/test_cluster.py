@@ -135,6 +135,24 @@ def test_processes_of_local_n_do_the_same_and_one_that_is_killed_is_replaced(
     assert multiprocessing.active_children() == []
 
 
+def test_processes_of_local_n_have_one_thread_each_and_listen_on_loopback_only() -> None:
+    psutil = pytest.importorskip("psutil")
+    with spread_on("local:2"):
+        here = psutil.Process()
+        listening = [
+            each.laddr
+            for process in (here, *here.children(recursive=True))
+            for each in process.net_connections()
+            if each.status == "LISTEN"
+        ]
+        from distributed import default_client
+
+        assert list(default_client().nthreads().values()) == [1, 1]
+    assert len(listening) >= 3
+    assert {address.ip for address in listening} == {"127.0.0.1"}
+    assert 8787 not in {address.port for address in listening}, "no dashboard"
+
+
 def test_a_scheduler_that_dies_is_an_error_that_says_so_and_keeps_what_is_done(
     computers: Computers, study: Study, index: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

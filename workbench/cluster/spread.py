@@ -56,17 +56,18 @@ def _local_client(processes: int) -> Any:
     distributed = _distributed()
     import dask
 
-    # Chunks are small, and a worker that is killed shall cost a second, not the default's many.
-    dask.config.set({"distributed.worker.memory.terminate": False, "distributed.scheduler.allowed-failures": RETRIES})
-    made = distributed.LocalCluster(
-        n_workers=processes,
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        dashboard_address=None,
-        memory_limit=0,
-        silence_logs=50,
-    )
+    # The chunks are its own, so nobody shall look into it: no pages, and every port on loopback.
+    quiet = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+    with dask.config.set({"distributed.scheduler.allowed-failures": RETRIES} | quiet):
+        made = distributed.LocalCluster(
+            n_workers=processes,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+            memory_limit=0,
+            silence_logs=logging.CRITICAL,
+        )
     client = distributed.Client(made)
     client.cluster = made
     return client
