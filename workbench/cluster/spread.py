@@ -57,7 +57,7 @@ def _local_client(processes: int) -> Any:
     import dask
 
     # The chunks are its own, so nobody shall look into it: no pages, and every port on loopback.
-    quiet = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+    quiet: dict[str, object] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with dask.config.set({"distributed.scheduler.allowed-failures": RETRIES} | quiet):
         made = distributed.LocalCluster(
             n_workers=processes,
