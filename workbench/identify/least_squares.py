@@ -54,16 +54,16 @@ def minimise(
         step = _step(hessian, gradient, free, damping)
         trial = np.maximum(z + step, lowest)
         step = trial - z
-        promised = -(2.0 * gradient @ step + step @ hessian @ step)
+        promised = float(-(2.0 * gradient @ step + step @ hessian @ step))
         if promised <= max(ENOUGH, ROUND_OFF * chi2):
             return Minimum(z, residual, jacobian, evaluations, True)
         r, j = evaluate(trial)
         evaluations += 1
         found = _chi2(trial, r, weight, prior)
         if found < chi2:
-            gain = (chi2 - found) / promised
+            gain = min((chi2 - found) / promised, 1.0)
             z, residual, jacobian, chi2 = trial, r, j, found
-            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3) * 0.3, 1e-12)
+            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3) * 0.3, 1e-12)
             growth = 2.0
         else:
             damping, growth = max(damping, 1e-9) * growth * 4.0, growth * 2.0
