@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from workbench.control import PiSettings
 from workbench.machine import LinearAxis, default_hoist, with_values
-from workbench.plants import PLANTS
 from workbench.run import Run
 from workbench.simulate.driven import Bench, changed
 from workbench.simulate.loop import LoopCase, simulate_loop
@@ -107,7 +104,7 @@ def test_a_replay_of_a_run_s_own_torque_gives_its_own_speed(runs):
     replay = replay_runs(MACHINE, [logged(result[0].run)])
     assert replay.speed_rmse_percent < 0.1
     assert replay.speed_rmse_percent_restarted_2s < 0.05
-    assert replay.residual_rms < 0.1
+    assert replay.residual_rms < 0.2
 
 
 def test_the_figures_over_all_runs_pool_those_of_each(runs):
@@ -147,7 +144,13 @@ def test_the_balance_of_an_axis_is_its_equation_with_the_speed_derived_from_posi
     away = balance.inside & (np.abs(balance.motion.speed) > 0.05)  # from the reversal, where friction jumps
     assert np.max(np.abs(balance.residual[away])) < 0.3  # N of 80
     assert balance.states.shape == (8000, 0)
-    assert PLANTS["axis-linear"].band_hz(SimpleNamespace()) == balance.band_hz
+
+
+@pytest.mark.parametrize(("stride", "band"), [(1, 89.6), (20, 4.48)])
+def test_the_band_is_no_wider_than_the_sampling_rate_allows(stride, band):
+    machine, run = axis_run()
+    thinned = Run("thin", run.time_s[::stride], {name: values[::stride] for name, values in run.signals.items()})
+    assert Bench(machine, [thinned]).band_hz == pytest.approx(band)
 
 
 def test_the_noise_of_the_force_is_told_for_the_band():
