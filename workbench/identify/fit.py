@@ -54,6 +54,7 @@ def fit(model: OutputModel, free: Sequence[Free], ties: Sequence[tuple[str, str]
     m = len(free)
     prior = _prior(free, ties)
     lowest = np.array([f.lowest_z for f in free])
+    reach = np.array([1.0 if f.logarithmic else np.inf for f in free])  # a factor of e at a time
     evaluations = 1
 
     def both(at: Array) -> tuple[Array, Array]:
@@ -65,7 +66,7 @@ def fit(model: OutputModel, free: Sequence[Free], ties: Sequence[tuple[str, str]
     before = _rms(residual)
     sigma = model.noise
     for _ in range(ROUNDS):
-        found = minimise(both, (z, residual, jacobian), lowest, 1.0 / sigma, prior)
+        found = minimise(both, (z, residual, jacobian), lowest, reach, 1.0 / sigma, prior)
         z, residual, jacobian = found.z, found.residual, found.jacobian
         evaluations += found.evaluations
         left = _rms(residual)
@@ -117,12 +118,13 @@ def _covariance(jacobian: Array, residual: Array, prior: Array, model: OutputMod
     middle = prior.T @ prior
     begin = 0
     for length in model.run_lengths:
-        s = scores[begin : begin + length]
+        # Bartlett's weights are those of sums over a window: their outer products, once for every place of it.
+        lags = min(model.lags, length - 1)
+        total = np.cumsum(scores[begin : begin + length], axis=0)
         begin += length
-        middle = middle + s.T @ s
-        for lag in range(1, min(model.lags, length - 1) + 1):
-            cross = s[lag:].T @ s[:-lag]
-            middle = middle + (1.0 - lag / (model.lags + 1.0)) * (cross + cross.T)
+        total = np.concatenate([np.zeros((lags + 1, total.shape[1])), total, np.repeat(total[-1:], lags, axis=0)])
+        windows = total[lags + 1 :] - total[: -lags - 1]
+        middle = middle + windows.T @ windows / (lags + 1.0)
     bread = np.linalg.pinv(jacobian.T @ jacobian + prior.T @ prior, rcond=1e-14)
     return bread @ middle @ bread
 

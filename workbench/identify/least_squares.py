@@ -35,10 +35,11 @@ def minimise(
     evaluate: Callable[[Array], tuple[Array, Array]],
     begin: tuple[Array, Array, Array],
     lowest: Array,
+    reach: Array,
     weight: float,
     prior: Array,
 ) -> Minimum:
-    """Minimise |weight residual(z)|^2 + |prior z|^2 for z >= lowest.
+    """Minimise |weight residual(z)|^2 + |prior z|^2 for z >= lowest, in steps of at most `reach`.
 
     evaluate(z): residual (n,) and its Jacobian (n, m). begin: z with its residual and
     Jacobian. K. Madsen, H. B. Nielsen, O. Tingleff, "Methods for Non-Linear Least Squares
@@ -51,7 +52,7 @@ def minimise(
         gradient = weight**2 * (jacobian.T @ residual) + prior.T @ (prior @ z)
         hessian = weight**2 * (jacobian.T @ jacobian) + prior.T @ prior
         free = ~((z <= lowest) & (gradient > 0.0))
-        step = _step(hessian, gradient, free, damping)
+        step = np.clip(_step(hessian, gradient, free, damping), -reach, reach)
         trial = np.maximum(z + step, lowest)
         step = trial - z
         promised = float(-(2.0 * gradient @ step + step @ hessian @ step))

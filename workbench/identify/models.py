@@ -7,6 +7,7 @@ measured input, the paper's own figure; use it where the input is beyond doubt.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Protocol
@@ -17,9 +18,13 @@ from workbench.engine import kernels
 from workbench.identify.parameters import Free
 from workbench.run import Array
 from workbench.simulate.driven import Bench, changed, sensor, start_point
-from workbench.simulate.lowpass import lowpass
+from workbench.simulate.lowpass import lowpass, noise_rms
 
 SAMPLES_PER_PERIOD = 4.0  # of the band, that a fit looks at; more say nothing new
+
+
+TRUSTED = 1e-5  # of the speed scale: what a replay is believed to
+NYQUIST = math.inf  # the whole band
 
 
 class OutputModel(Protocol):
@@ -77,7 +82,8 @@ class SpeedModel:
 
     def __init__(self, bench: Bench, tolerance: float = kernels.TOLERANCE) -> None:
         self.bench, self.tolerance = bench, tolerance
-        self.noise = 1e-6 * bench.scale
+        speeds = [noise_rms(r.time_s, m.speed, NYQUIST) for r, m in zip(bench.runs, bench.motions, strict=True)]
+        self.noise = max(float(np.sqrt(np.mean(np.square(speeds)))), TRUSTED * bench.scale)
         self.run_lengths = tuple(len(run.time_s) for run in bench.runs)
         self.lags = max(1, int(1.0 / bench.runs[0].sample_time_s))
 
