@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,7 +39,8 @@ class Shaped:
 def best_rejection(search: Search, ms_limit: float) -> Shaped:
     """The largest ki with Ms below the limit for every member."""
     kp, ki = _largest(search, ms_limit, lambda ki, judged: ki)
-    return _shaped(search, kp, ki, _attainable(search, ms_limit))
+    shaped = _shaped(search, kp, ki, _attainable(search, ms_limit))
+    return replace(shaped, attainable_hz=max(shaped.attainable_hz, shaped.bandwidth_hz))
 
 
 def for_bandwidth(search: Search, bandwidth_hz: float, ms_limit: float) -> Shaped:
@@ -99,7 +100,7 @@ def _largest(search: Search, ms_limit: float, score: Callable[[Array, Judged], A
     kps, ratios = np.geomspace(kp_low, kp_high, 48), np.geomspace(r_low, r_high, 40)
     step = np.array([kps[1] / kps[0], ratios[1] / ratios[0]])
     best: tuple[float, float, float] | None = None
-    for _ in range(6):
+    for _ in range(10):
         kp, ratio = (a.ravel() for a in np.meshgrid(kps, ratios, indexing="ij"))
         judged = search.judge(kp, kp * ratio)
         scores = np.where(_allowed(judged, ms_limit), score(kp * ratio, judged), -np.inf)
@@ -112,7 +113,7 @@ def _largest(search: Search, ms_limit: float, score: Callable[[Array, Judged], A
             )
         kps = best[1] * np.geomspace(1.0 / step[0], step[0], 11)
         ratios = best[2] * np.geomspace(1.0 / step[1], step[1], 11)
-        step = step**0.3
+        step = step**0.5
     assert best is not None
     return best[1], best[1] * best[2]
 
