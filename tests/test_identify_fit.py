@@ -1,0 +1,324 @@
+"""The fit finds the machine that a simulated campaign was made with, and its errors are as large as it says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from workbench.control import PiSettings
+from workbench.errors import InputError
+from workbench.identify.fit import Fit, fit
+from workbench.identify.identify import identify
+from workbench.identify.iteration import friction_levels
+from workbench.identify.models import BalanceModel, SpeedModel
+from workbench.identify.parameters import HOIST_DEFAULT, free_parameters
+from workbench.logs import Campaign
+from workbench.machine import Hoist, LinearAxis, default_hoist, get_value, with_values
+from workbench.run import Run
+from workbench.simulate.driven import Bench
+from workbench.simulate.loop import LoopCase, simulate_loop
+
+NOMINAL = default_hoist()
+LEVELS = ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n")
+TORQUE_NOISE_NM = 2.0  # of one motor
+SPEED_NOISE_RAD_S = 0.02
+# One standard deviation of each default parameter: relative, but for the offset in N m and the slope's logarithm.
+SPREAD = {
+    "guide.coulomb_hoisting_n": 0.15,
+    "guide.coulomb_lowering_n": 0.15,
+    "guide.atan_slope_s_per_m": 0.3,
+    "motor.rotor_inertia_kg_m2": 0.01,
+    "carriage.mass_kg": 0.004,
+    "sensors.payload_scale": 0.005,
+    "bearing.pin_friction_coefficient": 0.1,
+    "wire.youngs_modulus_pa": 0.05,
+    "sensors.torque_gain": 0.005,
+    "sensors.torque_offset_nm": 3.0,
+}
+
+
+def drawn_machine(rng: np.random.Generator) -> Hoist:
+    """A machine off nominal as its tolerances say."""
+    values = {}
+    for key, spread in SPREAD.items():
+        nominal, z = float(get_value(NOMINAL, key)), rng.normal()
+        if key == "sensors.torque_offset_nm":
+            values[key] = spread * z
+        elif key == "guide.atan_slope_s_per_m":
+            values[key] = nominal * math.exp(spread * z)
+        else:
+            values[key] = nominal * (1.0 + spread * z)
+    return with_values(NOMINAL, values)
+
+
+def profile(top: float) -> np.ndarray:
+    """16 s: up fast, rest, down, rest, up slowly."""
+    knots = [1.0, 2.0, 4.0, 5.0, 6.0, 7.0, 9.0, 10.0, 11.0, 11.5, 14.0, 14.5]
+    speeds = [0.0, top, top, 0.0, 0.0, -top, -top, 0.0, 0.0, 0.3 * top, 0.3 * top, 0.0]
+    return np.interp(np.arange(16000) * 0.001, knots, speeds)
+
+
+def campaign(truth: Hoist, rng: np.random.Generator, noise: float = 1.0) -> list[Run]:
+    """Five runs at 100 Hz, payloads and speeds varied, torque and speed as sensors with noise show them."""
+    settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
+    plan = [(0.0, 100.0), (0.0, 25.0), (4500.0, 60.0), (9000.0, 100.0), (9000.0, 25.0)]
+    cases = [
+        LoopCase(f"{payload:.0f} kg at {top:.0f} rad/s", truth, payload, 8.0, settings, profile(top))
+        for payload, top in plan
+    ]
+    runs = []
+    for result in simulate_loop(cases, record_every=10):
+        run, n = result.run, len(result.run.time_s)
+        torque = truth.sensors.torque_gain * run["torque_motor_nm"] + truth.sensors.torque_offset_nm
+        signals = {
+            "torque_motor_nm": torque + noise * math.sqrt(2.0) * TORQUE_NOISE_NM * rng.normal(size=n),
+            "speed_motor_rad_s": run["speed_motor_rad_s"] + noise * SPEED_NOISE_RAD_S * rng.normal(size=n),
+        }
+        runs.append(Run(run.name, run.time_s, signals, run.payload_kg, run.start_position_m))
+    return runs
+
+
+def fitted(runs: list[Run], keys: tuple[str, ...] | None = None, machine: Hoist = NOMINAL) -> Fit:
+    return fit(BalanceModel(Bench(machine, runs)), free_parameters(machine, runs, keys))
+
+
+@dataclass(frozen=True)
+class Draw:
+    truth: Hoist
+    runs: list[Run]
+    fit: Fit
+
+    def error(self, key: str) -> float:
+        return self.fit.values()[key] - float(get_value(self.truth, key))
+
+    def score(self, key: str) -> float:
+        """Error over its standard error; of the slope by its logarithm."""
+        index = list(self.fit.values()).index(key)
+        if self.fit.free[index].logarithmic:
+            value = self.fit.value[index]
+            return math.log(value / float(get_value(self.truth, key))) / (self.fit.std_error[index] / value)
+        return self.error(key) / self.fit.std_error[index]
+
+
+@pytest.fixture(scope="module")
+def draws() -> list[Draw]:
+    """Twelve machines, each with its campaign and its fit."""
+    out = []
+    for seed in range(12):
+        rng = np.random.default_rng(1000 + seed)
+        truth = drawn_machine(rng)
+        runs = campaign(truth, rng)
+        out.append(Draw(truth, runs, fitted(runs)))
+    return out
+
+
+def test_every_default_parameter_is_drawn():
+    assert set(SPREAD) == set(HOIST_DEFAULT)
+
+
+@pytest.mark.parametrize("key", HOIST_DEFAULT)
+def test_each_value_is_found_within_four_standard_errors(draws, key):
+    assert [round(d.score(key), 1) for d in draws if abs(d.score(key)) > 4.0] == []
+
+
+def test_standard_errors_are_as_large_as_the_errors_are(draws):
+    """120 errors over their standard errors: a standard normal has an rms of 1 +- 0.07."""
+    scores = np.array([d.score(key) for d in draws for key in HOIST_DEFAULT])
+    assert 0.7 < float(np.sqrt(np.mean(scores**2))) < 1.4
+
+
+def test_the_sum_of_the_friction_levels_is_found_within_2_per_cent(draws):
+    for d in draws:
+        found = sum(d.fit.values()[key] for key in LEVELS)
+        assert found == pytest.approx(sum(float(get_value(d.truth, key)) for key in LEVELS), rel=0.02)
+
+
+def test_the_fit_leaves_the_noise_and_not_much_more(draws):
+    for d in draws:
+        assert d.fit.residual_rms < 1.25 * d.fit.noise_rms
+        assert d.fit.residual_rms < 0.6 * d.fit.residual_rms_before
+
+
+def test_a_machine_is_known_better_after_the_fit_than_before(draws):
+    """What motion shows is narrowed down far below its tolerance."""
+    for key in (*LEVELS, "motor.rotor_inertia_kg_m2", "bearing.pin_friction_coefficient"):
+        errors = [d.fit.std_error[list(d.fit.values()).index(key)] for d in draws]
+        assert np.median(errors) < 0.5 * SPREAD[key] * float(get_value(NOMINAL, key))
+
+
+@pytest.fixture(scope="module")
+def levels_only() -> list[Draw]:
+    """Twelve noises on one machine that differs from nominal in its levels alone; nothing else is freed."""
+    truth = with_values(NOMINAL, {LEVELS[0]: 7100.0, LEVELS[1]: 3900.0})
+    out = []
+    for seed in range(12):
+        runs = campaign(truth, np.random.default_rng(seed))
+        out.append(Draw(truth, runs, fitted(runs, LEVELS)))
+    return out
+
+
+@pytest.mark.parametrize("index", [0, 1], ids=["hoisting", "lowering"])
+def test_the_scatter_over_noises_is_the_standard_error_within_a_factor_of_two(levels_only, index):
+    values = np.array([d.fit.value[index] for d in levels_only])
+    said = float(np.mean([d.fit.std_error[index] for d in levels_only]))
+    assert 0.5 < float(np.std(values, ddof=1)) / said < 2.0
+
+
+@pytest.mark.parametrize("key", LEVELS)
+def test_levels_alone_are_found_without_bias(levels_only, key):
+    errors = np.array([d.error(key) for d in levels_only])
+    truth = float(get_value(levels_only[0].truth, key))
+    assert abs(np.mean(errors)) < 0.005 * truth
+
+
+def test_the_papers_iteration_settles_and_gets_each_level_within_10_per_cent(levels_only):
+    for d in levels_only[:3]:
+        levels = friction_levels(Bench(NOMINAL, d.runs))
+        assert levels.settled
+        assert (levels.forward[0], levels.backward[0]) == (6000.0, 4500.0)
+        assert levels.forward[-1] == pytest.approx(7100.0, rel=0.1)
+        assert levels.backward[-1] == pytest.approx(3900.0, rel=0.1)
+        assert len(levels.forward) == len(levels.backward) <= 31
+        assert np.all(np.sign(levels.speed) == np.sign(levels.force))
+
+
+def test_the_papers_iteration_gets_the_sum_of_levels_though_the_machine_is_off_nominal(draws):
+    """Weight and offset shift the two levels against each other; their sum is free of both."""
+    for d in draws[:6]:
+        levels = friction_levels(Bench(NOMINAL, d.runs))
+        truth = sum(float(get_value(d.truth, key)) for key in LEVELS)
+        assert levels.settled
+        assert levels.forward[-1] + levels.backward[-1] == pytest.approx(truth, rel=0.1)
+
+
+def test_the_iteration_starts_anywhere_and_ends_at_the_same_levels(levels_only):
+    runs = levels_only[0].runs
+    far = with_values(NOMINAL, {LEVELS[0]: 1000.0, LEVELS[1]: 12000.0})
+    near, other = friction_levels(Bench(NOMINAL, runs)), friction_levels(Bench(far, runs))
+    assert other.settled
+    assert other.forward[-1] == pytest.approx(near.forward[-1], rel=2e-3)
+    assert other.backward[-1] == pytest.approx(near.backward[-1], rel=2e-3)
+
+
+def test_without_noise_the_values_are_those_of_the_machine():
+    rng = np.random.default_rng(7)
+    truth = with_values(NOMINAL, {LEVELS[0]: 7000.0, LEVELS[1]: 4000.0, "motor.rotor_inertia_kg_m2": 0.84})
+    runs = campaign(truth, rng, noise=0.0)
+    found = fitted(runs, (*LEVELS, "motor.rotor_inertia_kg_m2")).values()
+    assert found[LEVELS[0]] == pytest.approx(7000.0, rel=0.005)
+    assert found[LEVELS[1]] == pytest.approx(4000.0, rel=0.005)
+    assert found["motor.rotor_inertia_kg_m2"] == pytest.approx(0.84, rel=0.005)
+
+
+def test_the_speed_model_finds_the_levels_too(levels_only):
+    """The paper's own figure: simulated against measured speed, from a log whose torque is beyond doubt."""
+    truth = levels_only[0].truth
+    runs = campaign(truth, np.random.default_rng(3), noise=0.0)[2:3]
+    found = fit(SpeedModel(Bench(NOMINAL, runs)), free_parameters(NOMINAL, runs, LEVELS)).values()
+    assert found[LEVELS[0]] == pytest.approx(7100.0, rel=0.02)
+    assert found[LEVELS[1]] == pytest.approx(3900.0, rel=0.02)
+
+
+def statements(result: Fit) -> str:
+    return "\n".join(result.statements)
+
+
+def test_payload_and_gain_that_one_payload_cannot_tell_apart_are_said(levels_only):
+    same = [run for run in levels_only[0].runs if run.payload_kg == 9000.0]
+    loose = NOMINAL.model_copy(
+        update={"tolerances": NOMINAL.tolerances.model_copy(update={"torque_gain": 0.2, "payload": 0.2})}
+    )
+    said = statements(fitted(same, ("sensors.payload_scale", "sensors.torque_gain"), loose))
+    assert "sensors.payload_scale" in said
+    assert "sensors.torque_gain" in said
+    assert "told apart poorly" in said
+
+
+def test_a_value_that_the_runs_do_not_show_is_said_to_come_from_its_tolerance(levels_only):
+    slow = [run for run in levels_only[0].runs if "25 rad/s" in run.name]
+    said = statements(fitted(slow))
+    assert "carriage.mass_kg: the data say hardly more than its tolerance does" in said
+
+
+def test_a_value_far_beyond_its_tolerance_is_pointed_out():
+    truth = with_values(NOMINAL, {"carriage.mass_kg": 8400.0})  # twelve tolerances
+    runs = campaign(truth, np.random.default_rng(5))
+    said = statements(fitted(runs, ("carriage.mass_kg",)))
+    assert "carriage.mass_kg" in said
+    assert "tolerances from its nominal value" in said
+
+
+def axis_campaign(machine: LinearAxis) -> Campaign:
+    """An axis that swings at two rates, and the force that takes, with noise."""
+    rng = np.random.default_rng(2)
+    runs = []
+    for rate in (0.4, 1.1):
+        t = np.arange(6000, dtype=np.float64) * 0.001
+        w = 2.0 * np.pi * rate
+        x, v, a = 0.1 * np.sin(w * t), 0.1 * w * np.cos(w * t), -0.1 * w**2 * np.sin(w * t)
+        force = 95.0 * a + 203.0 * v + np.where(v > 0.0, 20.0, -24.0) + 3.0 + rng.normal(0.0, 1.0, len(t))
+        runs.append(Run(f"{rate} Hz", t, {"force_n": force, "position_m": x + rng.normal(0.0, 1e-7, len(t))}))
+    return Campaign("swing", Path("swing"), machine, tuple(runs))
+
+
+AXIS = LinearAxis.model_validate(
+    {
+        "mass_kg": 60.0,
+        "friction": {"coulomb_forward_n": 5.0, "coulomb_backward_n": 5.0, "viscous_n_s_per_m": 100.0},
+    }
+)
+
+
+def test_an_axis_is_found_from_far_away_and_its_levels_and_load_are_said_to_hang_together():
+    found = identify(axis_campaign(AXIS))
+    values = found.fit.values()
+    assert values["mass_kg"] == pytest.approx(95.0, rel=0.01)
+    assert values["friction.viscous_n_s_per_m"] == pytest.approx(203.0, rel=0.01)
+    # Levels 20 and 24 with a load of 3 move as 23 and 21: alike levels of 22 with a load of 1.
+    assert values["friction.coulomb_forward_n"] == pytest.approx(22.0, abs=0.3)
+    assert values["friction.coulomb_backward_n"] == pytest.approx(22.0, abs=0.3)
+    assert values["gravity.constant_n"] == pytest.approx(1.0, abs=0.3)
+    assert "cannot be told apart from the constant load by these data: they were held alike" in statements(found.fit)
+
+
+def test_levels_of_an_axis_with_a_known_load_are_found_each():
+    known = AXIS.model_copy(update={"gravity": AXIS.gravity.model_copy(update={"constant_n": 3.0})})
+    keys = ("mass_kg", "friction.viscous_n_s_per_m", "friction.coulomb_forward_n", "friction.coulomb_backward_n")
+    found = identify(axis_campaign(known), free=keys).fit
+    assert found.values()["friction.coulomb_forward_n"] == pytest.approx(20.0, abs=0.3)
+    assert found.values()["friction.coulomb_backward_n"] == pytest.approx(24.0, abs=0.3)
+    assert "held alike" not in statements(found)
+
+
+@pytest.mark.parametrize(
+    ("key", "answer"),
+    [
+        ("guide.coulomb_hoistng_n", "did you mean 'guide.coulomb_hoisting_n'?"),
+        ("carriage.mas_kg", "did you mean 'carriage.mass_kg'?"),
+        ("motor.count", "cannot fit 'motor.count'"),
+        ("name", "valid: "),
+    ],
+)
+def test_a_key_that_cannot_be_freed_is_answered_with_the_nearest(levels_only, key, answer):
+    with pytest.raises(InputError) as caught:
+        free_parameters(NOMINAL, levels_only[0].runs, (LEVELS[0], key))
+    assert f"cannot fit '{key}'" in str(caught.value)
+    assert answer in str(caught.value)
+
+
+def test_a_key_freed_twice_is_refused(levels_only):
+    with pytest.raises(InputError, match="stands twice"):
+        free_parameters(NOMINAL, levels_only[0].runs, (LEVELS[0], LEVELS[0]))
+
+
+def test_a_machine_that_stands_still_is_nothing_to_fit():
+    settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
+    still = simulate_loop([LoopCase("still", NOMINAL, 4500.0, 8.0, settings, np.zeros(8000))])[0].run
+    names = ("torque_motor_nm", "speed_motor_rad_s")
+    run = Run("still", still.time_s, {name: still[name] for name in names}, 4500.0, 8.0)
+    with pytest.raises(InputError, match="hardly moves in these runs"):
+        identify(Campaign("still", Path("still"), NOMINAL, (run,)))
