@@ -23,7 +23,7 @@ from workbench.study.load import Study, load_study
 from workbench.study.results import SavedRuns, place_for
 from workbench.study.run import METRICS, Row, StudyResult, run_study
 from workbench.study.store import Chunk
-from workbench.study.summary import HEAD, sentences, table
+from workbench.study.summary import HEAD, head, sentences, table
 
 SCENARIO = """\
 format: 1
@@ -288,6 +288,26 @@ def test_table_has_a_cell_under_every_head(result: StudyResult) -> None:
     lines = table(result.rows)
     assert {len(line) for line in lines} == {len(HEAD)}
     assert lines[3][:2] == ["9000", "trapezoid"]
+
+
+def test_swept_values_stand_in_the_table_and_the_extremes_in_the_conclusions() -> None:
+    rows = [
+        replace(row(0.0, "ruckig", peak_torque_motor_nm=peak), run_id=f"r{kp:g}", assigned={"sweep.controller.kp": kp})
+        for kp, peak in ((20.0, 300.0), (30.0, 200.0), (40.0, 400.0))
+    ]
+    assert head(rows)[:3] == ("payload\nkg", " reference", "kp")
+    assert [line[2] for line in table(rows)] == ["20", "30", "40"]
+    assert {len(line) for line in table(rows)} == {len(head(rows))}
+    said = sentences(rows, 768.0)
+    assert said[0] == "Over 3 runs the torque peak per motor goes from 200 N m (r30) to 400 N m (r40)."
+
+
+def test_many_failures_are_counted_and_not_all_listed() -> None:
+    lost = [replace(row(k, "ruckig"), run_id=f"r{k}", status="failed", reason="ran away") for k in range(9)]
+    said = sentences(lost, 768.0)
+    assert said[0] == "r0 failed: ran away."
+    assert said[-1] == "4 more of 9 runs failed; the index says why."
+    assert len(said) == 6
 
 
 def test_page_has_the_three_figures_of_a_study(result: StudyResult) -> None:

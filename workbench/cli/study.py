@@ -92,11 +92,11 @@ def _report(study: Study, place: Place) -> None:
     from workbench.cli.show import print_table, print_text
     from workbench.study.index import read_rows
     from workbench.study.run import motor_torque_limit_nm
-    from workbench.study.summary import CAPTION, HEAD, sentences, table
+    from workbench.study.summary import CAPTION, head, sentences, table
 
     rows = read_rows(place.folder)
     shown = table(rows[:MOST_IN_TABLE])
-    print_table(HEAD, shown)
+    print_table(head(rows[:MOST_IN_TABLE]), shown)
     if len(rows) > len(shown):
         click.echo(f"… and {len(rows) - len(shown)} more runs in the index.")
     print_text([CAPTION], dim=True)

@@ -10,7 +10,7 @@ import numpy as np
 from workbench.figures.save import save
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.study.run import StudyResult, motor_torque_limit_nm
-from workbench.study.summary import CAPTION, HEAD, sentences, table
+from workbench.study.summary import CAPTION, head, sentences, table
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -63,6 +63,6 @@ def save_study_page(result: StudyResult, path: Path) -> None:
         path,
         title=f"Study {result.study.scenario.name} — {machine.name}",
         sentences=[paragraph for paragraph in paragraphs if paragraph],
-        table=(HEAD, table(result.rows)),
+        table=(head(result.rows), table(result.rows)),
         caption=CAPTION,
     )

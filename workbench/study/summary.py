@@ -26,11 +26,25 @@ CAPTION = (
 )
 
 
+MOST_VARIED = 2  # columns of swept values, which take the room of the two root mean squares
+WIDEST = 12
+MOST_FAILED = 5
+
+
+def head(rows: Sequence[Row]) -> tuple[str, ...]:
+    """The heads of `table`: HEAD, or with the fields that differ between the runs after the reference."""
+    varied = _varied(rows)
+    if not varied:
+        return HEAD
+    fields = [_lines(name.split(".")[-1]) for name in varied]
+    return (*HEAD[:2], *fields, *_without_some(HEAD[2:]))
+
+
 def table(rows: Sequence[Row]) -> list[list[str]]:
-    """A line a run, under HEAD; a failed run says why in place of its figures."""
+    """A line a run, under `head`; a failed run has no figures."""
     lines = []
+    varied = _varied(rows)
     for row in rows:
-        start = [f"{row.payload_kg:g}", row.reference]
         if row.ok:
             figures = [
                 f"{row['peak_torque_motor_nm']:.0f}",
@@ -43,8 +57,28 @@ def table(rows: Sequence[Row]) -> list[list[str]]:
             ]
         else:
             figures = ["failed"] + ["–"] * 6
-        lines.append([*start, *figures, f"{row['move_time_s']:.2f}"])
+        figures.append(f"{row['move_time_s']:.2f}")
+        values = [_value(row, name)[:WIDEST] for name in varied]
+        lines.append([f"{row.payload_kg:g}", row.reference, *values, *(_without_some(figures) if varied else figures)])
     return lines
+
+
+def _without_some(cells: Sequence[str]) -> list[str]:
+    kept = list(cells)
+    del kept[3:5]
+    return kept
+
+
+def _lines(name: str) -> str:
+    """A field's name over as many lines as it needs to be narrow."""
+    lines = [""]
+    for word in name.split("_"):
+        joined = f"{lines[-1]}_{word}" if lines[-1] else word
+        if len(joined) <= WIDEST:
+            lines[-1] = joined
+        else:
+            lines.append(word)
+    return "\n".join(lines)
 
 
 def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
@@ -53,7 +87,37 @@ def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
     torque_limit_nm: the largest torque of one motor.
     """
     good = [row for row in rows if row.ok]
-    return [*_comparison(good), *_limits(good, torque_limit_nm), *_slack(good), *_failures(rows)]
+    first = _span(good) if any(row.assigned for row in rows) else _comparison(good)
+    return [*first, *_limits(good, torque_limit_nm), *_slack(good), *_failures(rows)]
+
+
+def _varied(rows: Sequence[Row]) -> list[str]:
+    """The first few of the swept and drawn fields that are not the same in all rows."""
+    names = dict.fromkeys(name for row in rows for name in row.assigned)
+    different = [name for name in names if len({row.assigned.get(name) for row in rows}) > 1]
+    return different[:MOST_VARIED]
+
+
+def _value(row: Row, name: str) -> str:
+    value = row.assigned.get(name, "")
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def _span(good: Sequence[Row]) -> list[str]:
+    """Where many settings were tried: between which runs the torque peak and the speed error lie."""
+    if not good:
+        return []
+    said = []
+    for metric, what, unit in (
+        ("peak_torque_motor_nm", "torque peak per motor", "N m"),
+        ("speed_error_max_rad_s", "largest speed error", "rad/s"),
+    ):
+        low, high = (choose(good, key=lambda row: row[metric]) for choose in (min, max))
+        said.append(
+            f"Over {len(good)} runs the {what} goes from {low[metric]:.3g} {unit} ({low.run_id}) "
+            f"to {high[metric]:.3g} {unit} ({high.run_id})."
+        )
+    return said
 
 
 def _comparison(good: Sequence[Row]) -> list[str]:
@@ -126,7 +190,11 @@ def _slack(good: Sequence[Row]) -> list[str]:
 
 
 def _failures(rows: Sequence[Row]) -> list[str]:
-    return [f"{row.run_id} failed: {row.reason}." for row in rows if not row.ok]
+    failed = [row for row in rows if not row.ok]
+    said = [f"{row.run_id} failed: {row.reason}." for row in failed[:MOST_FAILED]]
+    if len(failed) > len(said):
+        said.append(f"{len(failed) - len(said)} more of {len(rows)} runs failed; the index says why.")
+    return said
 
 
 def _list(rows: Sequence[Row]) -> str:
