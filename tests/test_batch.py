@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -18,6 +19,7 @@ from click.testing import CliRunner
 from tests.batches import RUNS, SCENARIO, chunks_of, environment, part_of, wait_for_chunks, workbench
 from workbench.cli.study import command
 from workbench.errors import InputError
+from workbench.simulate.loop import LoopCase, LoopResult
 from workbench.study.batch import Progress, chunk_sizes, on_this_computer, run_batch
 from workbench.study.index import read_rows
 from workbench.study.load import Study, load_study
@@ -163,6 +165,23 @@ def test_runs_that_fail_are_rows_with_a_reason_and_the_rest_goes_on(small: Study
     assert {row.payload_kg for row in rows if not row.ok} == {60000.0}
     assert all("holding the load takes" in row.reason for row in rows if not row.ok)
     assert json.loads((out / "manifest.json").read_text())["runs"] == {"all": 300, "ok": 150, "failed": 150}
+
+
+def test_a_run_that_cannot_begin_takes_no_other_with_it(small: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    from workbench.study import chunk
+
+    specs = small.specs[:3]
+    simulate = chunk.simulate_loop
+
+    def breaks_at_the_second(cases: Sequence[LoopCase], **how: Any) -> list[LoopResult]:
+        if any(case.name == specs[1].run_id for case in cases):
+            raise ZeroDivisionError("a wire without stiffness")
+        return simulate(cases, **how)
+
+    monkeypatch.setattr(chunk, "simulate_loop", breaks_at_the_second)
+    rows = [row for row, _ in chunk.run_specs(specs)]
+    assert [row.ok for row in rows] == [True, False, True]
+    assert rows[1].reason == "a wire without stiffness"
 
 
 def test_a_kept_chunk_that_is_damaged_is_run_again(small: Study, tmp_path: Path) -> None:

@@ -128,15 +128,24 @@ def run_batch(
 
 def _run_the_rest(study: Study, part: Part, spread: Spread, tell: Tell) -> None:
     kept = part.done()
-    done = runs_kept = sum(part.sizes[number] for number in kept)
-    failed = sum(kept.values())
-    name, runs = study.scenario.name, sum(part.sizes)
-    tell(Progress(name, runs, done, runs_kept, failed))
+    runs_kept = sum(part.sizes[number] for number in kept)
+
+    def said() -> Progress:
+        done = sum(part.sizes[number] for number in finished)
+        return Progress(study.scenario.name, sum(part.sizes), done, runs_kept, sum(finished.values()))
+
+    finished = dict(kept)
+    tell(said())
     missing = [number for number in range(len(part.sizes)) if number not in kept]
-    for number, chunk in spread(study, missing):
-        part.commit(number, chunk)
-        done, failed = done + chunk.rows, failed + chunk.failed
-        tell(Progress(name, runs, done, runs_kept, failed))
+    try:
+        for number, chunk in spread(study, missing):
+            part.commit(number, chunk)
+            finished[number] = chunk.failed
+            tell(said())
+    except KeyboardInterrupt:
+        finished = part.done()  # it may have come between the keeping of a chunk and its counting
+        tell(said())
+        raise
 
 
 def _make_whole(study: Study, part: Part, extras: Mapping[str, Extra]) -> None:

@@ -41,10 +41,25 @@ def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tupl
         )
         cases.setdefault((spec.record_every, spec.step_s), []).append((index, spec, plan, case))
     for (record_every, step_s), group in cases.items():
-        results = simulate_loop([case for *_, case in group], record_every=record_every, step_s=step_s, threads=threads)
+        results = _side_by_side([case for *_, case in group], record_every, step_s, threads)
         for (index, spec, plan, _), result in zip(group, results, strict=True):
-            done[index] = (_finished(spec, plan, result), result.run if record_every else None)
+            if isinstance(result, str):
+                done[index] = (_row(spec, {}, result), None)
+            else:
+                done[index] = (_finished(spec, plan, result), result.run if record_every else None)
     return [done[index] for index in range(len(specs))]
+
+
+def _side_by_side(
+    cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
+) -> list[LoopResult | str]:
+    """The result of each case, or why it could not begin: such a case takes no other with it."""
+    try:
+        return list(simulate_loop(cases, record_every=record_every, step_s=step_s, threads=threads))
+    except (ArithmeticError, ValueError, InputError) as error:
+        if len(cases) == 1:
+            return [str(error)]
+    return [result for case in cases for result in _side_by_side([case], record_every, step_s, threads)]
 
 
 def _motor_speed(plan: Plan, spec: RunSpec) -> Array:
