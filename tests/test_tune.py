@@ -273,3 +273,23 @@ def test_an_ideal_drive_is_pointed_out():
     code, text = run("loop", "--payloads", "0", "--heights", "5")
     assert code == 0
     assert "drive is ideal" in " ".join(text.split())
+
+
+def test_a_scenario_gives_machine_controller_payloads_and_moves():
+    from workbench.reports.loop_case import load_case
+
+    case = load_case(None, ROOT / "scenarios" / "payloads.yaml", None, None, None)
+    assert case.payloads_kg == (0.0, 4500.0, 9000.0)
+    assert case.settings.kp_nm_s_per_rad == 31.0
+    trial = case.trial()
+    assert set(trial.references) == {"trapezoid", "ruckig", "ruckig_equal_time"}
+    assert trial.start_position_m == 4.0
+    # 0.7 m/s of the carriage at the motor, on two falls and a drum of 0.6 m behind a ratio of 31.
+    assert max(trial.references["ruckig"]) == pytest.approx(0.7 * 4.0 * 31.0 / 0.6, rel=1e-9)
+
+
+def test_a_scenario_that_samples_its_machine_is_analysed_at_the_nominal_one():
+    from workbench.reports.loop_case import load_case
+
+    case = load_case(None, ROOT / "scenarios" / "tolerances.yaml", None, None, None)
+    assert case.machine.motor == default_hoist().motor

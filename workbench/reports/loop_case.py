@@ -68,8 +68,8 @@ def load_case(
         from workbench.study.load import load_study
 
         study = load_study(scenario)
-        first = study.specs[0]
-        hoist, settings, origin = first.machine, first.controller, f"of {scenario}"
+        # What the scenario itself says; a sweep's or a sample's points go their own ways from there.
+        hoist, settings, origin = study.machine, study.scenario.controller, f"of {scenario}"
         loads = sorted({spec.payload_kg for spec in study.specs[:200]})
     if machine is not None:
         read = load_machine(machine)
