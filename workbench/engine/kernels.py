@@ -145,21 +145,33 @@ def replay(
     scenarios), positions first; speed_scales: (speeds, scenarios), what the tolerance
     is relative to. Returns (n, states, scenarios).
     """
-    scenarios = parameters.shape[1]
-    kernel = replay_kernel(plant, effects, lanes_for(scenarios))
-    n, states = times.shape[0], start.shape[0]
+    kernel = replay_kernel(plant, effects, lanes_for(parameters.shape[1]))
+    rows = start.shape[0]
+    return _integrated(kernel, parameters, (times, inputs), start, speed_scales, rows, tolerance, threads)
+
+
+def _integrated(
+    kernel: Kernel,
+    parameters: Array,
+    signals: Sequence[Array],
+    start: Array,
+    speed_scales: Array,
+    rows: int,
+    tolerance: float,
+    threads: int | None,
+) -> Array:
+    """What `replay` and `driven` share: signals (n, scenarios) in, (n, rows, scenarios) out."""
+    scenarios, n = parameters.shape[1], signals[0].shape[0]
 
     def work(group: np.ndarray) -> Array:
-        L = kernel.lanes
-        result = np.empty((n, states, L))
+        result = np.empty((n, rows, kernel.lanes))
         state = _lanes(start, group)
         kernel(
             kernel.constants(parameters[:, group]),
-            _lanes(times, group),
-            _lanes(inputs, group),
+            *(_lanes(each, group) for each in signals),
             state,
             np.empty_like(state),
-            np.empty(L),
+            np.empty(kernel.lanes),
             1.0 / _lanes(speed_scales, group),
             tolerance,
             MOST_STEPS,
@@ -189,28 +201,9 @@ def driven(
     times, angles, speeds, accelerations: (n, scenarios); start: (other states,
     scenarios). Returns (n, 1 + other states, scenarios), the input first.
     """
-    scenarios = parameters.shape[1]
-    kernel = driven_kernel(plant, effects, lanes_for(scenarios))
-    n, rows = times.shape[0], 1 + start.shape[0]
-
-    def work(group: np.ndarray) -> Array:
-        L = kernel.lanes
-        result = np.empty((n, rows, L))
-        state = _lanes(start, group)
-        kernel(
-            kernel.constants(parameters[:, group]),
-            *(_lanes(a, group) for a in (times, angles, speeds, accelerations)),
-            state,
-            np.empty_like(state),
-            np.empty(L),
-            1.0 / _lanes(speed_scales[1:], group),
-            tolerance,
-            MOST_STEPS,
-            result.reshape(-1),
-        )
-        return result
-
-    return _joined(_spread(work, _groups(scenarios, kernel.lanes), threads), scenarios)
+    kernel = driven_kernel(plant, effects, lanes_for(parameters.shape[1]))
+    signals, rows = (times, angles, speeds, accelerations), 1 + start.shape[0]
+    return _integrated(kernel, parameters, signals, start, speed_scales[1:], rows, tolerance, threads)
 
 
 def loop(
