@@ -67,7 +67,12 @@ def unedited(results: Results) -> Results:
 EDITS = {
     "an equation of the hoist": ("plants/hoist.py", "a_s = (s.r * (s.W2", "a_s = (0.9 * s.r * (s.W2", "hoist"),
     "an equation of the axis": ("plants/axis.py", "p.G * sin(x)", "1.001 * p.G * sin(x)", "axis"),
-    "the preamble": ("engine/preamble.py", "return math.sin(x)", "return 1.001 * math.sin(x)", "axis"),
+    "the preamble": (
+        "engine/preamble.py",
+        "return sign_of_turn(m) * sine_of_rest(m, x)",
+        "return 0.999 * sine_of_rest(m, x)",
+        "axis",
+    ),
     "the step": ("engine/rodas3.py", "GAMMA = 0.5", "GAMMA = 0.501", "axis"),
     "a rule of derivatives": ("trace/derive.py", "return cos(a) * d[0]", "return 0.9 * (cos(a) * d[0])", "axis"),
     "the controller": ("control/pi.py", "dt * (p.ki * (r - w)", "dt * (0.9 * p.ki * (r - w)", "loop"),

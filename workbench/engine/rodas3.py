@@ -27,12 +27,12 @@ Rates = Callable[[Scalar, Sequence[Scalar], Sequence[Scalar], Scalar], Sequence[
 
 
 def rodas3_step(
-    rates: Rates, t: Expr, h: Expr, q: Sequence[Expr], y: Sequence[Expr], u: Expr, u_rate: Scalar
+    rates: Rates, t: Expr, h: Expr, q: Sequence[Expr], y: Sequence[Expr], u: Expr, u_rate: Scalar, kept: int = 0
 ) -> tuple[list[Scalar], list[Scalar], list[Scalar], list[Scalar]]:
     """Advance (q, y) from t to t + h under the input u + u_rate * (time - t).
 
     `rates(t, q, y, u)` gives y'. All arguments are symbols, for the Jacobian is
-    taken by them. Returns (q, y) at the end of the step and their error estimates,
+    taken by them. The last `kept` of y are states that effects keep. Returns (q, y) at the end of the step and their error estimates,
     the distance to the embedded solution of order 2.
     """
     n, m = len(q), len(y)
@@ -49,7 +49,7 @@ def rodas3_step(
         [((1.0 / GAMMA) * per_h if i == j else 0.0) - f_y[i][j] - (g_q[i][j] if j < n else 0.0) for j in range(m)]
         for i in range(m)
     ]
-    apply = _solver(matrix)
+    apply = _block_solver(matrix, kept)
 
     def solve(rq: Sequence[Scalar], ry: Sequence[Scalar]) -> Pair:
         uy = apply([_sum_of_products(g_q[i], rq, ry[i]) for i in range(m)])
@@ -99,6 +99,28 @@ def _solver(a: list[list[Scalar]]) -> Callable[[Sequence[Scalar]], list[Scalar]]
         return lambda right: _substitute(lu, right)
     inverse = _inverse(a)
     return lambda right: [_sum_of_products(row, right, 0.0) for row in inverse]
+
+
+def _block_solver(a: list[list[Scalar]], kept: int) -> Callable[[Sequence[Scalar]], list[Scalar]]:
+    """`_solver`, with the last `kept` unknowns eliminated first.
+
+    What effects keep then leaves the plant's own equations as they are, to the last bit,
+    where it does not act on them (its column in their rows is zero).
+    """
+    n = len(a) - kept
+    if kept == 0 or n == 0:
+        return _solver(a)
+    last = _solver([row[n:] for row in a[n:]])
+    columns = [last([row[j] for row in a[n:]]) for j in range(n)]  # of D^-1 C
+    beside = [row[n:] for row in a[:n]]  # B
+    first = _solver([[a[i][j] - _sum_of_products(beside[i], columns[j], 0.0) for j in range(n)] for i in range(n)])
+
+    def apply(right: Sequence[Scalar]) -> list[Scalar]:
+        z = last(right[n:])
+        x = first([r - _sum_of_products(b, z, 0.0) for r, b in zip(right[:n], beside, strict=True)])
+        return [*x, *(w - _sum_of_products([c[k] for c in columns], x, 0.0) for k, w in enumerate(z))]
+
+    return apply
 
 
 def _inverse(a: list[list[Scalar]]) -> list[list[Scalar]]:

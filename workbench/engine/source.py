@@ -25,7 +25,7 @@ from workbench.trace.expr import Scalar, symbol
 
 def _bound(plant: Plant, effects: Effects, p: Any) -> Any:
     def rates(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar) -> Sequence[Scalar]:
-        return plant.accelerations(t, q, y, u, p, effects)
+        return plant.rates(t, q, y, u, p, effects)
 
     return rates
 
@@ -60,13 +60,15 @@ def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, 
 def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int) -> KernelSource:
     """Kernel `replay`: the plant under an input given at samples, linear between them.
 
-    times, inputs: (n, lanes); state: (states, lanes), advanced in place; out: (n, speeds
-    and positions, lanes), positions first.
+    times, inputs: (n, lanes); state: (states, lanes), advanced in place; out: (n, positions,
+    speeds and the effects' memory, lanes).
     """
     k = KernelText(lanes, parameters)
-    q, y = state_symbols(plant)
+    q, y = state_symbols(plant, effects)
     t, h, u, u_rate = (symbol(s) for s in ("t", "h", "u", "u_rate"))
-    q1, y1, _, errors = rodas3_step(_bound(plant, effects, parameter_symbols(parameters)), t, h, q, y, u, u_rate)
+    q1, y1, _, errors = rodas3_step(
+        _bound(plant, effects, parameter_symbols(parameters)), t, h, q, y, u, u_rate, len(effects.memory)
+    )
     states = [e.args[0] for e in (*q, *y)]
     k.add(1, "n = times.shape[0] // %d" % lanes, "m = 1", "steps = 0")
     k.add(1, "for k in range(n - 1):")
@@ -99,7 +101,7 @@ def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     k = KernelText(lanes, parameters)
     p = parameter_symbols(parameters)
     rates = _bound(plant, effects, p)
-    q, y = state_symbols(plant)
+    q, y = state_symbols(plant, effects)
     t, h, u = symbol("t"), symbol("h"), symbol("u")
     start, angle, speed, alpha = (symbol(s) for s in ("t0", "angle0", "speed0", "alpha"))
 
@@ -125,7 +127,7 @@ def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     for i, name in enumerate(states):
         k.add(3, f"out[k * {(n + 1) * L} + {(i + 1) * L} + l] = {name}")
     if n:
-        q1, y1, _, errors = rodas3_step(rest, t, h, q[1:], y[1:], symbol("u_none"), 0.0)
+        q1, y1, _, errors = rodas3_step(rest, t, h, q[1:], y[1:], symbol("u_none"), 0.0, len(effects.memory))
         inputs = (
             f"t0 = {k.at('times', 'k')}",
             f"H = {k.at('times', 'k + 1')} - t0",
@@ -164,16 +166,16 @@ def loop_source(
     k = KernelText(lanes, parameters)
     p = parameter_symbols(parameters)
     rates = _bound(plant, effects, p)
-    q, y = state_symbols(plant)
+    q, y = state_symbols(plant, effects)
     t, h, u, dt = symbol("t"), symbol("h"), symbol("u"), symbol("dt")
     states = [e.args[0] for e in (*q, *y)]
     memory = [symbol(f"x{i}") for i in range(len(controller.memory))]
     sums = [symbol(f"a{i}") for i in range(observer.size)]
     reference = SimpleNamespace(**{name: symbol(f"r{i}") for i, name in enumerate(controller.references)})
-    measured = plant.outputs(t, q, y, u if lagged else 0.0, p, effects)
+    measured = plant.shown(t, q, y, u if lagged else 0.0, p, effects)
     command, memory1 = controller.step(p, memory, reference, SimpleNamespace(t=t, **measured), dt)
     at_work = u if lagged else command
-    shown = plant.outputs(t, q, y, at_work, p, effects)
+    shown = plant.shown(t, q, y, at_work, p, effects)
     signals = {**shown, plant.input: at_work, "time_s": t, **vars(reference)}
     sums1 = observer.update(sums, signals, p, dt)
     L, nr = lanes, len(controller.references)
@@ -205,7 +207,7 @@ def loop_source(
         k.add(4, "u_rate = (actual[l] - u) / h")
     else:
         k.add(4, "u = held[l]")
-    q1, y1, _, _ = rodas3_step(rates, t, h, q, y, u, symbol("u_rate") if lagged else 0.0)
+    q1, y1, _, _ = rodas3_step(rates, t, h, q, y, u, symbol("u_rate") if lagged else 0.0, len(effects.memory))
     k.store(4, "state", k.block(4, [*q1, *y1]))
     k.add(1, "return row")
     numbers = {"c": "a", "references": "a", "dt": "f", "substeps": "i", "every": "i"}

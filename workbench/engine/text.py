@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 from workbench.engine.preamble import PREAMBLE
-from workbench.plants import Plant
+from workbench.plants import NO_EFFECTS, Effects, Plant
 from workbench.trace.emit import Printer
 from workbench.trace.expr import Expr, Scalar, symbol
 
@@ -23,9 +23,10 @@ def parameter_symbols(names: Sequence[str]) -> SimpleNamespace:
     return SimpleNamespace(**{n: symbol(f"p_{n}") for n in names})
 
 
-def state_symbols(plant: Plant) -> tuple[list[Expr], list[Expr]]:
+def state_symbols(plant: Plant, effects: Effects = NO_EFFECTS) -> tuple[list[Expr], list[Expr]]:
+    """Positions, and speeds with the effects' memory behind them."""
     q = [symbol(f"q{i}") for i in range(len(plant.positions))]
-    y = [symbol(f"y{i}") for i in range(len(plant.speeds))]
+    y = [symbol(f"y{i}") for i in range(len(plant.speeds) + len(effects.memory))]
     return q, y
 
 

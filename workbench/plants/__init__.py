@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from workbench.plants.axis import AXIS_LINEAR, AXIS_ROTARY
-from workbench.plants.base import NO_EFFECTS, PLACES, Effects, Output, Plant
+from workbench.plants.base import NO_EFFECTS, PLACES, Effects, Memory, Output, Plant
 from workbench.plants.hoist import HOIST
 
 PLANTS = {plant.kind: plant for plant in (HOIST, AXIS_LINEAR, AXIS_ROTARY)}
@@ -20,4 +20,4 @@ def plant_of(machine: Any) -> Plant:
     return PLANTS[kind]
 
 
-__all__ = ["NO_EFFECTS", "PLACES", "PLANTS", "Effects", "Output", "Plant", "plant_of"]
+__all__ = ["NO_EFFECTS", "PLACES", "PLANTS", "Effects", "Memory", "Output", "Plant", "plant_of"]

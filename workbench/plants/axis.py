@@ -18,10 +18,19 @@ from workbench.plants.base import NO_EFFECTS, Effects, Output, Plant
 from workbench.trace.expr import Scalar, clip, cos, sin, where
 
 
+def switch(v: Scalar, p: Any) -> Scalar:
+    """The sign of a speed, linear within the standstill speed."""
+    return clip(v / p.v_s, -1.0, 1.0)
+
+
+def level(v: Scalar, p: Any) -> Scalar:
+    """The Coulomb level of the way that v goes; N or N m."""
+    return where(v > 0.0, p.F_f, p.F_b)
+
+
 def friction(v: Scalar, p: Any) -> Scalar:
-    """Coulomb and viscous friction along v; N or N m. Linear within the standstill speed."""
-    level = where(v > 0.0, p.F_f, p.F_b)
-    return level * clip(v / p.v_s, -1.0, 1.0) + p.B * v
+    """Coulomb and viscous friction along v; N or N m."""
+    return level(v, p) * switch(v, p) + p.B * v
 
 
 def accelerations(
@@ -31,7 +40,7 @@ def accelerations(
     (x,), (v,) = q, y
     M = p.M + effects.at("axis_inertia", p, t=t, x=x)
     load = p.G * sin(x) + p.C
-    extra = effects.at("axis_force", p, t=t, v=v, x=x, u=u, load=load, friction=friction(v, p))
+    extra = effects.at("axis_force", p, t=t, v=v, x=x, angle=x, switch=switch(v, p), load=load, friction=friction(v, p))
     return [(u - friction(v, p) - load + extra) / M]
 
 

@@ -15,6 +15,7 @@ from workbench.trace.expr import Scalar
 PLACES: Mapping[str, str] = {
     "guide_force_n": "force on the carriage along the rail, up positive",
     "carriage_mass_kg": "mass moving with the carriage",
+    "payload_kg": "payload beyond the stated one",
     "wound_length_m": "wire taken in by the drum beyond radius times angle",
     "motor_torque_nm": "torque on the motor shaft, hoisting positive",
     "motor_inertia_kg_m2": "inertia turning with the motor shaft",
@@ -26,21 +27,38 @@ PLACES: Mapping[str, str] = {
 }
 
 
+@dataclass(frozen=True)
+class Memory:
+    """A first-order state that an effect keeps: it stands behind the plant's speeds.
+
+    rate(s, p): its derivative; s holds the time `t` and the plant's states by their names,
+    p the parameters and, under `symbol`, the state itself. start(p): at standstill.
+    scale(p): what the integration's tolerance is relative to, positive.
+    """
+
+    symbol: str
+    rate: Callable[[Any, Any], Scalar]
+    start: Callable[[Any], float]
+    scale: Callable[[Any], float]
+
+
 class Effects:
     """The unmodelled pieces that are switched on: at each place, the sum of what they add.
 
     `pieces` maps a place to functions of (signals, parameters); `parameters` are the
-    symbols they need beside the plant's. The empty set adds exactly nothing: the traced
-    plant is then the plain one, operation by operation.
+    symbols they need beside the plant's, `memory` the states they keep. The empty set adds
+    exactly nothing: the traced plant is then the plain one, operation by operation.
     """
 
     def __init__(
         self,
         pieces: Mapping[str, Sequence[Callable[[Any, Any], Scalar]]] | None = None,
         parameters: Sequence[str] = (),
+        memory: Sequence[Memory] = (),
     ) -> None:
         self.pieces = dict(pieces or {})
         self.parameters = tuple(parameters)
+        self.memory = tuple(memory)
         for place in self.pieces:
             if place not in PLACES:
                 raise ValueError(f"no place '{place}' for an effect; places: {', '.join(PLACES)}")
@@ -50,6 +68,16 @@ class Effects:
         for piece in self.pieces.get(place, ()):
             total = total + piece(SimpleNamespace(**signals), p)
         return total
+
+    def with_memory(self, p: Any, kept: Sequence[Scalar]) -> Any:
+        """The parameters together with the memory's values, as pieces read them."""
+        if not self.memory:
+            return p
+        return SimpleNamespace(**vars(p), **{m.symbol: z for m, z in zip(self.memory, kept, strict=True)})
+
+    def rates(self, p: Any, **states: Scalar) -> list[Scalar]:
+        """The derivatives of the memory; p as `with_memory` gives it."""
+        return [m.rate(SimpleNamespace(**states), p) for m in self.memory]
 
 
 NO_EFFECTS = Effects()
@@ -72,6 +100,7 @@ class Plant:
     accelerations(t, q, y, u, p, effects): y' for positions q, speeds y, input u.
     outputs(t, q, y, u, p, effects): name -> value, every signal named in `signals`.
     equilibrium(height, p): positions hanging still there, and the input that holds it.
+    placed: the position that says where the machine is, the one `equilibrium` is given.
     start_of(height, speed, p): positions, speeds and holding input of an even motion.
     band_hz(p): up to which frequency the balance of forces is worth comparing.
     energy(q, y, p) and dissipation(t, q, y, u, p): J and W, for the balance
@@ -91,6 +120,23 @@ class Plant:
     dissipation: Callable[..., Scalar]
     start_of: Callable[..., tuple[list[float], list[float], float]]
     band_hz: Callable[[Any], float]
+    placed: int = 0
+
+    def rates(
+        self, t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
+    ) -> list[Scalar]:
+        """The derivatives of speeds and memory; y holds the speeds, then the effects' memory."""
+        n = len(self.speeds)
+        p = effects.with_memory(p, y[n:])
+        states = dict(zip((*self.positions, *self.speeds), (*q, *y[:n]), strict=True))
+        return [*self.accelerations(t, q, y[:n], u, p, effects), *effects.rates(p, t=t, **states)]
+
+    def shown(
+        self, t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
+    ) -> Mapping[str, Scalar]:
+        """`outputs` for a y that holds the effects' memory behind the speeds."""
+        n = len(self.speeds)
+        return self.outputs(t, q, y[:n], u, effects.with_memory(p, y[n:]), effects)
 
     def values(self, machine: Any, payload_kg: float = 0.0) -> SimpleNamespace:
         """The parameters of one scenario as numbers, by symbol."""

@@ -54,12 +54,17 @@ def pin_switch(speed_rad_s: Scalar) -> Scalar:
     return clip(speed_rad_s / PIN_SPEED, -1.0, 1.0)
 
 
+def guide_switch(v: Scalar, p: Any) -> Scalar:
+    """Eq. 17: the sign of a speed in m/s; the slope sets how it turns over at standstill."""
+    return atan(p.slope * v) * (2.0 / math.pi)
+
+
 def guide_friction(v: Scalar, p: Any) -> Scalar:
     """Eq. 17: Coulomb friction of the rollers in the rails, N, along v; m/s, up positive.
 
-    Two positive levels, one for each way; the slope sets how it turns over at standstill.
+    Two positive levels, one for each way.
     """
-    return where(v > 0.0, p.F_up, p.F_dn) * (atan(p.slope * v) * (2.0 / math.pi))
+    return where(v > 0.0, p.F_up, p.F_dn) * guide_switch(v, p)
 
 
 def tension(delta: Scalar, rate: Scalar, k: Scalar, c: Scalar) -> Scalar:
@@ -76,7 +81,7 @@ def _state(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: An
     th_w = i * th
     # Wire taken in by the drum and its derivative by the drum angle, the arm of the wire force.
     extra = effects.at("wound_length_m", p, t=t, theta_w=th_w)
-    arm = R + _slope_of(extra, th, i)
+    arm = R + _slope_of(extra, th) / i
     d1 = R * th_w + extra + r * th_s - x  # Eq. 3
     d2 = -(r * th_s) - x  # Eq. 4
     d1_rate = arm * (i * w) + r * w_s - v  # Eq. 5
@@ -84,6 +89,10 @@ def _state(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: An
     k = p.E * p.A / p.L  # Eq. 7
     soft = effects.at("wire_compliance_m_per_n", p, t=t, x=x, k=k)
     k = k / (1.0 + k * soft)
+    if not isinstance(th, Expr) and (np.any(extra) or np.any(soft)):
+        raise TypeError("an uneven drum and a wire that stiffens need derivatives: trace the plant")
+    # A stiffness that grows with the height pulls the carriage down: the strain energy's own derivative.
+    pull = _slope_of(k, x) * (_squared(d1) + _squared(d2)) / 2.0
     c = p.tau * k
     W1, W2 = tension(d1, d1_rate, k, c), tension(d2, d2_rate, k, c)
     g = p.g + effects.at("platform_acceleration_m_s2", p, t=t)
@@ -91,28 +100,32 @@ def _state(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: An
     hang_drum = line * g * (p.L - x) / 2.0  # half of fall 1 hangs from the drum,
     hang_carriage = line * g * (2.0 * p.L - R * th_w - extra) / 2.0  # half of both from the carriage
     m_p = p.s_p * p.m_p
+    m_p = m_p + effects.at("payload_kg", p, t=t, payload_kg=m_p)
     m = p.m_c + m_p + effects.at("carriage_mass_kg", p, t=t, payload_kg=m_p)
     return SimpleNamespace(
         t=t, u=u, w=w, w_s=w_s, v=v, x=x, th=th, th_w=th_w, i=i, arm=arm, r=r, k=k, c=c, g=g, m=m, m_p=m_p,
-        d1=d1, d2=d2, d1_rate=d1_rate, d2_rate=d2_rate, W1=W1, W2=W2,
+        d1=d1, d2=d2, d1_rate=d1_rate, d2_rate=d2_rate, W1=W1, W2=W2, pull=pull,
         hang_drum=hang_drum, hang_carriage=hang_carriage, W1_top=W1 + hang_drum, W2_top=W2 + hang_drum,
     )  # fmt: skip
 
 
-def _slope_of(extra: Scalar, th: Scalar, i: Scalar) -> Scalar:
-    """d(extra)/d(theta_w): what an uneven drum adds to its radius."""
-    if isinstance(th, Expr):
-        return derivative(extra, th) / i
-    if np.any(extra):
-        raise TypeError("the arm of an uneven drum is a derivative: trace the plant instead of calling it with numbers")
-    return 0.0
+def _slope_of(value: Scalar, by: Scalar) -> Scalar:
+    """d(value)/d(by) as far as `value` was computed from `by` itself; zero for what is a plain number."""
+    return derivative(value, by) if isinstance(by, Expr) else 0.0
+
+
+def _squared(elongation: Scalar) -> Scalar:
+    taut = maximum(elongation, 0.0)
+    return taut * taut
 
 
 def _forces(s: SimpleNamespace, p: Any, effects: Effects) -> SimpleNamespace:
     """The friction forces and torques, and the accelerations of carriage and sheave on the way."""
     F_guide = guide_friction(s.v, p)
-    F_extra = effects.at("guide_force_n", p, t=s.t, v=s.v, x=s.x, friction=F_guide, payload_kg=s.m_p, g=s.g)
-    a = (s.W1 + s.W2 - s.hang_carriage - s.m * s.g - F_guide + F_extra) / s.m  # Eq. 16
+    F_extra = effects.at(
+        "guide_force_n", p, t=s.t, v=s.v, x=s.x, switch=guide_switch(s.v, p), friction=F_guide, load=s.m_p * s.g
+    )
+    a = (s.W1 + s.W2 - s.hang_carriage - s.m * s.g - F_guide - s.pull + F_extra) / s.m  # Eq. 16
     N_s = absolute(s.W1 + s.W2 - s.hang_carriage - p.m_s * s.g - p.m_s * a)  # Eq. 9
     T_pin_s = p.mu * N_s * (p.Dp_s / 2.0) * pin_switch(s.w_s)  # Eq. 10, 11, 13
     N_w = absolute(p.m_w * s.g + s.W1_top)  # Eq. 8
@@ -129,7 +142,9 @@ def accelerations(
     a_s = (s.r * (s.W2 - s.W1) - f.T_pin_s) / p.J_s  # Eq. 14
     J = p.n_m * p.J_m + p.J_w * (s.i * s.i) + effects.at("motor_inertia_kg_m2", p)
     T_load = s.i * (s.arm * s.W1_top + f.T_pin_w)
-    T_extra = effects.at("motor_torque_nm", p, t=t, w=s.w, th=s.th, th_w=s.th_w, u=u, load_torque=T_load)
+    T_extra = effects.at(
+        "motor_torque_nm", p, t=t, w=s.w, angle=s.th, switch=pin_switch(s.i * s.w), load=T_load, slack=-s.d1
+    )
     a_m = (u - T_load + T_extra) / J  # Eq. 15, the wire force opposing a hoisting torque
     return [a_m, a_s, f.a]
 
@@ -232,4 +247,5 @@ HOIST = Plant(
     dissipation=dissipation,
     start_of=start_of,
     band_hz=band_hz,
+    placed=2,
 )

@@ -1,0 +1,86 @@
+"""Hanging still with effects: where the states are, and which input holds them.
+
+A plant's own `equilibrium` knows the plain machine. Effects may move it: a drum out of round,
+a stiffer wire, more weight. Newton's method on the traced accelerations finds it, for many
+scenarios at once. Where the plain equilibrium is one, it is kept to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from workbench.engine.text import parameter_symbols
+from workbench.plants import NO_EFFECTS, Effects, Plant
+from workbench.run import Array
+from workbench.trace.derive import derivative
+from workbench.trace.emit import Printer
+from workbench.trace.expr import symbol
+
+ROUNDS = 8
+AT_REST = 1e-6  # m/s^2 (rad/s^2); rounding of lengths leaves a thousandth of it
+
+
+def hang_still(
+    plant: Plant, effects: Effects, values: Sequence[SimpleNamespace], heights: Sequence[float], times: Sequence[float]
+) -> tuple[Array, Array]:
+    """positions (positions, scenarios) and holding inputs (scenarios,) at rest.
+
+    values: plant's and effects' parameters by symbol, for each scenario; heights: of the
+    coordinate that the plant is placed by; times: what the clock shows.
+    """
+    plain = [plant.equilibrium(height, p) for height, p in zip(heights, values, strict=True)]
+    q = np.array([positions for positions, _ in plain]).T
+    u = np.array([hold for _, hold in plain])
+    if effects is NO_EFFECTS:
+        return q, u
+    balance, names = _balance(plant, effects)
+    table = [np.array([getattr(p, name) for p in values], dtype=float) for name in names]
+    kept = [np.array([m.start(p) for p in values]) for m in effects.memory]
+    free = [i for i in range(len(q)) if i != plant.placed]
+    t = np.asarray(times, dtype=float)
+    moved_q, moved_u = q.copy(), u.copy()
+    for _ in range(ROUNDS):
+        a, slopes = balance(t, moved_q, moved_u, table, kept)
+        off = np.any(np.abs(a) > AT_REST, axis=0)
+        if not off.any():
+            break
+        step = np.linalg.solve(slopes.transpose(2, 0, 1)[off], a.T[off][..., None])[..., 0].T
+        moved_u[off] -= step[-1]
+        for row, i in enumerate(free):
+            moved_q[i, off] -= step[row]
+    return moved_q, moved_u
+
+
+@cache
+def _balance(plant: Plant, effects: Effects) -> tuple[Callable[..., tuple[Array, Array]], tuple[str, ...]]:
+    """Accelerations (m, scenarios) at rest, and their derivatives by the free positions and the input."""
+    names = (*plant.parameters, *effects.parameters)
+    q = [symbol(f"q{i}") for i in range(len(plant.positions))]
+    kept = [symbol(f"z{i}") for i in range(len(effects.memory))]
+    t, u = symbol("t"), symbol("u")
+    at_rest = [*[0.0] * len(plant.speeds), *kept]
+    a = plant.rates(t, q, at_rest, u, parameter_symbols(names), effects)[: len(plant.speeds)]
+    unknown = [*(x for i, x in enumerate(q) if i != plant.placed), u]
+    memo: dict[tuple[int, int], Any] = {}
+    printer = Printer()
+    body, results, _ = printer.block([*a, *(derivative(f, x, memo) for f in a for x in unknown)])
+    arguments = ["t", "u", *(x.args[0] for x in (*q, *kept)), *(f"p_{name}" for name in names)]
+    lines = [f"def balance({', '.join(arguments)}):", *(f"    {line}" for line in (*printer.setup, *body))]
+    scope: dict[str, Any] = {
+        "select": np.where, "abs": np.abs, "sin_": np.sin, "cos_": np.cos, "exp_": np.exp, "atan_": np.arctan,
+        "sqrt_": np.sqrt, "floor_": np.floor, "fma_": lambda a, b, c: a * b + c,
+    }  # fmt: skip
+    exec("\n".join([*lines, f"    return {', '.join(results)},"]), scope)
+    m = len(plant.speeds)
+
+    def balance(time: Array, at: Array, hold: Array, table: Sequence[Array], memory: Sequence[Array]) -> Any:
+        out = scope["balance"](time, hold, *at, *memory, *table)
+        rows = np.stack([np.broadcast_to(np.asarray(row, dtype=float), hold.shape) for row in out])
+        return rows[:m], rows[m:].reshape(m, m, len(hold))
+
+    return balance, names
