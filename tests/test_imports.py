@@ -23,6 +23,7 @@ LAYERS = [
     ("plants",),
     ("engine",),
     ("logs", "control", "references", "metrics"),
+    ("effects",),
     ("simulate",),
     ("identify", "analysis"),
     ("study",),

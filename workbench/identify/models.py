@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from workbench.effects import logged_input, true_input
 from workbench.engine import kernels
 from workbench.identify.parameters import Free
 from workbench.run import Array
@@ -70,7 +71,10 @@ class BalanceModel:
         predicted = self.bench.predict([values for values, _, _ in chosen])
         out = []
         for j, run in enumerate(self.bench.runs):
-            raw = np.stack([predicted[i][j][0] for i in range(len(sets))], axis=-1)
+            raw = np.stack(
+                [logged_input(self.bench.equipped.active, run.time_s, predicted[i][j][0]) for i in range(len(sets))],
+                axis=-1,
+            )
             smooth = lowpass(run.time_s, raw, self.bench.band_hz)[self.rows[j]]
             sensors = np.array([[gain, offset] for _, gain, offset in chosen])
             out.append(self.bench.measured[j][self.rows[j], None] - (smooth * sensors[:, 0] + sensors[:, 1]))
@@ -89,20 +93,24 @@ class SpeedModel:
 
     def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array:
         """(sets, samples), in the speed's unit."""
-        plant = self.bench.plant
+        plant, equipped = self.bench.plant, self.bench.equipped
         chosen = [values_of(self.bench, free, z) for z in sets]
         out = []
         for j, run in enumerate(self.bench.runs):
             parameters = [values[j] for values, _, _ in chosen]
-            starts = [plant.start_of(*start_point(plant, run, self.bench.motions[j]), p) for p in parameters]
-            inputs = np.stack([(self.bench.inputs[j] - offset) / gain for _, gain, offset in chosen], axis=-1)
+            at, speed = start_point(plant, run, self.bench.motions[j])
+            many = len(parameters)
+            start, _ = equipped.starts([at] * many, [speed] * many, [float(run.time_s[0])] * many, parameters)
+            logged = [(self.bench.inputs[j] - offset) / gain for _, gain, offset in chosen]
+            inputs = np.stack([true_input(equipped.active, run.time_s, u) for u in logged], axis=-1)
             states = kernels.replay(
                 plant,
-                np.array([[getattr(p, s) for p in parameters] for s in plant.parameters]),
+                equipped.table(parameters),
                 run.time_s[:, None],
                 inputs,
-                np.array([[*q, *y] for q, y, _ in starts]).T,
-                np.array([np.abs(plant.start_of(0.0, self.bench.scale, p)[1]) for p in parameters]).T,
+                start,
+                equipped.scales(self.bench.scale, parameters),
+                effects=equipped.effects,
                 tolerance=self.tolerance,
             )
             out.append(states[:, len(plant.positions), :] - self.bench.motions[j].speed[:, None])

@@ -15,11 +15,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from workbench.effects import Active, logged_input, true_run
 from workbench.engine import kernels
 from workbench.machine import Axis, Hoist
 from workbench.plants import Plant, plant_of
 from workbench.run import Array, Run
 from workbench.simulate.band import default_band
+from workbench.simulate.equipped import equipped
 from workbench.simulate.lowpass import inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving
 
@@ -54,11 +56,22 @@ class Balance:
 class Bench:
     """Runs of one machine, made ready for many predictions with changed parameters."""
 
-    def __init__(self, machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> None:
+    def __init__(
+        self,
+        machine: Hoist | Axis,
+        runs: Sequence[Run],
+        band_hz: float | None = None,
+        active: Active | None = None,
+    ) -> None:
+        """active: effects in place of the machine's own."""
         self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
-        self.base = [self.plant.values(machine, run.payload_kg) for run in self.runs]
+        self.equipped = equipped(machine, active)
+        self.base = [
+            self.equipped.values(machine, run.payload_kg, run.start_time_s - float(run.time_s[0])) for run in self.runs
+        ]
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
-        self.motions = [motion_of(run, self.plant, self.band_hz) for run in self.runs]
+        # The motion behind the log: what a late speed sensor shows is brought forward first.
+        self.motions = [motion_of(true_run(run, self.equipped.active), self.plant, self.band_hz) for run in self.runs]
         self.scale = speed_scale(machine, self.runs, self.motions)
         self.inputs = [run[self.plant.input] for run in self.runs]
         self.measured = [lowpass(run.time_s, u, self.band_hz) for run, u in zip(self.runs, self.inputs, strict=True)]
@@ -88,18 +101,21 @@ class Bench:
 
     def _predict_run(self, j: int, sets: Sequence[SimpleNamespace]) -> Array:
         plant, run, motion = self.plant, self.runs[j], self.motions[j]
-        point = start_point(plant, run, motion)
-        starts = [plant.start_of(*point, p) for p in sets]
+        at, speed = start_point(plant, run, motion)
+        many = len(sets)
+        start, _ = self.equipped.starts([at] * many, [speed] * many, [float(run.time_s[0])] * many, sets)
         travelled = motion.position - motion.position[0]
+        n = len(plant.positions)
         return kernels.driven(
             plant,
-            np.array([[getattr(p, name) for p in sets] for name in plant.parameters]),
+            self.equipped.table(sets),
             run.time_s[:, None],
-            travelled[:, None] + np.array([q[0] for q, _, _ in starts]),
+            travelled[:, None] + start[0],
             motion.speed[:, None],
             motion.acceleration[:, None],
-            np.array([[*q[1:], *y[1:]] for q, y, _ in starts]).T.reshape(-1, len(sets)),
-            np.array([np.abs(plant.start_of(0.0, self.scale, p)[1]) for p in sets]).T,
+            np.concatenate([start[1:n], start[n + 1 :]]),
+            self.equipped.scales(self.scale, sets),
+            effects=self.equipped.effects,
             tolerance=TOLERANCE,
             threads=1,
         )
@@ -108,12 +124,13 @@ class Bench:
         """Each run's balance under one set of parameters, the machine's own by default."""
         predicted = self.predict([self.base if values is None else values])[0]
         gain, offset = sensor(self.machine)
+        active = self.equipped.active
         return [
             Balance(
                 run,
                 motion,
                 measured,
-                lowpass(run.time_s, gain * raw + offset, self.band_hz),
+                lowpass(run.time_s, gain * logged_input(active, run.time_s, raw) + offset, self.band_hz),
                 within,
                 going,
                 states,

@@ -14,11 +14,13 @@ import numpy as np
 from workbench.control import BRAKE, PI, Controller, Events, PiSettings, delay_taps, full_pi, loop_values
 from workbench.control.pi import NEVER
 from workbench.control.settings import lag_left
+from workbench.effects import joined, of
 from workbench.engine import kernels
 from workbench.machine import Hoist
 from workbench.metrics import HOIST_OBSERVER
 from workbench.plants import HOIST, NO_EFFECTS, Effects
 from workbench.run import Array, Run
+from workbench.simulate.equipped import Equipped
 
 NO_EVENTS = Events()
 BOUNDLESS = 1e9  # a state beyond it, in m, rad or per second, belongs to no machine
@@ -49,7 +51,8 @@ class Outcome(enum.Enum):
 class LoopCase:
     """One closed-loop run: a machine, a load, a controller and the motor speed it shall follow.
 
-    speed_reference_rad_s: (n,) at the controller's samples. The drive is the machine's.
+    speed_reference_rad_s: (n,) at the controller's samples. The drive and the effects are the
+    machine's. start_time_s: when the run begins in its campaign.
     """
 
     name: str
@@ -59,6 +62,7 @@ class LoopCase:
     controller: PiSettings
     speed_reference_rad_s: Array
     events: Events = NO_EVENTS
+    start_time_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -103,20 +107,23 @@ def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
     taps = None if plain else delay_taps(drive.speed_delay_s, settings.sample_time_s)
     lagged = drive.torque_lag_s > 0.0
-    return settings.sample_time_s, taps, lagged, case.events.brakes, len(case.speed_reference_rad_s)
+    effects = joined(of(case.machine).effects, BRAKE if case.events.brakes else NO_EFFECTS)
+    return settings.sample_time_s, taps, lagged, effects, len(case.speed_reference_rad_s)
 
 
 def _simulate_alike(
     cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
 ) -> list[LoopResult]:
-    sample_time, taps, lagged, brakes, n = _kernel_key(cases[0])
+    sample_time, taps, lagged, effects, n = _kernel_key(cases[0])
     controller = PI if taps is None else full_pi(taps)
-    effects = BRAKE if brakes else NO_EFFECTS
     substeps = max(1, math.ceil(sample_time / step_s - 1e-9))
-    values, starts, holds, memory = [], [], [], []
-    for case in cases:
-        p = HOIST.values(case.machine, case.payload_kg)
-        q, hold = HOIST.equilibrium(case.start_position_m, p)
+    at_work = [Equipped(HOIST, of(case.machine)) for case in cases]
+    plain = [w.values(c.machine, c.payload_kg, c.start_time_s) for w, c in zip(at_work, cases, strict=True)]
+    start, holds = at_work[0].starts(
+        [case.start_position_m for case in cases], [0.0] * len(cases), [0.0] * len(cases), plain
+    )
+    values, memory = [], []
+    for case, p, angle, hold in zip(cases, plain, start[0], holds, strict=True):
         numbers = {
             **vars(p),
             **loop_values(case.controller, case.machine.drive, hold),
@@ -125,9 +132,7 @@ def _simulate_alike(
             "decay": lag_left(case.machine.drive.torque_lag_s, sample_time / substeps),
         }
         values.append(numbers)
-        starts.append([*q, 0.0, 0.0, 0.0])
-        holds.append(hold)
-        memory.append(controller.start(SimpleNamespace(**numbers), hold, q[0]))
+        memory.append(controller.start(SimpleNamespace(**numbers), hold, angle))
     every = record_every or n + 1
     out, sums, ends = kernels.loop(
         HOIST,
@@ -137,11 +142,11 @@ def _simulate_alike(
         np.array([[v[name] for v in values] for name in _names(controller, effects)]),
         _references(cases),
         sample_time,
-        np.array(starts).T,
+        start,
         np.array(memory).T,
         every=every,
         substeps=substeps,
-        actual=np.array(holds) if lagged else None,
+        actual=holds if lagged else None,
         effects=effects,
         threads=threads,
     )
@@ -217,7 +222,7 @@ def _result(
         signals |= _motors(case, time, signals["torque_motor_nm"])
     else:
         time = time[:0]
-    run = Run(case.name, time, signals, case.payload_kg, case.start_position_m)
+    run = Run(case.name, time, signals, case.payload_kg, case.start_position_m, case.start_time_s)
     metrics = HOIST_OBSERVER.finish(sums, SimpleNamespace(**values), duration)
     outcome, at = _outcome(case.machine, time, signals, end, metrics)
     return LoopResult(case, run, metrics, outcome, at, float(end[2]), hold)

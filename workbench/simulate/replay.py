@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.effects import true_input
 from workbench.engine import kernels
 from workbench.machine import Axis, Hoist
 from workbench.plants import Plant
@@ -101,28 +102,37 @@ def _together(bench: Bench, replays: Sequence[Replay]) -> ReplayResult:
 def simulate_replays(machine: Hoist | Axis, bench: Bench) -> list[Array]:
     """States (n, states), positions first, of every run under its measured input, from its first sample."""
     plant, m = bench.plant, len(bench.runs)
-    gain, offset = sensor(machine)
     n = max(len(run.time_s) for run in bench.runs)
     times = np.empty((n, m))
     inputs = np.empty((n, m))
-    starts, scales = [], []
-    for j, (run, motion, p) in enumerate(zip(bench.runs, bench.motions, bench.base, strict=True)):
+    for j, run in enumerate(bench.runs):
         k = len(run.time_s)
-        times[:k, j], inputs[:k, j] = run.time_s, (bench.inputs[j] - offset) / gain
+        times[:k, j], inputs[:k, j] = run.time_s, _true_input(machine, bench, j)
         times[k:, j] = run.time_s[-1] + run.sample_time_s * np.arange(1, n - k + 1)
         inputs[k:, j] = inputs[k - 1, j]
-        q, y, _ = plant.start_of(*start_point(plant, run, motion), p)
-        starts.append([*q, *y])
-        scales.append(np.abs(plant.start_of(0.0, bench.scale, p)[1]))
+    start, _ = _starts(bench)
     out = kernels.replay(
         plant,
-        np.array([[getattr(p, s) for p in bench.base] for s in plant.parameters]),
+        bench.equipped.table(bench.base),
         times,
         inputs,
-        np.array(starts).T,
-        np.array(scales).T,
+        start,
+        bench.equipped.scales(bench.scale, bench.base),
+        effects=bench.equipped.effects,
     )
-    return [out[: len(run.time_s), :, j] for j, run in enumerate(bench.runs)]
+    return [out[: len(run.time_s), : 2 * len(plant.positions), j] for j, run in enumerate(bench.runs)]
+
+
+def _starts(bench: Bench) -> tuple[Array, Array]:
+    points = [start_point(bench.plant, run, motion) for run, motion in zip(bench.runs, bench.motions, strict=True)]
+    clocks = [float(run.time_s[0]) for run in bench.runs]
+    return bench.equipped.starts([x for x, _ in points], [w for _, w in points], clocks, bench.base)
+
+
+def _true_input(machine: Hoist | Axis, bench: Bench, j: int) -> Array:
+    """The input (n,) at work in run j, behind its log."""
+    gain, offset = sensor(machine)
+    return true_input(bench.equipped.active, bench.runs[j].time_s, (bench.inputs[j] - offset) / gain)
 
 
 def simulated_run(plant: Plant, run: Run, states: Array) -> Run:
@@ -142,7 +152,6 @@ def simulated_run(plant: Plant, run: Run, states: Array) -> Run:
 def _restarted(machine: Hoist | Axis, bench: Bench, j: int, balance: Balance) -> Array:
     """Simulated speed (n,) of run j, set back every 2 s to the measured motion and the states that go with it."""
     run, motion, plant = bench.runs[j], balance.motion, bench.plant
-    gain, offset = sensor(machine)
     n = len(run.time_s)
     first = np.searchsorted(run.time_s, np.arange(run.time_s[0], run.time_s[-1], RESTART_S) - 1e-9)
     first = np.unique(np.minimum(first, n - 2))
@@ -152,7 +161,7 @@ def _restarted(machine: Hoist | Axis, bench: Bench, j: int, balance: Balance) ->
     beyond = np.maximum(rows - (n - 1), 0)
     rows = np.minimum(rows, n - 1)
     times = run.time_s[rows] + beyond * run.sample_time_s
-    inputs = ((bench.inputs[j] - offset) / gain)[rows]
+    inputs = _true_input(machine, bench, j)[rows]
     rest_positions = len(plant.positions) - 1
     angle = motion.position - motion.position[0] + _first_position(bench, j)
     start = np.column_stack(
@@ -163,14 +172,15 @@ def _restarted(machine: Hoist | Axis, bench: Bench, j: int, balance: Balance) ->
             balance.states[first][:, rest_positions:],
         ]
     )
-    p = bench.base[j]
+    p = [bench.base[j]] * len(first)
     out = kernels.replay(
         plant,
-        np.array([[getattr(p, s)] * len(first) for s in plant.parameters]),
+        bench.equipped.table(p),
         times.T,
         inputs.T,
         start.T,
-        np.repeat(np.abs(plant.start_of(0.0, bench.scale, p)[1])[:, None], len(first), axis=1),
+        bench.equipped.scales(bench.scale, p),
+        effects=bench.equipped.effects,
     )
     speed = out[:, len(plant.positions), :]
     restarted = np.empty(n)
@@ -180,8 +190,7 @@ def _restarted(machine: Hoist | Axis, bench: Bench, j: int, balance: Balance) ->
 
 
 def _first_position(bench: Bench, j: int) -> float:
-    run, motion = bench.runs[j], bench.motions[j]
-    return float(bench.plant.start_of(*start_point(bench.plant, run, motion), bench.base[j])[0][0])
+    return float(_starts(bench)[0][0, j])
 
 
 def _smooth_speed(bench: Bench, j: int) -> Array:

@@ -1,0 +1,41 @@
+"""Effects: physics that a nominal machine does not know, each declared once, as one function.
+
+`of(machine)` turns the names and values of a machine.yaml or a scenario into pieces for the
+plant; `names()` and `effects_for(kind)` say what there is; `load_effects(file)` adds a user's own.
+"""
+
+from workbench.effects.active import RUN_SYMBOLS, Active, all_off, check, joined, of, ranges_of
+from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
+from workbench.effects.registry import effects_for, find, forget_users, library, load_effects, names
+from workbench.effects.series import logged, logged_input, logged_motion, true_input, true_motion, true_run
+from workbench.effects.sizes import Sizes, sizes_of
+
+__all__ = [
+    "RUN_SYMBOLS",
+    "SENSOR_PLACES",
+    "Active",
+    "Effect",
+    "EffectMemory",
+    "Parameter",
+    "Ranged",
+    "Sizes",
+    "all_off",
+    "check",
+    "effect",
+    "effects_for",
+    "find",
+    "forget_users",
+    "joined",
+    "library",
+    "load_effects",
+    "logged",
+    "logged_input",
+    "logged_motion",
+    "names",
+    "of",
+    "ranges_of",
+    "sizes_of",
+    "true_input",
+    "true_motion",
+    "true_run",
+]

@@ -1,0 +1,166 @@
+"""Effects at work: which ones with which values, as the plant, its kernels and the sensors take them.
+
+Kernels are not made per combination: one holds the whole library, and what is not chosen is
+at the value where it vanishes. A user's effects make one more, library and theirs together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, partial
+from types import MappingProxyType, SimpleNamespace
+from typing import Any
+
+from workbench.effects.declare import Effect, Ranged
+from workbench.effects.registry import effects_for, find, library
+from workbench.effects.sizes import Sizes, sizes_of
+from workbench.errors import InputError, nearest
+from workbench.machine import Axis, Hoist
+from workbench.plants import NO_EFFECTS, Effects, Memory, plant_of
+from workbench.run import Run
+from workbench.trace.expr import Scalar
+
+# What a run says beside its machine: when it began, so that effects may count from the campaign's start.
+RUN_SYMBOLS = ("start_time_s",)
+Chosen = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Active:
+    """What is switched on: the pieces in the plant, the numbers by symbol, and what the sensors do.
+
+    Falsy where nothing is: the plant is then the plain one, with the plain kernels.
+    """
+
+    kind: str
+    effects: Effects = NO_EFFECTS
+    values: Mapping[str, float] = field(default_factory=dict)
+    sensors: tuple[Effect, ...] = ()
+
+    def __bool__(self) -> bool:
+        return self.effects is not NO_EFFECTS or bool(self.sensors)
+
+    def values_of(self, start_time_s: float) -> dict[str, float]:
+        """The numbers of one run, which began at that time of its campaign, at its time 0."""
+        return {**self.values, RUN_SYMBOLS[0]: start_time_s} if self.effects is not NO_EFFECTS else dict(self.values)
+
+
+def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "effects") -> Active:
+    """The machine's own effects, `chosen` ones (a scenario's, a candidate's) in place of or beside them.
+
+    InputError for an unknown effect or parameter, with the nearest name, for an impossible
+    value, and for an effect whose size is not said.
+    """
+    kind = plant_of(machine).kind
+    wanted = {**machine.effects, **(chosen or {})}
+    if not wanted:
+        return Active(kind)
+    sizes = sizes_of(machine)
+    found = {name: find(name, kind) for name in wanted}
+    values: dict[str, float] = {}
+    for name, each in found.items():
+        values |= _numbers(each, wanted[name], sizes, place)
+    in_plant = [each for each in found.values() if not each.on_sensor]
+    sensors = tuple(each for each in effects_for(kind).values() if each in found.values() and each.on_sensor)
+    if not in_plant:
+        return Active(kind, values=MappingProxyType(values), sensors=sensors)
+    own = {each.id for each in library()}
+    held = _in_plants(kind) if all(each.id in own for each in in_plant) else _with_users(kind)
+    everything = {symbol: value for each in held for symbol, value in vanished(each, sizes).items()}
+    return Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors)
+
+
+def all_off(machine: Hoist | Axis) -> Active:
+    """The whole library at its vanishing values: what a fit starts from."""
+    kind, sizes = plant_of(machine).kind, sizes_of(machine)
+    held = _with_users(kind)
+    values = {symbol: value for each in held for symbol, value in vanished(each, sizes).items()}
+    return Active(kind, compiled(kind, held), MappingProxyType(values))
+
+
+def check(machine: Hoist | Axis) -> None:
+    """InputError where the machine's effects are not as they should be; for `load_machine`."""
+    of(machine)
+
+
+def _numbers(effect: Effect, given: Mapping[str, float], sizes: Sizes, place: str) -> dict[str, float]:
+    """symbol -> value; what is not given starts as declared, a size that is not given vanishes."""
+    ranges = effect.ranges(sizes)
+    known = [each.name for each in ranges]
+    for name, value in given.items():
+        if name not in known:
+            raise InputError(
+                f"effect '{effect.id}' has no parameter '{name}'; {nearest(name, known)}",
+                place=f"{place}.{effect.id}.{name}",
+            )
+        effect.check(name, value, sizes.kind)
+    amounts = [each.name for each in ranges if each.vanishes_at is not None]
+    if not any(name in given for name in amounts):
+        raise InputError(f"says no size; expected {' or '.join(amounts)}", place=f"{place}.{effect.id}")
+    return {each.symbol: float(given.get(each.name, _unsaid(each))) for each in ranges}
+
+
+def _unsaid(each: Ranged) -> float:
+    return each.start if each.vanishes_at is None else each.vanishes_at
+
+
+def vanished(effect: Effect, sizes: Sizes) -> dict[str, float]:
+    """symbol -> value of an effect that is exactly off."""
+    return {each.symbol: _unsaid(each) for each in effect.ranges(sizes)}
+
+
+def _in_plants(kind: str) -> tuple[Effect, ...]:
+    return tuple(each for each in library() if kind in each.kinds and not each.on_sensor)
+
+
+def _with_users(kind: str) -> tuple[Effect, ...]:
+    return tuple(each for each in effects_for(kind).values() if not each.on_sensor)
+
+
+@cache
+def compiled(kind: str, effects: tuple[Effect, ...]) -> Effects:
+    """The pieces of several effects in the plant; one object for one set, for kernels are found by it."""
+    pieces: dict[str, list[Callable[[Any, Any], Scalar]]] = {}
+    for each in effects:
+        pieces.setdefault(each.place_on(kind), []).append(partial(_piece, each, kind))
+    symbols = [each.symbol(parameter, kind) for each in effects for parameter in each.parameters]
+    memory = [_memory(each, kind) for each in effects if each.memory is not None]
+    return Effects(pieces, (*symbols, *RUN_SYMBOLS), memory)
+
+
+@cache
+def joined(first: Effects, second: Effects) -> Effects:
+    """Two sets of pieces as one."""
+    if first is NO_EFFECTS or second is NO_EFFECTS:
+        return second if first is NO_EFFECTS else first
+    places = dict.fromkeys([*first.pieces, *second.pieces])
+    return Effects(
+        {place: [*first.pieces.get(place, ()), *second.pieces.get(place, ())] for place in places},
+        tuple(dict.fromkeys((*first.parameters, *second.parameters))),
+        (*first.memory, *second.memory),
+    )
+
+
+def _piece(effect: Effect, kind: str, s: Any, p: Any) -> Scalar:
+    return effect.function(s, effect.own(p, kind), p)
+
+
+def _memory(effect: Effect, kind: str) -> Memory:
+    memory = effect.memory
+    assert memory is not None
+
+    def own(p: Any) -> SimpleNamespace:
+        return effect.own(p, kind)
+
+    return Memory(
+        effect.memory_symbol,
+        rate=lambda s, p: memory.rate(s, own(p), p),
+        start=lambda p: float(memory.start(own(p), p)),
+        scale=lambda p: float(memory.scale(own(p), p)),
+    )
+
+
+def ranges_of(effect: Effect, machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Ranged, ...]:
+    """The effect's parameters on this machine: names, symbols, bounds, scales, starts in SI."""
+    return effect.ranges(sizes_of(machine, runs))

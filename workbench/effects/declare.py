@@ -1,0 +1,275 @@
+"""What an effect is: its function, and beside it everything that others need to know of it.
+
+    @effect(
+        place={"hoist": "guide_force_n", "axis": "axis_force"},
+        subsystem={"hoist": "guide", "axis": "axis"},
+        regime="speed",
+        parameters=[
+            Parameter("B", "viscous_{n}_s_per_{m}", "slope", "force/speed", 0.0, 1.0, scale=0.02, start=0.03,
+                      vanishes_at=0.0)
+        ],
+        reads={"v": "speed, {m}/s"},
+        equation="F = −B v",
+        reference="...", shows="...", dissipative=True,
+    )
+    def friction_viscous(s, e, p):
+        '''Friction in proportion to the speed.'''
+        return -(e.B * s.v)
+
+The function's name is the effect's id and its docstring what it is. s holds the signals at
+the place, e the effect's own parameters by symbol, p those of the plant. It is pure and
+traceable (`workbench.trace.expr`), without branches, and exactly zero at the vanishing values.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, Literal
+
+from workbench.effects.sizes import Sizes
+from workbench.errors import InputError
+from workbench.plants import PLACES
+from workbench.trace.expr import Scalar
+
+SENSOR_PLACES: Mapping[str, str] = {
+    "torque_sensor": "the logged torque or force: f(true) of a whole series",
+    "speed_sensor": "the logged motion of the driven coordinate: f(true) of a whole series",
+}
+SUBSYSTEMS = (
+    "motor", "gearbox", "brake", "drum", "wire", "sheave", "guide", "payload", "platform",
+    "torque_sensor", "speed_sensor", "axis",
+)  # fmt: skip
+REGIMES = ("speed", "low_speed", "acceleration", "load", "position", "time", "start", "periodic", "event", "all")
+KINDS = ("hoist", "axis-linear", "axis-rotary")
+
+# What the placeholders in names and units stand for, by kind of plant.
+_WORDS: Mapping[str, Mapping[str, str]] = {
+    "hoist": {"n": "n", "m": "m", "input": "nm", "up": "hoisting", "dn": "lowering"},
+    "axis-linear": {"n": "n", "m": "m", "input": "n", "up": "forward", "dn": "backward"},
+    "axis-rotary": {"n": "nm", "m": "rad", "input": "nm", "up": "forward", "dn": "backward"},
+}
+Domain = Literal["any", "not_negative", "positive"]
+_DOMAINS: Mapping[str, tuple[Callable[[float], bool], str]] = {
+    "any": (lambda value: True, "a number"),
+    "not_negative": (lambda value: value >= 0.0, "at least 0"),
+    "positive": (lambda value: value > 0.0, "more than 0"),
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    symbol: as the function reads it. name: with its unit, as YAML has it; {n}, {m}, {input},
+    {up}, {dn} stand for the plant's own words. lowest, highest (of a fit), scale and start are
+    in units of `size`, a quotient of the machine's sizes ("force/speed"; "1" for plain
+    numbers), so that they fit a machine of any size. vanishes_at: the value, in the same unit,
+    at which the effect is exactly off; None for what has no such value (a width, a phase).
+    per_run: every run has its own. domain: what a value has to be at all.
+    """
+
+    symbol: str
+    name: str
+    meaning: str
+    size: str
+    lowest: float
+    highest: float
+    scale: float
+    start: float
+    vanishes_at: float | None = None
+    per_run: bool = False
+    domain: Domain = "any"
+
+    def named(self, kind: str) -> str:
+        return self.name.format(**_WORDS[kind])
+
+
+@dataclass(frozen=True)
+class Ranged:
+    """A parameter on one machine: bounds, scale, start and vanishing value in the unit of its name.
+
+    symbol: what it is called among the plant's parameters.
+    """
+
+    name: str
+    symbol: str
+    lowest: float
+    highest: float
+    scale: float
+    start: float
+    vanishes_at: float | None
+    per_run: bool
+
+
+@dataclass(frozen=True)
+class EffectMemory:
+    """The state of an effect, `symbol` in its e; `rate`, `start` and `scale` as `plants.Memory`, with e between."""
+
+    symbol: str
+    rate: Callable[[Any, Any, Any], Scalar]
+    start: Callable[[Any, Any], float]
+    scale: Callable[[Any, Any], float]
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """A piece of physics that a nominal machine does not know, as declared; see `effect` for the fields."""
+
+    id: str
+    meaning: str
+    place: Mapping[str, str]
+    subsystem_of: Mapping[str, str]
+    regime: str
+    parameters: tuple[Parameter, ...]
+    reads: Mapping[str, str]
+    equation: str
+    reference: str
+    shows: str
+    dissipative: bool
+    listed: bool
+    function: Callable[[Any, Any, Any], Any]
+    inverse: Callable[[Any, Any, Any], Any] | None
+    memory: EffectMemory | None
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of plant it is for."""
+        return tuple(kind for kind in KINDS if _of_kind(self.place, kind) is not None)
+
+    def place_on(self, kind: str) -> str:
+        return str(_of_kind(self.place, kind))
+
+    def subsystem(self, kind: str) -> str:
+        return str(_of_kind(self.subsystem_of, kind))
+
+    @property
+    def on_sensor(self) -> bool:
+        return all(place in SENSOR_PLACES for place in self.place.values())
+
+    def symbol(self, parameter: Parameter, kind: str) -> str:
+        """The parameter's name in kernels and among the plant's parameters."""
+        return f"{self.id}__{parameter.named(kind)}"
+
+    def own(self, p: Any, kind: str) -> SimpleNamespace:
+        """e: the effect's parameters, and its memory, out of the plant's."""
+        e = {each.symbol: getattr(p, self.symbol(each, kind)) for each in self.parameters}
+        if self.memory is not None and hasattr(p, self.memory_symbol):
+            e[self.memory.symbol] = getattr(p, self.memory_symbol)
+        return SimpleNamespace(**e)
+
+    @property
+    def memory_symbol(self) -> str:
+        return f"{self.id}__memory"
+
+    def ranges(self, sizes: Sizes) -> tuple[Ranged, ...]:
+        """Its parameters on one machine."""
+        return tuple(self._on(each, sizes.kind, sizes[each.size]) for each in self.parameters)
+
+    def _on(self, each: Parameter, kind: str, unit: float) -> Ranged:
+        return Ranged(
+            name=each.named(kind),
+            symbol=self.symbol(each, kind),
+            lowest=each.lowest * unit,
+            highest=each.highest * unit,
+            scale=each.scale * unit,
+            start=each.start * unit,
+            vanishes_at=None if each.vanishes_at is None else each.vanishes_at * unit,
+            per_run=each.per_run,
+        )
+
+    def check(self, name: str, value: float, kind: str) -> None:
+        """InputError where a value is impossible for the parameter of that name."""
+        parameter = next(each for each in self.parameters if each.named(kind) == name)
+        fits, expected = _DOMAINS[parameter.domain]
+        if not fits(value):
+            raise InputError(f"{value:g}, expected {expected}", place=f"effects.{self.id}.{name}")
+
+
+def effect(
+    *,
+    place: Mapping[str, str],
+    subsystem: str | Mapping[str, str],
+    regime: str,
+    parameters: Sequence[Parameter],
+    equation: str,
+    reference: str,
+    shows: str,
+    reads: Mapping[str, str] | None = None,
+    dissipative: bool = False,
+    listed: bool = True,
+    inverse: Callable[[Any, Any, Any], Any] | None = None,
+    memory: EffectMemory | None = None,
+) -> Callable[[Callable[[Any, Any, Any], Any]], Effect]:
+    """Declares the function beneath as an effect.
+
+    place, subsystem: by kind of machine: hoist, axis (both motions), axis-linear, axis-rotary.
+    regime: when it shows. reads: the signals at the place that it reads, with units.
+    dissipative: for values at or above the vanishing ones it takes energy only. listed: its
+    name is one that a diagnosis may give without being asked for it. inverse: of an effect on
+    a sensor, from the logged series to the true one.
+    ValueError for a declaration that does not fit together.
+    """
+
+    def declare(function: Callable[[Any, Any, Any], Any]) -> Effect:
+        name = str(getattr(function, "__name__", ""))
+        made = Effect(
+            id=name,
+            meaning=re.sub(r"\s+", " ", (function.__doc__ or "").strip()),
+            place=dict(place),
+            subsystem_of=dict.fromkeys(place, subsystem) if isinstance(subsystem, str) else dict(subsystem),
+            regime=regime,
+            parameters=tuple(parameters),
+            reads=dict(reads or {}),
+            equation=equation,
+            reference=reference,
+            shows=shows,
+            dissipative=dissipative,
+            listed=listed,
+            function=function,
+            inverse=inverse,
+            memory=memory,
+        )
+        for problem in problems(made):
+            raise ValueError(f"effect {name}: {problem}")
+        return made
+
+    return declare
+
+
+def problems(made: Effect) -> list[str]:
+    """What is wrong with a declaration, in words."""
+    found = [
+        f"{what} is empty" for what in ("meaning", "equation", "reference", "shows") if not getattr(made, what).strip()
+    ]
+    places = {**PLACES, **SENSOR_PLACES}
+    found += [
+        f"no place '{place}'; places: {', '.join(places)}" for place in made.place.values() if place not in places
+    ]
+    found += [f"no subsystem '{each}'" for each in made.subsystem_of.values() if each not in SUBSYSTEMS]
+    if made.regime not in REGIMES:
+        found.append(f"no regime '{made.regime}'; regimes: {', '.join(REGIMES)}")
+    if not any(each.vanishes_at is not None for each in made.parameters):
+        found.append("no parameter has a value at which it vanishes")
+    for each in made.parameters:
+        if not each.lowest <= each.start <= each.highest:
+            found.append(f"{each.name} starts at {each.start:g}, outside {each.lowest:g} to {each.highest:g}")
+        if each.vanishes_at is not None and not each.lowest <= each.vanishes_at <= each.highest:
+            found.append(f"{each.name} vanishes at {each.vanishes_at:g}, outside its bounds")
+        if not each.scale > 0.0:
+            found.append(f"{each.name} has the scale {each.scale:g}, expected more than 0")
+        try:
+            Sizes.check(each.size)
+        except KeyError as error:
+            found.append(f"{each.name}: {error.args[0]}")
+    if made.on_sensor and made.inverse is None:
+        found.append("an effect on a sensor needs its inverse")
+    return found
+
+
+def _of_kind(by_kind: Mapping[str, str], kind: str) -> str | None:
+    """What stands for a kind of plant: under its own name, or under the machine's kind for both motions."""
+    return by_kind.get(kind, by_kind.get(kind.partition("-")[0]))

@@ -1,0 +1,78 @@
+"""Drum and wire: how much wire the drum takes in, how stiff and how heavy the wire is."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from workbench.effects.declare import Parameter, effect
+from workbench.trace.expr import Scalar, minimum, sin, sqrt
+
+CLIMB_RAD = 0.5  # of drum angle, within which the wire climbs onto the next layer
+LEAST_LENGTH = 0.05  # of a fall: nearer to the anchor no carriage comes
+
+
+@effect(
+    place={"hoist": "wound_length_m"}, subsystem="drum", regime="position",
+    parameters=[
+        Parameter("dR", "radius_step_m", "what the next layer adds to the radius", "radius", -0.3, 0.3, 0.01, 0.03,
+                  vanishes_at=0.0),
+        Parameter("th_0", "drum_angle_rad", "where it begins", "drum_angle", -0.1, 1.0, 0.01, 0.3),
+    ],
+    reads={"theta_w": "drum angle, rad"},
+    equation="wound = R θ_w + ½ ΔR (a + √(a² + 0.5²)), a = θ_w − θ_0",
+    reference="K. Feyrer, Wire Ropes, 2015, section 3.4: multi-layer spooling; the step rounded over half a radian",
+    shows="torque and carriage speed that step by one ratio at one height, with load and friction",
+)  # fmt: skip
+def drum_layer_change(s: Any, e: Any, p: Any) -> Scalar:
+    """The drum's radius grows by a wire's height where the next layer begins."""
+    a = s.theta_w - e.th_0
+    return 0.5 * e.dR * (a + sqrt(a * a + CLIMB_RAD * CLIMB_RAD))
+
+
+@effect(
+    place={"hoist": "wound_length_m"}, subsystem="drum", regime="periodic",
+    parameters=[
+        Parameter("A", "amplitude_m", "of the eccentricity", "radius", 0.0, 0.2, 0.003, 0.01,
+                  vanishes_at=0.0, domain="not_negative"),
+        Parameter("phi", "phase_rad", "at drum angle 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0),
+    ],
+    reads={"theta_w": "drum angle, rad"},
+    equation="wound = R θ_w + e (sin(θ_w + φ) − sin φ), so the radius is R + e cos(θ_w + φ)",
+    reference="docs/model.md, virtual work: the wire force's arm is the derivative of the wound length by the angle",
+    shows="a wave of torque and carriage speed, one per turn of the drum, that grows with the load",
+)  # fmt: skip
+def drum_eccentricity(s: Any, e: Any, p: Any) -> Scalar:
+    """A drum out of round, or out of centre."""
+    return e.A * (sin(s.theta_w + e.phi) - sin(e.phi))
+
+
+@effect(
+    place={"hoist": "line_mass_kg_per_m"}, subsystem="wire", regime="position",
+    parameters=[
+        Parameter("rho", "mass_kg_per_m", "beyond the bare wire", "mass/length", 0.0, 0.5, 0.01, 0.02,
+                  vanishes_at=0.0, domain="not_negative"),
+    ],
+    equation="ρ → ρ + ρ_extra, of each fall",
+    reference="docs/model.md, weight of the wire",
+    shows="a holding torque that falls as the carriage rises, alike at all payloads",
+)  # fmt: skip
+def wire_mass(s: Any, e: Any, p: Any) -> Scalar:
+    """Hoses and cables that hang with the wire, beyond the bare wire."""
+    return e.rho
+
+
+@effect(
+    place={"hoist": "wire_compliance_m_per_n"}, subsystem="wire", regime="position",
+    parameters=[
+        Parameter("s", "share", "1: the whole fall stretches, 0: the nominal stiffness", "1", 0.0, 1.0, 0.2, 0.8,
+                  vanishes_at=0.0, domain="not_negative"),
+    ],
+    reads={"x": "carriage height, m", "k": "nominal stiffness of a fall, N/m"},
+    equation="k = EA/(L − s x), with the force −½ k'(x) δ² of each fall on the carriage",
+    reference="Eq. 7 of the paper with the free length; docs/model.md, length-dependent stiffness",
+    shows="a wire mode that rises in frequency with the height; a stretch that falls with it",
+)  # fmt: skip
+def wire_stiffness_length(s: Any, e: Any, p: Any) -> Scalar:
+    """A fall of wire is stiffer the shorter it is."""
+    return -(e.s * minimum(s.x, (1.0 - LEAST_LENGTH) * p.L) / (p.L * s.k))

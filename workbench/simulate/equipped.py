@@ -1,0 +1,72 @@
+"""A machine's plant with the effects that are at work in it, as the kernels take the two together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from workbench.effects import Active, of
+from workbench.engine.statics import hang_still
+from workbench.machine import Axis, Hoist
+from workbench.plants import Effects, Plant, plant_of
+from workbench.run import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Equipped:
+    """plant: plain; active: its effects. Without effects everything is the plain plant's, to the last bit."""
+
+    plant: Plant
+    active: Active
+
+    @property
+    def effects(self) -> Effects:
+        return self.active.effects
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The rows of the kernels' parameters."""
+        return (*self.plant.parameters, *self.effects.parameters)
+
+    def values(self, machine: Hoist | Axis, payload_kg: float, start_time_s: float) -> SimpleNamespace:
+        """One run's numbers by symbol: the plant's, the effects'. start_time_s: what the campaign's clock
+        shows at the run's time 0."""
+        plain = self.plant.values(machine, payload_kg)
+        return SimpleNamespace(**vars(plain), **self.active.values_of(start_time_s))
+
+    def table(self, values: Sequence[SimpleNamespace]) -> Array:
+        """(names, scenarios)"""
+        return np.array([[getattr(p, name) for p in values] for name in self.names], dtype=float)
+
+    def starts(
+        self,
+        at: Sequence[float],
+        speeds: Sequence[float],
+        times: Sequence[float],
+        values: Sequence[SimpleNamespace],
+    ) -> tuple[Array, Array]:
+        """(states, scenarios) of loads that hang at rest or move evenly, memory last; and the inputs that hold them.
+
+        at: heights (or positions); speeds: of the driven coordinate; times: what the run's clock shows.
+        """
+        q, hold = hang_still(self.plant, self.effects, values, at, times)
+        y = np.array([self.plant.start_of(x, w, p)[1] for x, w, p in zip(at, speeds, values, strict=True)]).T
+        kept = [[m.start(p) for p in values] for m in self.effects.memory]
+        return _stacked(q, y, kept), hold
+
+    def scales(self, speed: float, values: Sequence[SimpleNamespace]) -> Array:
+        """(speeds and memory, scenarios): what the integration's tolerance is relative to; speed: the driven one's."""
+        y = np.array([np.abs(self.plant.start_of(0.0, speed, p)[1]) for p in values]).T
+        return _stacked(y, [[m.scale(p) for p in values] for m in self.effects.memory])
+
+
+def _stacked(*parts: Array | list[list[float]]) -> Array:
+    return np.concatenate([np.asarray(part, dtype=float) for part in parts if len(part)])
+
+
+def equipped(machine: Hoist | Axis, active: Active | None = None) -> Equipped:
+    """The machine's plant and its effects, or `active` ones in place of its own. InputError as `effects.of`."""
+    return Equipped(plant_of(machine), of(machine) if active is None else active)
