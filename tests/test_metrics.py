@@ -20,8 +20,9 @@ from workbench.simulate.loop import LoopCase, simulate_loop
 DT = 0.01
 NEVER = 1e30
 P = SimpleNamespace(
-    n_m=2.0, T_nominal=480.0, T_hold=600.0, share=0.5, share_failed=1.0, t_fail=NEVER, t_lag=0.0, x_low=0.0, x_high=25.0
-)
+    n_m=2.0, T_nominal=480.0, T_hold=600.0, share=0.5, share_failed=1.0, t_fail=NEVER, t_lag=0.0,
+    x_low=0.0, x_high=25.0, w_nominal=157.1, W_break=0.0, D_w=0.6, ratio=31.0,
+)  # fmt: skip
 CALM: dict[str, float] = {
     "torque_motor_nm": 600.0,
     "speed_motor_rad_s": 10.0,
@@ -155,13 +156,14 @@ def test_irregular_samples_count_each_until_the_next():
     assert metric("slack_time_s", run) == pytest.approx(0.3)
 
 
-def test_every_metric_is_tested_here():
-    asserted = Path(__file__).read_text(encoding="utf-8")
+def test_every_metric_is_tested():
+    here = Path(__file__)
+    asserted = "".join(each.read_text(encoding="utf-8") for each in (here, here.with_name("test_metrics_more.py")))
     assert [m.name for m in METRICS if f'metric("{m.name}", ' not in asserted] == []
 
 
 def test_every_metric_has_a_unit_in_its_name_and_a_sentence():
-    endings = {
+    endings: dict[str, str | tuple[str, ...]] = {
         "N m": "_nm",
         "%": "_percent",
         "rad/s": "_rad_s",
@@ -169,10 +171,15 @@ def test_every_metric_has_a_unit_in_its_name_and_a_sentence():
         "s": "_s",
         "J": "_j",
         "m/s²": "_m_s2",
+        "m/s³": "_m_s3",
         "m": "_m",
+        "rad": "_rad",
+        "kW": "_kw",
+        "N m/s": "_nm_per_s",
+        "–": ("_events", "_factor"),
     }
     for m in METRICS:
-        assert m.name.endswith(endings.get(m.unit, "_events"))
+        assert m.name.endswith(endings[m.unit])
         assert len(m.definition.split()) > 3
 
 

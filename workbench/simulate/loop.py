@@ -202,6 +202,8 @@ def _limits(case: LoopCase) -> dict[str, float]:
         "share": share,
         "share_failed": share_failed,
         "t_lag": machine.drive.torque_lag_s,
+        "w_nominal": machine.motor.nominal_speed_rad_s,
+        "W_break": machine.wire.breaking_load_n or 0.0,
         "x_low": machine.rail.lowest_position_m,
         "x_high": machine.highest_position_m,
     }

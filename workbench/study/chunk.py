@@ -91,7 +91,8 @@ def _finished(spec: RunSpec, plan: Plan, result: LoopResult) -> Row:
 
 def _row(spec: RunSpec, measured: dict[str, float], reason: str) -> Row:
     """A failed run's figures are those of a run that did not take place: none, but for what is known before."""
-    names = dict.fromkeys((*METRICS, *(metric.name for metric in HOIST_OBSERVER.metrics), *measured, *_KNOWN_BEFORE))
+    always = (metric.name for metric in HOIST_OBSERVER.metrics if not metric.optional)
+    names = dict.fromkeys((*METRICS, *always, *measured, *_KNOWN_BEFORE))
     return Row(
         run_id=spec.run_id,
         scenario=spec.scenario,

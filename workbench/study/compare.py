@@ -31,6 +31,20 @@ BETTER: Mapping[str, Better] = {
     "energy_regenerated_j": "higher",
     "peak_carriage_acceleration_m_s2": "lower",
     "rail_margin_m": "higher",
+    "i2t_s": "lower",
+    "thermal_load_percent": "lower",
+    "overload_time_s": "lower",
+    "torque_rate_max_nm_per_s": "lower",
+    "speed_error_iae_rad": "lower",
+    "speed_overshoot_rad_s": "lower",
+    "settling_time_s": "lower",
+    "position_error_max_m": "lower",
+    "position_error_stop_m": "zero",
+    "wire_tension_swing_n": "lower",
+    "wire_safety_factor": "higher",
+    "peak_power_motoring_kw": "lower",
+    "peak_power_regenerating_kw": "lower",
+    "peak_carriage_jerk_m_s3": "lower",
 }
 _UNIT = re.compile(r"_(rad_s2|rad_s|nm_s|nm_per_s|m_s3|m_s2|m_s|nm2_s|percent_s|percent|nm|rad|hz|db|kw|ws|w|j|n|m|s)$")
 # A metric that was zero has no per cent; below this it still is zero.

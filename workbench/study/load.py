@@ -27,7 +27,7 @@ from workbench.study.spec import Recording
 from workbench.yaml_strict import Place, dotted, problem_lines
 
 # What decides a study's numbers: an edit of any of it makes another study.
-_PHYSICS = ("control", "engine", "machine", "plants", "references", "simulate", "study", "trace", "metrics.py")
+_PHYSICS = ("control", "engine", "machine", "plants", "references", "simulate", "study", "trace", "metrics")
 
 
 @dataclass(frozen=True)

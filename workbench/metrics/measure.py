@@ -1,0 +1,23 @@
+"""Metrics of a run whose signals are at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from workbench.metrics.hoist import HOIST_OBSERVER
+from workbench.metrics.metric import Observer
+from workbench.run import Run
+
+
+def measure(run: Run, p: Any, observer: Observer = HOIST_OBSERVER) -> dict[str, float]:
+    """The compiled loop's metrics from a run's signals: a log, or a trace made by hand.
+
+    p: the observer's parameters by symbol. Each sample counts until the next one.
+    """
+    sums: Sequence[float] = observer.start
+    steps = [*(run.time_s[1:] - run.time_s[:-1]), run.sample_time_s]
+    for k, dt in enumerate(steps):
+        signals = {name: values[k] for name, values in run.signals.items()} | {"time_s": run.time_s[k]}
+        sums = observer.update(sums, signals, p, dt)
+    return observer.finish(sums, p, float(sum(steps)))
