@@ -70,6 +70,25 @@ def test_a_jog_reaches_its_speed_holds_it_and_comes_to_rest(kind: str) -> None:
     assert plan.duration_s == pytest.approx(12.0)
 
 
+@settings(max_examples=60)
+@given(
+    st.lists(st.floats(0.01, 12.0), min_size=1, max_size=3),
+    st.tuples(st.floats(0.05, 0.8), st.floats(0.05, 2.0), st.floats(0.1, 9.0)),
+    st.sampled_from(["trapezoid", "ruckig", "ruckig_equal_time"]),
+    st.sampled_from([0.001, 0.0037]),
+)
+def test_samples_are_to_the_bit_what_the_plan_says_at_their_times(
+    moves: list[float], limits: tuple[float, float, float], kind: str, sample_time: float
+) -> None:
+    steps = [Step(by_m=distance) for distance in moves] + [Step(dwell_s=0.3), Step(by_m=-sum(moves))]
+    plan = plan_motion(kind, steps, 0.0, Limits(*limits), (-1.0, 40.0), 0.5, 0.5)
+    profile = plan.sample(sample_time, plan.duration_s + 1.0)
+    height, speed, acceleration = plan.at(profile.time_s)
+    np.testing.assert_array_equal(profile.position_m, height)
+    np.testing.assert_array_equal(profile.speed_m_s, speed)
+    np.testing.assert_array_equal(profile.acceleration_m_s2, acceleration)
+
+
 def test_a_jerk_limited_change_of_speed_takes_its_closed_form() -> None:
     # Δv/a + a/j when the acceleration limit is reached, 2·sqrt(Δv/j) when not.
     long = jogged("ruckig", (0.6, 5.0), (0.0, 5.0)).moves[1][1]
@@ -153,7 +172,12 @@ RECORDED = ramp(TIME, (2, 0), (3, 0.5), (10, 0.5), (11, 0), (15, 0), (16, -0.5),
 
 
 def recorded(smoothing_s: float = 0.0, **changes: Any) -> RecordedPlan:
-    given: dict[str, Any] = {"time_s": TIME, "speed_recorded_m_s": RECORDED, "start_position_m": 4.0, "rail_m": RAIL} | changes
+    given: dict[str, Any] = {
+        "time_s": TIME,
+        "speed_recorded_m_s": RECORDED,
+        "start_position_m": 4.0,
+        "rail_m": RAIL,
+    } | changes
     return RecordedPlan(kind="recorded", smoothing_s=smoothing_s, **given)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 from workbench.study.batch import run_chunk
 from workbench.study.load import Study
@@ -20,6 +20,7 @@ class OtherProgram:
     what: str
 
 
+@cache
 def versions() -> dict[str, str]:
     """What has to be the same on every worker, besides workbench itself."""
     return {"python": platform.python_version()} | library_versions()

@@ -109,7 +109,10 @@ class MotionPlan:
     def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile:
         """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
         time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
-        position, speed, acceleration = self.at(time_s)
+        position = np.full(time_s.shape, self.start_position_m)
+        speed, acceleration = np.zeros_like(time_s), np.zeros_like(time_s)
+        for start_s, shape in self.moves:
+            shape.add_to(time_s - start_s, position, speed, acceleration)
         return Profile(
             kind=self.kind,
             time_s=time_s,
