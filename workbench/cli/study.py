@@ -90,16 +90,22 @@ def _run(study: Study, place: Place, spread: Spread, tell: Tell) -> None:
 
 def _report(study: Study, place: Place) -> None:
     from workbench.cli.show import print_table, print_text
+    from workbench.study import aggregate
     from workbench.study.index import read_rows
     from workbench.study.run import motor_torque_limit_nm
     from workbench.study.summary import CAPTION, head, sentences, table
+    from workbench.study.varied import swept_axes
 
     rows = read_rows(place.folder)
-    shown = table(rows[:MOST_IN_TABLE])
-    print_table(head(rows[:MOST_IN_TABLE]), shown)
-    if len(rows) > len(shown):
-        click.echo(f"… and {len(rows) - len(shown)} more runs in the index.")
-    print_text([CAPTION], dim=True)
+    if len(rows) <= MOST_IN_TABLE:
+        print_table(head(rows), table(rows))
+        print_text([CAPTION], dim=True)
+    else:
+        print_table(aggregate.HEAD, aggregate.quantile_table(rows))
+        print_text([aggregate.CAPTION], dim=True)
+        click.echo()
+        print_table(aggregate.EXTREMES_HEAD, aggregate.extremes(rows, swept_axes(rows)))
+        click.echo(f"Each of the {len(rows)} runs has its line in the index.")
     print_text(["", *sentences(rows, motor_torque_limit_nm(study.machine)), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")

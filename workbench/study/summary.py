@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from workbench.study.conclude import effects, jerk_limited, knees, scatter, span, sweeps_limits
+from workbench.study.labels import field_label, shown
 from workbench.study.row import Row
+from workbench.study.varied import Axis, drawn_columns, said, swept_axes
 
 # Heads that start with a blank are words, set left. The second line is the unit.
 HEAD = (
@@ -26,9 +29,10 @@ CAPTION = (
 )
 
 
-MOST_VARIED = 2  # columns of swept values, which take the room of the two root mean squares
+MOST_VARIED = 3  # columns of swept values; they take the room of the two root mean squares
 WIDEST = 12
 MOST_FAILED = 5
+ASTRAY_M = 0.05
 
 
 def head(rows: Sequence[Row]) -> tuple[str, ...]:
@@ -36,8 +40,7 @@ def head(rows: Sequence[Row]) -> tuple[str, ...]:
     varied = _varied(rows)
     if not varied:
         return HEAD
-    fields = [_lines(name.split(".")[-1]) for name in varied]
-    return (*HEAD[:2], *fields, *_without_some(HEAD[2:]))
+    return (*HEAD[:2], *(_head(name, rows) for name in varied), *_without_some(HEAD[2:]))
 
 
 def table(rows: Sequence[Row]) -> list[list[str]]:
@@ -58,7 +61,7 @@ def table(rows: Sequence[Row]) -> list[list[str]]:
         else:
             figures = ["failed"] + ["–"] * 6
         figures.append(f"{row['move_time_s']:.2f}")
-        values = [_value(row, name)[:WIDEST] for name in varied]
+        values = [shown(row.assigned.get(name, "")) for name in varied]
         lines.append([f"{row.payload_kg:g}", row.reference, *values, *(_without_some(figures) if varied else figures)])
     return lines
 
@@ -69,16 +72,18 @@ def _without_some(cells: Sequence[str]) -> list[str]:
     return kept
 
 
-def _lines(name: str) -> str:
-    """A field's name over as many lines as it needs to be narrow."""
+def _head(column: str, rows: Sequence[Row]) -> str:
+    """A field's words over as many lines as it needs to be narrow, its unit below; left where it holds words."""
+    label = field_label(column)
     lines = [""]
-    for word in name.split("_"):
-        joined = f"{lines[-1]}_{word}" if lines[-1] else word
+    for word in label.words.split():
+        joined = f"{lines[-1]} {word}".strip()
         if len(joined) <= WIDEST:
             lines[-1] = joined
         else:
             lines.append(word)
-    return "\n".join(lines)
+    text = any(isinstance(row.assigned.get(column), str) for row in rows)
+    return "\n".join([*((" " if text else "") + lines[0], *lines[1:]), *([label.unit] if label.unit else [])])
 
 
 def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
@@ -87,37 +92,22 @@ def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
     torque_limit_nm: the largest torque of one motor.
     """
     good = [row for row in rows if row.ok]
-    first = _span(good) if any(row.assigned for row in rows) else _comparison(good)
-    return [*first, *_limits(good, torque_limit_nm), *_slack(good), *_failures(rows)]
+    axes = swept_axes(rows)
+    first = _varied_runs(good, axes) if any(row.assigned for row in rows) else _comparison(good)
+    return [*first, *_limits(good, torque_limit_nm, axes), *_slack(good, axes), *_astray(good, axes), *_failures(rows)]
+
+
+def _varied_runs(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+    if drawn_columns(good):
+        return [*scatter(good), *jerk_limited(good, axes)] if not axes else [*span(good, axes), *scatter(good)]
+    paid = [*knees(good, axes)] if sweeps_limits(good) else []
+    return [*span(good, axes), *paid, *effects(good, axes), *jerk_limited(good, axes)]
 
 
 def _varied(rows: Sequence[Row]) -> list[str]:
-    """The first few of the swept and drawn fields that are not the same in all rows."""
-    names = dict.fromkeys(name for row in rows for name in row.assigned)
-    different = [name for name in names if len({row.assigned.get(name) for row in rows}) > 1]
-    return different[:MOST_VARIED]
-
-
-def _value(row: Row, name: str) -> str:
-    value = row.assigned.get(name, "")
-    return value if isinstance(value, str) else f"{value:.4g}"
-
-
-def _span(good: Sequence[Row]) -> list[str]:
-    """Where many settings were tried: between which runs the torque peak and the speed error lie."""
-    if not good:
-        return []
-    said = []
-    for metric, what, unit in (
-        ("peak_torque_motor_nm", "torque peak per motor", "N m"),
-        ("speed_error_max_rad_s", "largest speed error", "rad/s"),
-    ):
-        low, high = (choose(good, key=lambda row: row[metric]) for choose in (min, max))
-        said.append(
-            f"Over {len(good)} runs the {what} goes from {low[metric]:.3g} {unit} ({low.run_id}) "
-            f"to {high[metric]:.3g} {unit} ({high.run_id})."
-        )
-    return said
+    """The first few of the swept fields that are not the same in all rows; without any, of the drawn ones."""
+    swept = [column for axis in swept_axes(rows) for column in axis.columns]
+    return (swept or drawn_columns(rows))[:MOST_VARIED]
 
 
 def _comparison(good: Sequence[Row]) -> list[str]:
@@ -170,22 +160,38 @@ def _verb(percent: float) -> str:
     return f"takes {-percent:.0f} % off" if percent < 0.0 else f"adds {percent:.0f} % to"
 
 
-def _limits(good: Sequence[Row], torque_limit_nm: float) -> list[str]:
+def _limits(good: Sequence[Row], torque_limit_nm: float, axes: Sequence[Axis]) -> list[str]:
+    if any("drive." in column or "motor." in column for row in good[:1] for column in row.assigned):
+        return []  # each run has a limit of its own
     at_limit = [row for row in good if row["peak_torque_motor_nm"] >= torque_limit_nm * (1.0 - 1e-9)]
     if not at_limit:
         return []
-    return [f"The torque limit of {torque_limit_nm:.0f} N m per motor is reached: {_list(at_limit)}."]
+    return [f"The torque limit of {torque_limit_nm:.0f} N m per motor is reached{_which(at_limit, good, axes)}."]
 
 
-def _slack(good: Sequence[Row]) -> list[str]:
+def _slack(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
     slack = [row for row in good if row["slack_time_s"] > 0.0]
     if not slack:
         return []
     longest = max(slack, key=lambda row: row["slack_time_s"])
     return [
-        f"The wire goes slack: {_list(slack)}; longest {longest['slack_time_s']:.2g} s in "
-        f"{longest['slack_events']:.0f} {'event' if longest['slack_events'] == 1 else 'events'} ({longest.run_id}). "
+        f"The wire goes slack{_which(slack, good, axes)}; longest {longest['slack_time_s']:.2g} s in "
+        f"{longest['slack_events']:.0f} {'event' if longest['slack_events'] == 1 else 'events'} "
+        f"({_name(longest, axes)}). "
         "It tightens again with a jerk."
+    ]
+
+
+def _astray(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+    """Runs that do not end where they should."""
+    astray = [row for row in good if abs(row["position_error_end_m"]) > ASTRAY_M]
+    if not astray:
+        return []
+    worst = max(astray, key=lambda row: abs(row["position_error_end_m"]))
+    error = worst["position_error_end_m"]
+    return [
+        f"The carriage does not end where its reference does{_which(astray, good, axes)}; farthest off "
+        f"{_name(worst, axes)}, {abs(error):.2f} m {'above' if error > 0.0 else 'below'} it."
     ]
 
 
@@ -197,6 +203,14 @@ def _failures(rows: Sequence[Row]) -> list[str]:
     return said
 
 
-def _list(rows: Sequence[Row]) -> str:
-    names = [row.run_id for row in rows]
-    return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:5])} and {len(names) - 5} more"
+def _which(rows: Sequence[Row], good: Sequence[Row], axes: Sequence[Axis]) -> str:
+    """`: a, b, c` of a few runs; of many how many, and the first."""
+    names = [_name(row, axes) for row in rows]
+    sign = "; " if rows[0].assigned else ", "
+    if len(names) <= (3 if rows[0].assigned else 6):
+        return f": {sign.join(names)}"
+    return f" in {len(names)} of {len(good)} runs, the first {names[0]}"
+
+
+def _name(row: Row, axes: Sequence[Axis]) -> str:
+    return said(row, axes) if row.assigned else row.run_id

@@ -1,0 +1,93 @@
+"""Fields and metrics in words and units, as people read them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+_UNITS = {
+    "nm_s_per_rad": "N m s/rad",
+    "nm_per_rad": "N m/rad",
+    "nm_per_s": "N m/s",
+    "n_s_per_m": "N s/m",
+    "s_per_m": "s/m",
+    "kg_m2": "kg m²",
+    "rad_s": "rad/s",
+    "m_s3": "m/s³",
+    "m_s2": "m/s²",
+    "m_s": "m/s",
+    "percent": "%",
+    "nm": "N m",
+    "kg": "kg",
+    "hz": "Hz",
+    "pa": "Pa",
+    "m2": "m²",
+    "kw": "kW",
+    "rad": "rad",
+    "n": "N",
+    "j": "J",
+    "m": "m",
+    "s": "s",
+}
+_METRICS = {
+    "peak_torque_motor_nm": "torque peak per motor",
+    "peak_torque_percent": "torque peak of nominal",
+    "peak_torque_above_static_nm": "torque peak above static",
+    "rms_torque_motor_nm": "RMS torque per motor",
+    "thermal_load_percent": "thermal load",
+    "speed_error_rms_rad_s": "RMS speed error",
+    "speed_error_max_rad_s": "largest speed error",
+    "position_error_end_m": "position error at the end",
+    "position_error_max_m": "largest position error",
+    "min_wire_tension_n": "smallest wire tension",
+    "max_wire_tension_n": "largest wire tension",
+    "wire_tension_swing_n": "wire tension swing",
+    "slack_time_s": "slack time",
+    "move_time_s": "move time",
+    "i2t_s": "I²t",
+}
+# Blocks of the machine whose values need no more words.
+_SILENT = ("sensors", "motor", "bearing", "gearbox")
+
+
+@dataclass(frozen=True)
+class Label:
+    """words, without the unit; unit as shown, "" for a bare number."""
+
+    words: str
+    unit: str
+
+    @property
+    def axis(self) -> str:
+        return f"{self.words} ({self.unit})" if self.unit else self.words
+
+    def of(self, value: float | str) -> str:
+        """`jerk 0.8 m/s³`; a word says itself."""
+        return f"{self.words} {shown(value)} {self.unit}".strip()
+
+
+def shown(value: float | str) -> str:
+    return value.replace("_", " ") if isinstance(value, str) else f"{value:.4g}"
+
+
+def field_label(column: str) -> Label:
+    """Of a column of the index that a sweep or a sample has set, such as `sweep.limits.jerk_m_s3`."""
+    path = re.sub(r"^(sweep|sample)\.", "", column).split(".")
+    words, unit = _parted(path[-1])
+    if (move := re.fullmatch(r"moves\[(\d+)\]", path[0])) is not None:
+        words = f"move {int(move[1]) + 1} {words}"
+    elif len(path) > 2 and path[-2] not in _SILENT and path[-2] not in words:
+        words = f"{path[-2]} {words}".replace("_", " ")
+    return Label(words, unit)
+
+
+def metric_label(name: str) -> Label:
+    words, unit = _parted(name)
+    return Label(_METRICS.get(name, words), unit)
+
+
+def _parted(name: str) -> tuple[str, str]:
+    for ending, unit in _UNITS.items():
+        if name.endswith(f"_{ending}"):
+            return name.removesuffix(f"_{ending}").replace("_", " "), unit
+    return name.replace("_", " "), ""
