@@ -186,7 +186,7 @@ def test_effects_are_kept_and_unknown_ones_named_by_line_by_whoever_knows_them(t
     file.write_text(machine_text(default_hoist()) + "effects:\n  drum_ecentricity: {amplitude_m: 0.004}\n")
     assert load_machine(file).effects == {"drum_ecentricity": {"amplitude_m": 0.004}}
 
-    def check(effects):
+    def check(machine):
         raise InputError("unknown effect; did you mean 'drum_eccentricity'?", place="effects.drum_ecentricity")
 
     with pytest.raises(InputError) as caught:

@@ -52,6 +52,13 @@ _WORDS: Mapping[str, Mapping[str, str]] = {
     "axis-linear": {"n": "n", "m": "m", "input": "n", "up": "forward", "dn": "backward"},
     "axis-rotary": {"n": "nm", "m": "rad", "input": "nm", "up": "forward", "dn": "backward"},
 }
+
+
+def words(kind: str) -> Mapping[str, str]:
+    """What the placeholders in names stand for, on a kind of plant."""
+    return _WORDS[kind]
+
+
 Domain = Literal["any", "not_negative", "positive"]
 _DOMAINS: Mapping[str, tuple[Callable[[float], bool], str]] = {
     "any": (lambda value: True, "a number"),

@@ -10,7 +10,7 @@ from workbench.trace.expr import Scalar, absolute, clip, cos, exp, where
 
 GUIDE = {"hoist": "guide_force_n", "axis": "axis_force"}
 OF = {"hoist": "guide", "axis": "axis"}
-SPEED = {"v": "speed, {m}/s, {up} positive"}
+SPEED = {"v": "speed, {m}/s"}
 SWITCH = {"switch": "sign of the speed, turned over at standstill as the machine's own friction is"}
 ARMSTRONG = (
     "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, A survey of models, analysis tools and compensation "

@@ -32,8 +32,8 @@ def rodas3_step(
     """Advance (q, y) from t to t + h under the input u + u_rate * (time - t).
 
     `rates(t, q, y, u)` gives y'. All arguments are symbols, for the Jacobian is
-    taken by them. The last `kept` of y are states that effects keep. Returns (q, y) at the end of the step and their error estimates,
-    the distance to the embedded solution of order 2.
+    taken by them. The last `kept` of y are states that effects keep. Returns (q, y) at the
+    end of the step and their error estimates, the distance to the embedded solution of order 2.
     """
     n, m = len(q), len(y)
     f0 = rates(t, q, y, u)

@@ -15,7 +15,7 @@ from workbench.machine.hoist import Hoist
 from workbench.yaml_strict import Document, dumps, load, validate
 
 T = TypeVar("T")
-CheckEffects = Callable[[Mapping[str, Mapping[str, float]]], None]
+CheckEffects = Callable[[Hoist | Axis], None]
 _HEAD = ("format", "kind", "motion", "name")
 _TAIL = ("sensors", "tolerances", "effects", "identified")
 
@@ -23,8 +23,8 @@ _TAIL = ("sensors", "tolerances", "effects", "identified")
 def load_machine(path: str | os.PathLike[str], *, check_effects: CheckEffects | None = None) -> Hoist | Axis:
     """The machine a machine.yaml describes.
 
-    check_effects: called with the file's effects; raises InputError for a name or
-    parameter it does not know, to which file and line are added here.
+    check_effects: called with the machine (`workbench.effects.check`); raises InputError for an
+    effect or parameter it does not know, to which file and line are added here.
     InputError names file, line, place, value and what was expected.
     """
     return machine_from(load(path), check_effects=check_effects)
@@ -35,7 +35,7 @@ def machine_from(document: Document, *, check_effects: CheckEffects | None = Non
     machine = validate(_record_for(document), document)
     if check_effects is not None:
         try:
-            check_effects(machine.effects)
+            check_effects(machine)
         except InputError as error:
             place = tuple((error.place or "effects").split("."))
             raise InputError(

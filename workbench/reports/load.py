@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from workbench.effects import check
 from workbench.errors import InputError
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import load_machine
@@ -15,8 +16,8 @@ def load_campaign(
     path: Path, runs: str | None = None, machine_file: Path | None = None, band_hz: float | None = None
 ) -> Campaign:
     """The campaign in `path`; runs: names separated by commas. InputError for what does not fit together."""
-    machine = None if machine_file is None else load_machine(machine_file)
-    campaign = read_campaign(path, select=runs)
+    machine = None if machine_file is None else load_machine(machine_file, check_effects=check)
+    campaign = read_campaign(path, select=runs, check_effects=check)
     if band_hz is not None:
         check_band(band_hz, campaign.runs)
     if machine is None:

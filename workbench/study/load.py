@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 import os
 import re
@@ -16,6 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from workbench import __version__
+from workbench.effects import check
 from workbench.errors import InputError, nearest
 from workbench.machine import Hoist, default_hoist, load_machine
 from workbench.references import Plan
@@ -27,7 +27,7 @@ from workbench.study.spec import Recording
 from workbench.yaml_strict import Place, dotted, problem_lines
 
 # What decides a study's numbers: an edit of any of it makes another study.
-_PHYSICS = ("control", "engine", "machine", "plants", "references", "simulate", "study", "trace", "metrics")
+_PHYSICS = ("control", "effects", "engine", "machine", "plants", "references", "simulate", "study", "trace", "metrics")
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def _machine(scenario: Scenario, layers: Layered) -> Hoist:
     if "\0" in scenario.machine or not path.exists():
         said = f"no machine file {str(path)!r}; expected a path beside the scenario, or 'default'"
         raise layers.error(said, ("machine",))
-    machine = load_machine(path)
+    machine = load_machine(path, check_effects=check)
     if not isinstance(machine, Hoist):
         raise layers.error(f"{path} is a machine of kind 'axis'; a study expects kind 'hoist'", ("machine",))
     return machine
@@ -177,27 +177,17 @@ def _equipped(scenario: Scenario, machine: Hoist) -> Hoist:
         block[last] = value
     if scenario.drive is not None:
         data["drive"] |= scenario.drive.model_dump(exclude_none=True)
-    _check_effects(scenario.effects)
     data["effects"] = {name: dict(values) for name, values in machine.effects.items()} | scenario.effects
     try:
-        return Hoist.model_validate(data)
+        equipped = Hoist.model_validate(data)
     except ValidationError as error:
         place, problem = problem_lines(Hoist, error, data)[0]
         name = dotted(place)
         named = next((each for each in scenario.machine_overrides if each.startswith(name or "?")), None)
         where = f"machine_overrides.{named}" if named else name if place[:1] in (("drive",), ("effects",)) else ""
         raise InputError(problem, place=where or "machine_overrides") from error
-
-
-def _check_effects(effects: Mapping[str, Mapping[str, float]]) -> None:
-    """InputError for an effect that this version does not know: it would be left out without a word."""
-    known: tuple[str, ...] = ()
-    if importlib.util.find_spec("workbench.effects") is not None:
-        known = tuple(importlib.import_module("workbench.effects").names())
-    for name in effects:
-        if name not in known:
-            hint = nearest(name, known) if known else "this version has none"
-            raise InputError(f"unknown effect '{name}'; {hint}", place=f"effects.{name}")
+    check(equipped)
+    return equipped
 
 
 def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:

@@ -1,0 +1,123 @@
+"""docs/effects.md, made from the declarations: `python -m workbench.effects.page > docs/effects.md`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from workbench.effects.declare import KINDS, Effect, Parameter, words
+from workbench.effects.registry import library
+
+HEAD = """# Effects
+
+What a nominal machine leaves out and a real one may have. Each is declared once, beside its function in
+`workbench/effects`; this page is made from the declarations (`python -m workbench.effects.page > docs/effects.md`).
+
+In machine.yaml or in a scenario:
+
+    effects:
+      drum_eccentricity: {amplitude_m: 0.004, phase_rad: 1.2}
+      friction_viscous: {viscous_n_s_per_m: 4000}
+
+A parameter that is not given takes its start value; one that says how large the effect is vanishes, and at least one of
+those has to be given. At its vanishing values an effect is off to the last bit.
+
+Bounds (of a fit), scale and start are in units of the machine's own sizes, so that they fit a machine of any size.
+
+| size | of a hoist | of an axis |
+|---|---|---|
+| force | weight of the empty carriage | largest input |
+| torque | nominal, all motors together | largest input |
+| speed, motor_speed | of the carriage at nominal motor speed, of the motor | largest speed |
+| length | of a fall of wire | travel |
+| radius, drum_angle | of the drum, and how far it turns for the whole length | travel |
+| mass, inertia | of the carriage; of drive and drum at the motor | inertia |
+
+Where a parameter has several names, they are those of the hoist, of the linear and of the rotary axis. Signals are in
+N and m, on a rotary axis in N m and rad.
+
+Effects marked *not listed* are there for simulation; a diagnosis weighs them only when asked.
+
+## An effect of your own
+
+A function in a Python file, named with `--effects FILE` or by an entry point of the group `workbench.effects`:
+
+    from workbench.effects import Parameter, effect
+    from workbench.trace.expr import absolute
+
+    @effect(
+        place={"hoist": "guide_force_n"},
+        subsystem="guide",
+        regime="speed",
+        parameters=[
+            Parameter("c", "wind_n_s2_per_m2", "drag over speed squared", "force/speed*speed", 0.0, 1.0, 0.02, 0.03,
+                      vanishes_at=0.0, domain="not_negative"),
+        ],
+        reads={"v": "carriage speed, m/s"},
+        equation="F = −c v |v|",
+        reference="drag in proportion to dynamic pressure",
+        shows="a residual that grows with the square of the speed",
+        dissipative=True,
+    )
+    def wind(s, e, p):
+        \"\"\"Drag of the air on the load.\"\"\"
+        return -(e.c * s.v * absolute(s.v))
+
+s holds the signals at the place, e the effect's parameters, p the plant's. The function is traced, differentiated and
+compiled: arithmetic and the functions of `workbench.trace.expr` only, `where` instead of `if`, exactly zero at the
+vanishing values. A state of its own is an `EffectMemory`; what a sensor does is a function of the whole series
+(places torque_sensor, speed_sensor) with its inverse.
+"""
+
+
+def page(effects: Sequence[Effect] | None = None) -> str:
+    """The page for these effects, the library's by default."""
+    shown = sorted(library() if effects is None else effects, key=lambda each: (not each.listed, each.id))
+    twice = {each.id for each in shown if sum(other.id == each.id for other in shown) > 1}
+    titles = {each: f"{each.id}-{each.kinds[0].partition('-')[0]}" if each.id in twice else each.id for each in shown}
+    index = [f"- [{title}](#{title}): {each.meaning}" for each, title in titles.items()]
+    sections = (line for each, title in titles.items() for line in _section(each, title))
+    return "\n".join([HEAD, "## All effects", "", *index, "", *sections])
+
+
+def _section(each: Effect, title: str) -> list[str]:
+    where = [(kind, each.place_on(kind), each.subsystem(kind)) for kind in KINDS if kind in each.kinds]
+    places = "; ".join(dict.fromkeys(f"{kind.partition('-')[0]}: {place} ({of})" for kind, place, of in where))
+    traits = [
+        "takes energy only" if each.dissipative else "",
+        "keeps a state" if each.memory is not None else "",
+        "" if each.listed else "not listed",
+    ]
+    said = [trait for trait in traits if trait]
+    return [
+        f"### {title}",
+        "",
+        each.meaning,
+        "",
+        f"    {each.equation}",
+        "",
+        f"- acts at {places}; regime: {each.regime}" + (f"; {', '.join(said)}" if said else ""),
+        *([f"- reads {'; '.join(_read(each))}"] if each.reads else []),
+        f"- shows as {each.shows}",
+        f"- source: {each.reference}",
+        "",
+        "| parameter | | unit of the numbers | bounds | scale | start | vanishes at |",
+        "|---|---|---|---|---|---|---|",
+        *(_row(each, parameter) for parameter in each.parameters),
+        "",
+    ]
+
+
+def _read(each: Effect) -> list[str]:
+    return [f"{name}: {meaning.format(**words('hoist'))}" for name, meaning in each.reads.items()]
+
+
+def _row(each: Effect, p: Parameter) -> str:
+    off = "–" if p.vanishes_at is None else f"{p.vanishes_at:g}"
+    meaning = p.meaning + (", each run's own" if p.per_run else "")
+    bounds = f"{p.lowest:.4g} … {p.highest:.4g}"
+    names = ", ".join(dict.fromkeys(f"`{p.named(kind)}`" for kind in each.kinds))
+    return f"| {names} | {meaning} | {p.size} | {bounds} | {p.scale:g} | {p.start:g} | {off} |"
+
+
+if __name__ == "__main__":
+    print(page(), end="")
