@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tests import by_hand
-from workbench.control import Events, PiSettings
+from workbench.control import PiSettings
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.plants import PLANTS
 from workbench.run import Array
@@ -23,13 +25,13 @@ def case(
     machine: Hoist = MACHINE,
     settings: PiSettings = SETTINGS,
     height_m: float = 10.0,
-    **more: Events,
+    **more: Any,
 ) -> LoopCase:
     return LoopCase("run", machine, payload_kg, height_m, settings, reference, **more)
 
 
-def one(reference: Array, record_every: int = 1, **more: object) -> LoopResult:
-    return simulate_loop([case(reference, **more)], record_every=record_every)[0]  # type: ignore[arg-type]
+def one(reference: Array, record_every: int = 1, **more: Any) -> LoopResult:
+    return simulate_loop([case(reference, **more)], record_every=record_every)[0]
 
 
 def ramp(to: float, samples: int = 1500) -> Array:
