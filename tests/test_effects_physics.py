@@ -79,7 +79,7 @@ GUIDE: dict[str, tuple[dict[str, float], Callable[[float], float]]] = {
     "friction_load_dependent": ({"friction_fraction": 0.06}, lambda v: -0.06 * PAYLOAD * G * switch(v)),
     "friction_position_dependent": (
         {"peak_n": 4000.0, "centre_m": 8.6, "width_m": 0.5},
-        lambda v: -4000.0 * math.exp(-((0.4 / 0.5) ** 2)) * switch(v),
+        lambda v: -4000.0 * math.exp(-0.5 * (0.4 / 0.5) ** 2) * switch(v),
     ),
     "friction_thermal_drift": (
         {"friction_fraction": 0.8, "time_constant_s": 200.0},
@@ -180,8 +180,8 @@ def test_on_the_next_layer_the_load_hangs_on_a_longer_arm():
 def test_on_an_eccentric_drum_the_arm_goes_with_the_angle():
     e = {"drum_eccentricity": {"amplitude_m": 0.005, "phase_rad": 0.7}}
     angle, hold = held(e)
-    assert hold / held({})[1] == pytest.approx((0.3 + 0.005 * math.cos(angle / 31.0 + 0.7)) / 0.3, rel=1e-4)
-    wound = 0.3 * angle / 31.0 + 0.005 * (math.sin(angle / 31.0 + 0.7) - math.sin(0.7))
+    assert hold / held({})[1] == pytest.approx((0.3 + 0.005 * math.sin(angle / 31.0 + 0.7)) / 0.3, rel=1e-4)
+    wound = 0.3 * angle / 31.0 + 0.005 * (math.cos(0.7) - math.cos(angle / 31.0 + 0.7))
     assert wound == pytest.approx(0.3 * held({})[0] / 31.0, abs=1e-4)
 
 

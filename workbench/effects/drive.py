@@ -63,7 +63,7 @@ def _grip_rate(s: Any, e: Any, p: Any) -> Scalar:
         Parameter("tau", "time_constant_s", "of letting go", "1", 0.05, 5.0, 0.2, 0.6, domain="positive"),
         Parameter(
             "w_0", "moving_rad_s", "motor speed above which the machine is under way", "motor_speed",
-            0.005, 0.1, 0.005, 0.02, domain="positive",
+            0.0002, 0.05, 0.0005, 0.001, domain="positive",
         ),
     ],
     reads={"switch": "sign of the motor's speed, linear around standstill", "z": "its memory: the brake's torque, N m"},

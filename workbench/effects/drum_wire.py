@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from workbench.effects.declare import Parameter, effect
-from workbench.trace.expr import Scalar, minimum, sin, sqrt
+from workbench.trace.expr import Scalar, cos, minimum, sqrt
 
 CLIMB_RAD = 0.5  # of drum angle, within which the wire climbs onto the next layer
 LEAST_LENGTH = 0.05  # of a fall: nearer to the anchor no carriage comes
@@ -38,13 +38,13 @@ def drum_layer_change(s: Any, e: Any, p: Any) -> Scalar:
         Parameter("phi", "phase_rad", "at drum angle 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0),
     ],
     reads={"theta_w": "drum angle, rad"},
-    equation="wound = R θ_w + e (sin(θ_w + φ) − sin φ), so the radius is R + e cos(θ_w + φ)",
+    equation="radius = R + e sin(θ_w + φ): wound = R θ_w + e (cos φ − cos(θ_w + φ))",
     reference="docs/model.md, virtual work: the wire force's arm is the derivative of the wound length by the angle",
     shows="a wave of torque and carriage speed, one per turn of the drum, that grows with the load",
 )  # fmt: skip
 def drum_eccentricity(s: Any, e: Any, p: Any) -> Scalar:
     """A drum out of round, or out of centre."""
-    return e.A * (sin(s.theta_w + e.phi) - sin(e.phi))
+    return e.A * (cos(e.phi) - cos(s.theta_w + e.phi))
 
 
 @effect(

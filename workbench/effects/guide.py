@@ -148,10 +148,10 @@ def friction_load_dependent(s: Any, e: Any, p: Any) -> Scalar:
             vanishes_at=0.0, domain="not_negative",
         ),
         Parameter("x_0", "centre_{m}", "position of its middle", "length", -1.0, 1.0, 0.02, 0.3),
-        Parameter("b", "width_{m}", "where it has fallen to 37 %", "length", 0.002, 0.3, 0.01, 0.02, domain="positive"),
+        Parameter("b", "width_{m}", "from the middle to 61 %", "length", 0.002, 0.3, 0.01, 0.02, domain="positive"),
     ],
     reads=SWITCH | {"x": "position, {m}"},
-    equation="F = −F_peak exp(−((x − x_0)/b)²) S(v)",
+    equation="F = −F_peak exp(−½ ((x − x_0)/b)²) S(v)",
     reference="E. Rabinowicz, Friction and Wear of Materials, 1995, on misaligned guides; a bell of three numbers",
     shows="a bump of the residual at one height in every run that passes it, against the motion",
     dissipative=True,
@@ -159,7 +159,7 @@ def friction_load_dependent(s: Any, e: Any, p: Any) -> Scalar:
 def friction_position_dependent(s: Any, e: Any, p: Any) -> Scalar:
     """One tight stretch of the rails."""
     ratio = (s.x - e.x_0) / e.b
-    return -(e.F * exp(-(ratio * ratio)) * s.switch)
+    return -(e.F * exp(-0.5 * (ratio * ratio)) * s.switch)
 
 
 @effect(
