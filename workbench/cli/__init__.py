@@ -21,6 +21,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign; write the machine."),
     "loop": ("workbench.cli.loop:command", "Margins of the sampled speed loop over payloads and heights."),
     "replay": ("workbench.cli.replay:command", "Replay a campaign's measured torque; compare the speeds."),
+    "report": ("workbench.cli.report:command", "Report of a finished study: one page to send and to print."),
     "schema": ("workbench.cli.schema:command", "Print a file's JSON Schema, for completion in an editor."),
     "study": ("workbench.cli.study:command", "Run scenario files: closed-loop moves, tables, figures."),
     "tune": ("workbench.cli.tune:command", "Gains for a bandwidth or for best rejection; a controller block."),

@@ -6,6 +6,7 @@ which is what lets a study end within two seconds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,9 @@ from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+
+PAPER, LEGEND_LINE = 640, 20  # px: what a legend's line has room for on paper, and its height
 
 
 class Panels:
@@ -93,6 +97,13 @@ class Panels:
             | {"xref": f"x{number}", "yref": f"y{number} domain", "fillcolor": colour, "opacity": 0.3}
         )
 
+    def _legend_lines(self) -> int:
+        """How many lines the legend takes on paper, the narrowest that figures are drawn for."""
+        widths = [7 * len(str(trace["name"])) + 46 for trace in self.traces if trace["showlegend"]]
+        if sum(widths) <= PAPER:
+            return 1
+        return math.ceil(len(widths) / max(1, PAPER // max(widths)))  # broken, it has columns of equal width
+
     def figure(
         self,
         height: int,
@@ -106,13 +117,15 @@ class Panels:
         width = (1.0 - gap_x * (columns - 1)) / columns
         heights = (1.0 - gap_y * (rows - 1)) * self.weights / self.weights.sum()
         headed = any(self.column_titles)
+        more = LEGEND_LINE * (self._legend_lines() - 1)
+        height += more
         layout: dict[str, Any] = {
             "template": TEMPLATE,
             "height": height,
             "title": {"text": self.title, "y": 1.0 - 22.0 / height, "yanchor": "middle"},
-            "legend": {"y": 1.0 - (68.0 if headed else 72.0) / height, "traceorder": "normal"},
+            "legend": {"y": 1.0 - ((68.0 if headed else 72.0) + more) / height, "traceorder": "normal"},
             "shapes": self.shapes,
-            "margin": {"t": 100 if headed else 80},
+            "margin": {"t": (100 if headed else 80) + more},
         }
         annotations = list(self.annotations)
         top = 1.0

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="viewport" content="width=device-width, initial-scale=1"><meta name="generator" content="{generator}">
 <style>
  body {{ font-family: "DejaVu Sans", "Segoe UI", Arial, sans-serif; color: #222; background: white;
         margin: 0 auto; max-width: 1500px; padding: 8px 16px; }}
@@ -22,14 +22,35 @@ _PAGE = """<!DOCTYPE html>
  table {{ border-collapse: collapse; font-size: 13px; margin: 12px 16px; }}
  th, td {{ text-align: right; padding: 3px 10px; border-bottom: 1px solid #ddd; }}
  th {{ vertical-align: bottom; border-bottom: 1.5px solid #666; }}
- th.text, td.text {{ text-align: left; }}
- @media print {{ .figure {{ break-inside: avoid; }} }}
+ th.text, td.text {{ text-align: left; }} td.short {{ white-space: nowrap; }}
+ ul.lead {{ font-size: 15px; line-height: 1.45; margin: 8px 16px; max-width: 75em; padding-left: 20px; }}
+ ul.lead li {{ margin-bottom: 3px; }}
+ .table {{ overflow-x: auto; }}
+ @page {{ size: A4; margin: 12mm; }}
+ @media print {{
+  body {{ max-width: none; padding: 0; }}
+  .figure, tr {{ break-inside: avoid; }}
+  thead {{ display: table-header-group; }}
+  table {{ font-size: 8.5px; margin: 8px 0; }} th, td {{ padding: 2px 4px; }}
+  .table {{ overflow: visible; }}
+  p.lead, ul.lead {{ font-size: 12px; margin: 6px 0; }} h1 {{ margin: 0 0 4px; }}
+  p.caption {{ font-size: 10px; margin: 0 0 10px; }}
+  .modebar-container {{ display: none; }}
+ }}
 </style>
 <script>{plotly_js}</script></head><body>
 {body}
+<script>
+// Paper is narrower than a screen: figures are drawn anew for it, and back.
+const drawn = layout => document.querySelectorAll(".plotly-graph-div").forEach(f => Plotly.relayout(f, layout));
+window.addEventListener("beforeprint", () => drawn({{autosize: false, width: 700}}));
+window.addEventListener("afterprint", () => drawn({{autosize: true, width: null}}));
+</script>
 </body></html>
 """
 
+
+SHORT = 28  # characters of a table's words that are not broken
 
 Table = tuple[Sequence[str], Sequence[Sequence[str]], str]  # head, rows, caption
 
@@ -43,8 +64,10 @@ def save(
     caption: str = "",
     more_tables: Sequence[Table] = (),
     figure_notes: Sequence[str] = (),
+    points: Sequence[str] = (),
+    generator: str = "workbench",
 ) -> None:
-    """Write a page that needs no network: a few lines of plain text, tables, then the figures.
+    """Write a page that needs no network: a few lines of plain text, points as a list, tables, then the figures.
 
     table: head and rows as text, with a caption below; a column whose head starts with a blank holds
     words and is set left. more_tables come after it. figure_notes: a line below each figure, in their order.
@@ -55,6 +78,8 @@ def save(
     listed = list(figures) if isinstance(figures, list | tuple) else [figures]
     parts = [f"<h1>{escape(title)}</h1>"]
     parts += [f'<p class="lead">{escape(sentence)}</p>' for sentence in sentences]
+    if points:
+        parts.append(f'<ul class="lead">{"".join(f"<li>{escape(point)}</li>" for point in points)}</ul>')
     first: list[Table] = [] if table is None else [(*table, caption)]
     for head, rows, below in [*first, *more_tables]:
         parts.append(_table(head, rows))
@@ -74,16 +99,24 @@ def save(
         note = figure_notes[number] if number < len(figure_notes) else ""
         below = f'<p class="caption">{escape(note)}</p>' if note else ""
         parts.append(f'<div class="figure">{html}{below}</div>')
-    page = _PAGE.format(title=escape(title), plotly_js=get_plotlyjs(), body="\n".join(parts))
+    page = _PAGE.format(
+        title=escape(title), generator=escape(generator), plotly_js=get_plotlyjs(), body="\n".join(parts)
+    )
     path.write_text(page, encoding="utf-8")
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    kinds = [' class="text"' if name.startswith(" ") else "" for name in head]
+    kinds = ["text" if name.startswith(" ") else "" for name in head]
 
     def cells(tag: str, values: Sequence[str]) -> str:
-        pairs = zip(kinds, values, strict=True)
-        return "".join(f"<{tag}{kind}>{escape(value.strip())}</{tag}>" for kind, value in pairs)
+        pairs = zip(kinds, map(str.strip, values), strict=True)
+        return "".join(f"<{tag}{_class(kind, value)}>{escape(value)}</{tag}>" for kind, value in pairs)
 
     body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
-    return f"<table><thead><tr>{cells('th', head)}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="table"><table><thead><tr>{cells("th", head)}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _class(kind: str, value: str) -> str:
+    if not kind:
+        return ""
+    return f' class="{kind} short"' if len(value) <= SHORT else f' class="{kind}"'

@@ -29,7 +29,14 @@ NAMES = {
     "ruckig_equal_time": "ruckig, same move time",
 }
 # For what has no colour of its own, in this order.
-SPARE = ((PURPLE, "solid"), (SKY, "6px,3px"), (ORANGE, "6px,3px"), (BLACK, "2px,2px"))
+SPARE = (
+    (PURPLE, "solid"),
+    (SKY, "6px,3px"),
+    (ORANGE, "6px,3px"),
+    (BLACK, "2px,2px"),
+    (GREEN, "8px,3px,2px,3px"),
+    (VERMILLION, "4px,2px"),
+)
 MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
 
 

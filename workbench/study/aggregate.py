@@ -60,7 +60,8 @@ def value(row: Row, metric: str) -> float:
 
 
 def number_text(number: float, form: str) -> str:
-    return f"{number:{form}}" if np.isfinite(number) else "–"
+    text = f"{number:{form}}" if np.isfinite(number) else "–"
+    return text.removeprefix("-") if not text.strip("-0.") else text  # no minus before nothing
 
 
 def quantile_table(rows: Sequence[Row]) -> list[list[str]]:
@@ -94,10 +95,12 @@ def extremes(rows: Sequence[Row], axes: Sequence[Axis]) -> list[list[str]]:
         if not good or np.ptp([row[metric] for row in good]) <= 1e-9 * abs(good[0][metric]):
             continue
         row = max(good, key=lambda each: sign * each[metric])
-        lines.append(
-            [
-                name, textwrap.fill(said(row, axes), WIDEST), f"{row['peak_torque_motor_nm']:.0f}", f"{row['speed_error_max_rad_s']:.1f}",
-                f"{row['min_wire_tension_n'] / 1000.0:.1f}", f"{row['move_time_s']:.2f}",
-            ]
-        )  # fmt: skip
+        figures = (
+            (row["peak_torque_motor_nm"], ".0f"),
+            (row["speed_error_max_rad_s"], ".1f"),
+            (row["min_wire_tension_n"] / 1000.0, ".1f"),
+            (row["move_time_s"], ".2f"),
+        )
+        which = textwrap.fill(said(row, axes), WIDEST)
+        lines.append([name, which, *(number_text(number, form) for number, form in figures)])
     return lines

@@ -81,6 +81,12 @@ def field_label(column: str) -> Label:
     return Label(words, unit)
 
 
+def drawn_in(name: str) -> tuple[Label, float]:
+    """A metric as figures draw it, forces in kN: its label, and what its values are multiplied by."""
+    label = metric_label(name)
+    return (Label(label.words, "kN"), 1e-3) if label.unit == "N" else (label, 1.0)
+
+
 def metric_label(name: str) -> Label:
     words, unit = _parted(name)
     return Label(_METRICS.get(name, words), unit)

@@ -1,0 +1,24 @@
+"""`workbench report`: a finished result as one page that can be sent and printed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command(name="report")
+@click.argument("results", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="The page to write; without it report.html in RESULTS.")
+def command(results: Path, out: Path | None) -> None:
+    """Write the report of RESULTS, a folder that `workbench study` made: one HTML file that needs no network."""
+    from workbench.cli.show import print_text
+    from workbench.reports.study import write_study_report
+    from workbench.reports.study_words import conclusions
+    from workbench.study.finished import read_finished
+
+    result = read_finished(results)
+    path = out or results / "report.html"
+    write_study_report(result, path)
+    print_text([*conclusions(result), ""])
+    click.echo(f"Report: {path}")

@@ -1,0 +1,93 @@
+"""What is paid for what: all runs, the front that none of them beats, and its knee."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from workbench.figures.panels import Panels
+from workbench.figures.style import BLACK, MARKERS, SPARE, label, line
+from workbench.figures.thin import MOST_POINTS
+from workbench.run import Array
+from workbench.study.labels import drawn_in
+from workbench.study.pareto import Front, cost
+from workbench.study.row import Row
+from workbench.study.varied import Axis, said
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+def pareto(
+    rows: Sequence[Row],
+    fronts: Sequence[Front],
+    axes: Sequence[Axis],
+    second: str,
+    first: str = "move_time_s",
+    height: int = 560,
+) -> Figure:
+    """Two costs of all good runs, a panel a payload; the front as steps, the knee with its settings."""
+    payloads = [front.payload_kg for front in fronts]
+    across, up = drawn_in(first)[0], drawn_in(second)[0]
+    panels = Panels(
+        f"{across.words.capitalize()} against {up.words}",
+        [up.axis],
+        [f"payload {p:g} kg" for p in payloads] if len(payloads) > 1 else [""],
+        x_title=across.axis,
+    )
+    for number, kind in enumerate(dict.fromkeys(row.reference for row in rows)):
+        colour = line(kind, number)["color"]
+        marker = {"symbol": MARKERS[number % len(MARKERS)], "size": 6, "color": colour, "opacity": 0.55}
+        for column, payload in enumerate(payloads):
+            here = [row for row in rows if row.ok and row.reference == kind and row.payload_kg == payload]
+            _points(panels, column, here, (first, second), label(kind), marker, axes)
+    for column, front in enumerate(fronts):
+        _front(panels, column, front, axes)
+    figure = panels.figure(height)
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def _costs(rows: Sequence[Row], name: str) -> Array:
+    return drawn_in(name)[1] * np.array([cost(row, name) for row in rows])
+
+
+def _points(
+    panels: Panels, column: int, rows: Sequence[Row], costs: tuple[str, str], name: str, look: dict[str, Any],
+    axes: Sequence[Axis],
+) -> None:  # fmt: skip
+    if not rows:
+        return
+    rows = rows[:: -(-len(rows) // MOST_POINTS)]  # a cloud's shape; the front has all of its own
+    x, y = (_costs(rows, each) for each in costs)
+    panels.line(
+        0, column, x, y, name, {}, mode="markers", marker=look, text=[said(row, axes) for row in rows],
+        hovertemplate=_HOVER,
+    )  # fmt: skip
+
+
+def _front(panels: Panels, column: int, front: Front, axes: Sequence[Axis]) -> None:
+    x, y = (_costs(front.rows, name) for name in front.costs)
+    look = {"color": BLACK, "width": 1.6, "shape": "hv", "simplify": False}
+    panels.line(
+        0, column, x, y, "front: beaten by no run", look, mode="lines+markers", marker={"size": 5, "color": BLACK},
+        text=[said(row, axes) for row in front.rows], hovertemplate=_HOVER,
+    )  # fmt: skip
+    if front.knee is None:
+        return
+    at = [_costs([front.knee], name) for name in front.costs]
+    ring = {"symbol": "circle-open", "size": 17, "color": SPARE[0][0], "line": {"width": 3}}
+    panels.line(0, column, at[0], at[1], "knee", {}, mode="markers", marker=ring, hoverinfo="skip", hovertemplate=None)
+    number = panels._number(0, column)
+    setting = "<br>".join(part for axis in axes for part in axis.say(axis.at(front.knee)).split(", "))
+    where = {"x": float(at[0][0]), "y": float(at[1][0]), "xref": f"x{number}", "yref": f"y{number}"}
+    panels.annotations.append(
+        {"text": f"<b>knee</b>: {front.knee.reference}<br>{setting}", "align": "left", **where}
+        | {"showarrow": True, "arrowhead": 0, "arrowcolor": SPARE[0][0], "ax": 60, "ay": -64, "xanchor": "left"}
+        | {"font": {"size": 12}, "bgcolor": "rgba(255,255,255,0.85)", "borderpad": 2}
+    )
+
+
+_HOVER = "%{text}<br>%{x:.4~g}, %{y:.4~g}"

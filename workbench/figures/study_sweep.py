@@ -1,0 +1,104 @@
+"""Metrics over what a study sweeps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workbench.figures.panels import Panels
+from workbench.figures.style import MARKERS, label, line
+from workbench.study.conclude import NO_CHANGE
+from workbench.study.labels import drawn_in, shown
+from workbench.study.row import Row
+from workbench.study.varied import Axis, Point
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+SWEPT = ("peak_torque_motor_nm", "speed_error_max_rad_s", "min_wire_tension_n", "wire_tension_swing_n", "move_time_s")
+MOST_COLUMNS = 3
+
+
+def metrics_over_axis(
+    rows: Sequence[Row], axis: Axis, nominal_torque_nm: float, torque_limit_nm: float, height: int = 900
+) -> Figure:
+    """The metrics that change along an axis, a panel each; a column a payload, a line a reference.
+
+    Where other fields are swept too, the line is the worst of their runs and a band shows all.
+    torque limits: of one motor. Of more than three payloads the lightest, a middle and the heaviest are drawn.
+    """
+    good = [row for row in rows if row.ok]
+    metrics = changing(good, axis) or list(SWEPT[:1])
+    payloads = sorted({row.payload_kg for row in good})
+    if len(payloads) > MOST_COLUMNS:
+        payloads = [payloads[i] for i in np.linspace(0, len(payloads) - 1, MOST_COLUMNS).round().astype(int)]
+    panels = Panels(
+        f"Over {axis.words}",
+        [drawn_in(name)[0].axis.replace(" (", "<br>(") for name in metrics],
+        [f"payload {p:g} kg" for p in payloads],
+        x_title=axis.label,
+    )
+    x = np.array([point[0] for point in axis.points], dtype=float) if axis.numeric else np.arange(len(axis.points))
+    for number, kind in enumerate(dict.fromkeys(row.reference for row in good)):
+        marker = {"symbol": MARKERS[number % len(MARKERS)], "size": 7}
+        look = line(kind, number)
+        for column, payload in enumerate(payloads):
+            here = [row for row in good if row.reference == kind and row.payload_kg == payload]
+            for level, name in enumerate(metrics):
+                groups = [
+                    [drawn_in(name)[1] * row[name] for row in here if axis.at(row) == point] for point in axis.points
+                ]
+                low, high = (np.array([f(g) if g else np.nan for g in groups]) for f in (min, max))
+                worst, other = (low, high) if name == "min_wire_tension_n" else (high, low)
+                if max(map(len, groups), default=0) > 1:
+                    both = np.concatenate([x, x[::-1]]), np.concatenate([worst, other[::-1]])
+                    known = np.isfinite(both[1])
+                    panels.line(
+                        level, column, both[0][known], both[1][known], f"{label(kind)}: all", {"width": 0},
+                        fill="toself", fillcolor=look["color"], opacity=0.18, hoverinfo="skip", hovertemplate=None,
+                        showlegend=False,
+                    )  # fmt: skip
+                panels.line(
+                    level, column, x.astype(float), worst, label(kind), look, drawn_in(name)[0].unit,
+                    mode="lines+markers", marker=marker,
+                )  # fmt: skip
+    if "peak_torque_motor_nm" in metrics:
+        for column in range(len(payloads)):
+            at = metrics.index("peak_torque_motor_nm")
+            first = column == 0
+            panels.level(at, column, nominal_torque_nm, f"nominal {nominal_torque_nm:.4g} N m" if first else "", "dot")
+            panels.level(at, column, torque_limit_nm, f"limit {torque_limit_nm:.4g} N m" if first else "", "dash")
+    figure = panels.figure(max(260 + 150 * len(metrics), 420) if height == 900 else height)
+    if not axis.numeric:
+        words = [shown(point[0]) for point in axis.points]
+        figure.update_xaxes(tickmode="array", tickvals=list(range(len(words))), ticktext=words)
+    elif _even_in_ratio(x):
+        figure.update_xaxes(type="log", tickmode="array", tickvals=list(x), ticktext=[f"{v:.3g}" for v in x])
+    figure.update_yaxes(zeroline=False)
+    return figure
+
+
+def changing(rows: Sequence[Row], axis: Axis) -> list[str]:
+    """The metrics whose worst value at a point of the axis is not the same along it."""
+    return [name for name in SWEPT if all(name in row.metrics for row in rows) and _changes(rows, axis, name)]
+
+
+def _changes(rows: Sequence[Row], axis: Axis, metric: str) -> bool:
+    worst: dict[tuple[float, str], dict[Point, float]] = {}
+    for row in rows:
+        case = worst.setdefault((row.payload_kg, row.reference), {})
+        value = -row[metric] if metric == "min_wire_tension_n" else row[metric]
+        case[axis.at(row)] = max(value, case.get(axis.at(row), value))
+    return any(
+        max(case.values()) - min(case.values()) > NO_CHANGE * max(map(abs, case.values())) for case in worst.values()
+    )
+
+
+def _even_in_ratio(x: np.ndarray) -> bool:
+    """Whether values go in equal ratios rather than in equal steps."""
+    if len(x) < 4 or np.min(x) <= 0.0:
+        return False
+    ratio, step = np.diff(np.log(x)), np.diff(x)
+    return bool(np.ptp(ratio) < 0.01 * np.abs(ratio).max() and np.ptp(step) > 0.01 * np.abs(step).max())
