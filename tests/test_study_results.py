@@ -300,7 +300,8 @@ def test_swept_values_stand_in_the_table_and_the_extremes_in_the_conclusions() -
     assert {len(line) for line in table(rows)} == {len(head(rows))}
     said = sentences(rows, 768.0)
     assert said[0] == (
-        "Over 3 runs the torque peak per motor goes from 200 N m (0 kg, ruckig, kp 30) to 400 N m (0 kg, ruckig, kp 40)."
+        "Over 3 runs the torque peak per motor goes from 200 N m (0 kg, ruckig, kp 30) "
+        "to 400 N m (0 kg, ruckig, kp 40)."
     )
 
 
