@@ -54,7 +54,7 @@ def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, 
     k.add(3, "steps += m")
     k.add(3, "if largest <= tolerance or m >= most:", f"{INDENT}break", "m *= 2")
     k.add(2, f"for j in range({n * L}):", f"{INDENT}state[j] = work[j]")
-    k.add(2, "if m > 1 and largest < 0.05 * tolerance:", f"{INDENT}m //= 2")
+    k.add(2, "if m > 1 and largest < 0.1 * tolerance:", f"{INDENT}m //= 2")
 
 
 def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int) -> KernelSource:

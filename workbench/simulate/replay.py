@@ -108,8 +108,9 @@ def simulate_replays(machine: Hoist | Axis, bench: Bench) -> list[Array]:
     for j, run in enumerate(bench.runs):
         k = len(run.time_s)
         times[:k, j], inputs[:k, j] = run.time_s, _true_input(machine, bench, j)
-        times[k:, j] = run.time_s[-1] + run.sample_time_s * np.arange(1, n - k + 1)
-        inputs[k:, j] = inputs[k - 1, j]
+        if k < n:  # a shorter run goes on beside the longest, unlooked at
+            times[k:, j] = run.time_s[-1] + run.sample_time_s * np.arange(1, n - k + 1)
+            inputs[k:, j] = inputs[k - 1, j]
     start, _ = _starts(bench)
     out = kernels.replay(
         plant,
