@@ -6,11 +6,11 @@ from typing import Any
 
 from pydantic import model_validator
 
+from workbench.control.pi import NEVER
 from workbench.machine.record import NotNegative, Positive, Record
 from workbench.plants import Effects
 from workbench.trace.expr import Scalar, clip, where
 
-NEVER = 1e30
 BRAKE_SPEED = 0.05  # rad/s at the motor, where the brake's friction is fully developed
 
 
