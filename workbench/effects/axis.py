@@ -73,7 +73,7 @@ def _load(s: Any, p: Any) -> Scalar:
         Parameter("play", "play_{m}", "from flank to flank", "length", 0.0, 0.1, 0.001, 0.003,
                   vanishes_at=0.0, domain="not_negative"),
         Parameter("share", "load_share", "of friction and load that lies beyond the play", "1", 0.0, 1.0, 0.1, 0.5,
-                  domain="not_negative"),
+                  domain="not_negative", tries=(0.5,)),
     ],
     reads={"friction": "the axis' friction, {n}", "load": "its load, {n}", "n": "its memory: the flank, −1 to 1"},
     equation="F = share (1 − n²)(friction + load);  n' = (v − |v| n)/(play/2), held at the load's flank",

@@ -60,6 +60,7 @@ def words(kind: str) -> Mapping[str, str]:
 
 
 Domain = Literal["any", "not_negative", "positive"]
+Scan = Literal["", "position", "drum_angle", "phase", "frequency"]
 _DOMAINS: Mapping[str, tuple[Callable[[float], bool], str]] = {
     "any": (lambda value: True, "a number"),
     "not_negative": (lambda value: value >= 0.0, "at least 0"),
@@ -77,6 +78,10 @@ class Parameter:
     numbers), so that they fit a machine of any size. vanishes_at: the value, in the same unit,
     at which the effect is exactly off; None for what has no such value (a width, a phase).
     per_run: every run has its own. domain: what a value has to be at all.
+    scan: how a search tries a shape (what has no vanishing value) before it refines it: as a
+    place that the runs have passed (position, drum_angle), as a phase of the amplitude beside
+    it, as a frequency, as finely as the runs resolve it; "": `tries` (in `size`), or some
+    values from lowest to highest.
     """
 
     symbol: str
@@ -90,6 +95,8 @@ class Parameter:
     vanishes_at: float | None = None
     per_run: bool = False
     domain: Domain = "any"
+    scan: Scan = ""
+    tries: tuple[float, ...] = ()
 
     def named(self, kind: str) -> str:
         return self.name.format(**_WORDS[kind])
@@ -110,6 +117,8 @@ class Ranged:
     start: float
     vanishes_at: float | None
     per_run: bool
+    scan: Scan
+    tries: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -186,6 +195,8 @@ class Effect:
             start=each.start * unit,
             vanishes_at=None if each.vanishes_at is None else each.vanishes_at * unit,
             per_run=each.per_run,
+            scan=each.scan,
+            tries=tuple(value * unit for value in each.tries),
         )
 
     def check(self, name: str, value: float, kind: str) -> None:

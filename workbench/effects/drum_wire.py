@@ -17,7 +17,7 @@ LEAST_LENGTH = 0.05  # of a fall: nearer to the anchor no carriage comes
     parameters=[
         Parameter("dR", "radius_step_m", "what the next layer adds to the radius", "radius", -0.3, 0.3, 0.01, 0.03,
                   vanishes_at=0.0),
-        Parameter("th_0", "drum_angle_rad", "where it begins", "drum_angle", -0.1, 1.0, 0.01, 0.3),
+        Parameter("th_0", "drum_angle_rad", "where it begins", "drum_angle", -0.1, 1.0, 0.01, 0.3, scan="drum_angle"),
     ],
     reads={"theta_w": "drum angle, rad"},
     equation="wound = R θ_w + ½ ΔR (a + √(a² + 0.5²)), a = θ_w − θ_0",
@@ -35,7 +35,7 @@ def drum_layer_change(s: Any, e: Any, p: Any) -> Scalar:
     parameters=[
         Parameter("A", "amplitude_m", "of the eccentricity", "radius", 0.0, 0.2, 0.003, 0.01,
                   vanishes_at=0.0, domain="not_negative"),
-        Parameter("phi", "phase_rad", "at drum angle 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0),
+        Parameter("phi", "phase_rad", "at drum angle 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0, scan="phase"),
     ],
     reads={"theta_w": "drum angle, rad"},
     equation="radius = R + e sin(θ_w + φ): wound = R θ_w + e (cos φ − cos(θ_w + φ))",

@@ -15,8 +15,10 @@ from workbench.trace.expr import Scalar, sin
         # The sea's own sizes, not the machine's.
         Parameter("A", "amplitude_m", "of the heave", "1", 0.0, 10.0, 0.05, 0.2,
                   vanishes_at=0.0, domain="not_negative"),
-        Parameter("w", "frequency_rad_s", "of the heave", "1", 0.2, 3.0, 0.02, 0.8, domain="positive"),
-        Parameter("phi", "phase_rad", "at time 0 of the run", "1", 0.0, 2.0 * math.pi, 0.5, 0.0, per_run=True),
+        Parameter("w", "frequency_rad_s", "of the heave", "1", 0.2, 3.0, 0.02, 0.8, domain="positive",
+                  scan="frequency"),
+        Parameter("phi", "phase_rad", "at time 0 of the run", "1", 0.0, 2.0 * math.pi, 0.5, 0.0, per_run=True,
+                  scan="phase"),
     ],
     reads={"t": "time in the run, s"},
     equation="a_platform = −A ω² sin(ω t + φ), added to g",
