@@ -30,6 +30,7 @@ LAYERS = [
     ("cluster", "testing"),
     ("figures",),
     ("reports",),
+    ("dashboard",),
     ("cli",),
     ("__main__",),
 ]

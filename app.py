@@ -1,0 +1,5 @@
+"""`streamlit run app.py`: the dashboard. `workbench app` starts the same."""
+
+from workbench.dashboard.shell import run
+
+run()

@@ -1,0 +1,24 @@
+"""The dashboard's pages under test: one page alone in streamlit's own test bench."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from streamlit.testing.v1 import AppTest
+
+SLOWEST_S = 60.0  # a first run may compile kernels
+
+
+def page(title: str) -> AppTest:
+    """The page, not yet run; `page("Study").run()` draws it."""
+    from streamlit.testing.v1 import AppTest
+
+    return AppTest.from_string(
+        f"from workbench.dashboard.shell import run_page\nrun_page({title!r})\n", default_timeout=SLOWEST_S
+    )
+
+
+def errors(app: AppTest) -> list[str]:
+    """The errors that the page shows, as sentences."""
+    return [shown.value.replace("\\", "") for shown in app.error]

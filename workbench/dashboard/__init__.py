@@ -1,0 +1,1 @@
+"""The dashboard: Streamlit pages on the library. No physics lives here."""

@@ -1,0 +1,5 @@
+"""The script that streamlit runs."""
+
+from workbench.dashboard.shell import run
+
+run()

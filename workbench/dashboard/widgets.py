@@ -1,0 +1,110 @@
+"""What all pages show the same way.
+
+chart(figure, key)      a plotly figure over the page's width, light or dark as the page is
+numbers([Number(...)])  a row of the numbers that decide, with deltas green or red
+problem(error)          the reader's one clear error
+with guarded(): ...     an InputError inside ends the page with `problem`
+text(value, digits)     a number with sane digits
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import streamlit as st
+
+from workbench.errors import InputError
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+Better = Literal["lower", "higher"]
+
+
+class Number(NamedTuple):
+    """One of the numbers that decide. `delta`: to the baseline, in the same unit; `better` colours it."""
+
+    label: str
+    value: float | None
+    unit: str = ""
+    delta: float | None = None
+    better: Better | None = None
+    digits: int = 3
+    help: str | None = None
+
+
+def text(value: float | None, digits: int = 3, sign: bool = False) -> str:
+    """A number with so many significant digits, never in powers of ten below a million."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:{'+' if sign else ''}.{min(decimals, 6)}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def numbers(row: Sequence[Number]) -> None:
+    """The numbers side by side, each with its delta: green where better, red where worse."""
+    for column, number in zip(st.columns(len(row)), row, strict=True):
+        delta = None
+        if number.delta is not None and math.isfinite(number.delta):
+            # A plain hyphen: that is where streamlit reads the arrow's direction.
+            delta = f"{text(number.delta, 2, sign=True)} {number.unit}".replace("\N{MINUS SIGN}", "-")
+        colour: Literal["normal", "inverse", "off"] = "off"
+        if number.better is not None and number.delta:
+            colour = "inverse" if number.better == "lower" else "normal"
+        column.metric(
+            number.label,
+            f"{text(number.value, number.digits)} {number.unit}".strip(),
+            delta,
+            delta_color=colour,
+            help=number.help,
+            border=True,
+        )
+
+
+def is_dark() -> bool:
+    """Whether the page stands on a dark ground."""
+    return bool(st.context.theme.type == "dark")
+
+
+def chart(figure: Figure, key: str, alt: str | None = None) -> None:
+    """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG."""
+    from workbench.figures.dark import for_dark
+
+    figure.update_layout(uirevision=key)  # a slider changes the lines and leaves the zoom
+    config = {
+        "scrollZoom": True,
+        "displaylogo": False,
+        "responsive": True,
+        "modeBarButtonsToRemove": ["select2d", "lasso2d", "autoScale2d"],
+        "toImageButtonOptions": {"format": "png", "filename": key, "scale": 2},
+    }
+    shown = for_dark(figure) if is_dark() else figure
+    st.plotly_chart(shown, width="stretch", theme=None, key=key, config=config, alt=alt)
+
+
+def problem(error: InputError) -> None:
+    """One clear error: place and problem, with the file's name only, for its folder is the server's own."""
+    name = None if error.file is None else Path(error.file).name
+    shown = InputError(error.problem, file=name, line=error.line, place=error.place)
+    st.error(_plain(str(shown)), icon=":material/error:")
+
+
+def _plain(sentence: str) -> str:
+    """A sentence with nothing in it that markdown would act on."""
+    return "".join(f"\\{c}" if c in "\\`*_{}[]()<>#+!|$~:" else c for c in sentence)
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
+    """Bad input met inside ends the page with its one error; a defect still shows its traceback."""
+    try:
+        yield
+    except InputError as error:
+        problem(error)
+        st.stop()
