@@ -20,6 +20,10 @@ def with_drive(**drive: float) -> Hoist:
     return with_values(default_hoist(), {f"drive.{key}": value for key, value in drive.items()})
 
 
+def with_effects(**effects: dict[str, float]) -> Hoist:
+    return default_hoist().model_copy(update={"effects": effects})
+
+
 CASES = {
     "ideal drive": (with_drive(), PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)),
     "set-point weight": (
@@ -27,6 +31,23 @@ CASES = {
         PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=250.0, set_point_weight=0.5),
     ),
     "torque lag": (with_drive(torque_lag_s=0.004), PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)),
+    "effects": (
+        with_effects(
+            gearbox_inertia={"inertia_kg_m2": 0.4},
+            gearbox_efficiency={"loss_fraction": 0.05},
+            friction_viscous={"viscous_n_s_per_m": 8000.0},
+            carriage_mass_error={"mass_kg": 900.0},
+            wire_mass={"mass_kg_per_m": 8.0},
+            torque_scale={"gain": 1.2},  # on the log alone
+            speed_delay={"delay_s": 0.05},
+        ),
+        PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0),
+    ),
+    "another layer of wire": (
+        # Passed long ago: the arm is larger by an eighth throughout.
+        with_effects(drum_layer_change={"radius_step_m": 0.0375, "drum_angle_rad": -400.0}),
+        PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0),
+    ),
     "everything": (
         with_drive(torque_lag_s=0.004, speed_filter_s=0.003, speed_delay_s=0.0035),
         PiSettings(

@@ -50,7 +50,7 @@ def family(
     effects: Effects = NO_EFFECTS,
     effect_values: Mapping[str, float] | None = None,
 ) -> list[Member]:
-    """The loop at each point, with its margins."""
+    """The loop at each point, with its margins; `effects` beside the machine's own."""
     loops = [linear_loop(machine, settings, point, effects=effects, effect_values=effect_values) for point in points]
     return [Member(loop, margins(loop)) for loop in loops]
 

@@ -8,13 +8,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from workbench.analysis.jacobian import jacobian, values
-from workbench.engine.text import state_symbols
+from workbench.analysis.even_motion import EvenMotion
+from workbench.effects import joined, of
 from workbench.machine import Hoist
 from workbench.plants import HOIST, NO_EFFECTS, Effects
 from workbench.run import Array
-from workbench.trace.emit import evaluate
-from workbench.trace.expr import Scalar, symbol
+from workbench.trace.expr import Scalar
 
 Motion = Literal["hoisting", "lowering", "at_rest"]
 MOTIONS: tuple[Motion, ...] = ("hoisting", "lowering", "at_rest")
@@ -83,54 +82,46 @@ def linearise(
 ) -> LinearPlant:
     """The plant from motor torque to motor speed, carriage speed and wire tension at a point.
 
+    The machine's own effects are at work, `effects` beside them. Time stands at the run's start, a
+    run that begins the campaign; what an effect remembers has settled, and stays a state only
+    where the motion moves it.
+
     Positions are taken relative to the carriage's height, so what is left beside it are stretches
     of the falls. The height itself is left out unless `height_free`: through the weight of the free
     wire it makes a mode of e-fold time about 40 s, which a speed loop neither holds nor has to.
     """
+    own = of(machine)
     p = HOIST.values(machine, point.payload_kg)
-    vars(p).update(effect_values or {})
+    vars(p).update(own.values_of(0.0), **(effect_values or {}))
     sign = {"hoisting": 1.0, "lowering": -1.0, "at_rest": 0.0}[point.motion]
-    q0, y0, u0 = HOIST.start_of(point.height_m, sign * EVEN_SPEED * machine.motor.nominal_speed_rad_s, p)
-    q, y = state_symbols(HOIST)
-    u = symbol("u")
-    rates = HOIST.accelerations(0.0, q, y, u, p, effects)
-    shown = HOIST.outputs(0.0, q, y, u, p, effects)
-    start, torque = _even_motion(rates, (*q, *y), u, [*q0, *y0], u0)
-    J = jacobian([*rates, *(shown[name] for name in OUTPUTS)], (*q, *y, u), [*start, torque])
-    n = len(q)
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [J[:n, : 2 * n]]])
-    B = np.concatenate([np.zeros(n), J[:n, 2 * n]])[:, None]
-    C = J[n:, : 2 * n]
+    even = EvenMotion(HOIST, joined(own.effects, effects), p, OUTPUTS)
+    at = even.settled(point.height_m, sign * EVEN_SPEED * machine.motor.nominal_speed_rad_s)
+    J = even.slopes(at)
+    n, N = len(HOIST.positions), even.states
+    A = np.block([[np.eye(N)[n : 2 * n]], [J[: N - n, :N]]])
+    B = np.concatenate([np.zeros(n), J[: N - n, N]])[:, None]
+    C = J[N - n :, :N]
     # Coordinates: the other positions as seen from one that rises evenly with the carriage.
-    _, even, _ = HOIST.start_of(point.height_m, 1.0, p)
-    T = np.eye(2 * n)
-    T[: n - 1, n - 1] = np.array(even[: n - 1]) / even[n - 1]
-    A, B, C = np.linalg.solve(T, A @ T), np.linalg.solve(T, B), C @ T
-    names = (*(f"{name}_relative" for name in HOIST.positions[: n - 1]), HOIST.positions[n - 1], *HOIST.speeds)
+    T = np.eye(N)
+    T[: n - 1, n - 1] = even.rise(at)[: n - 1]
+    A, B, C = (np.asarray(M, dtype=np.float64) for M in (np.linalg.solve(T, A @ T), np.linalg.solve(T, B), C @ T))
+    relative = (f"{name}_relative" for name in HOIST.positions[: n - 1])
+    names = (*relative, HOIST.positions[n - 1], *HOIST.speeds, *(m.symbol for m in even.effects.memory))
     keep = [i for i in range(2 * n) if height_free or i != n - 1]
-    at = np.asarray(start, dtype=np.float64)
+    keep += _moved(A, B, keep, range(2 * n, N))
     return LinearPlant(
         tuple(names[i] for i in keep),
         OUTPUTS,
-        A[np.ix_(keep, keep)].astype(np.float64),
+        A[np.ix_(keep, keep)],
         B[keep],
         C[:, keep],
-        (at[:n], at[n:], torque),
+        (at[:n], at[n:N], float(at[N])),
     )
 
 
-def _even_motion(
-    rates: Sequence[Scalar], states: Sequence[Any], u: Any, start: Sequence[float], torque: float
-) -> tuple[list[float], float]:
-    """Newton's steps to where nothing accelerates, at the given height and speeds."""
-    n = len(rates)
-    free = [*range(n - 1), len(states)]  # the other positions, and the torque
-    at = np.array([*start, torque])
-    for _ in range(8):
-        wrong = np.array(evaluate(list(rates), values((*states, u), at)))
-        J = jacobian(rates, (*states, u), at)
-        change = np.linalg.solve(J[:, free], -wrong)
-        at[free] += change
-        if np.all(np.abs(change) <= 1e-10 * (1.0 + np.abs(at[free]))):
-            break
-    return [float(x) for x in at[:-1]], float(at[-1])
+def _moved(A: Array, B: Array, kept: Sequence[int], memory: Sequence[int]) -> list[int]:
+    """Of the effects' memory what the motion moves; the rest stays where it is and is no part of the loop."""
+    found: list[int] = []
+    while more := [i for i in memory if i not in found and (np.any(A[i, [*kept, *found]]) or B[i, 0] != 0.0)]:
+        found += more
+    return found

@@ -121,7 +121,10 @@ def linear_loop(
     effect_values: Mapping[str, float] | None = None,
     height_free: bool = False,
 ) -> LinearLoop:
-    """The loop of a machine (its drive included) under a controller, at an operating point."""
+    """The loop of a machine (drive and effects included) under a controller, at an operating point.
+
+    Effects on sensors act on the log alone, as in the compiled loop: they are not in it.
+    """
     plant = linearise(machine, point, effects=effects, effect_values=effect_values, height_free=height_free)
     dt = settings.sample_time_s
     return LinearLoop(

@@ -85,7 +85,10 @@ def make_search(
     *,
     effects: Effects = NO_EFFECTS,
 ) -> Search:
-    """A search over kp and ki; filters, delays and sample time are those of settings and drive."""
+    """A search over kp and ki; filters, delays and sample time are those of settings and drive.
+
+    The machine's own effects are at work, `effects` beside them.
+    """
     dt = settings.sample_time_s
     linear = [linearise(machine, point, effects=effects) for point in points]
     plants = [sampled_plant(each, dt, machine.drive.torque_lag_s) for each in linear]

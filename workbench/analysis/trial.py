@@ -16,7 +16,7 @@ from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """The moves that candidates are run through: every payload with every reference.
+    """The moves that candidates are run through: every payload with every reference, the machine's effects at work.
 
     references: name -> motor speed (n,), rad/s, at the controller's samples; all of one length.
     """

@@ -109,7 +109,8 @@ def tune(
 ) -> Tuned:
     """Gains for a goal; `base` gives all settings but the gains and the set-point weight.
 
-    points: the family whose margins count. InputError where the goal cannot be met.
+    points: the family whose margins count. The machine's own effects are at work in the family and
+    in the trial's runs, `effects` beside them in the family only. InputError where the goal cannot be met.
     """
     search = make_search(machine, base, points, effects=effects)
     if goal.bandwidth_hz is None:

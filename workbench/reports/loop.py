@@ -11,6 +11,7 @@ import numpy as np
 
 from workbench.analysis.family import Member, weakest
 from workbench.analysis.margins import Margins
+from workbench.effects import find
 from workbench.figures.loop import bode, gang_of_four, nyquist, steps
 from workbench.figures.save import save
 from workbench.machine import Hoist
@@ -62,9 +63,10 @@ def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
     """What the table comes to."""
     drive = drive_sentence(case.machine, case.settings.sample_time_s)
     unstable = [m for m in members if not m.margins.stable]
+    known = effect_sentences(case.machine)
     if unstable:
         where = ", ".join(f"{m.point.payload_kg:g} kg at {m.point.height_m:g} m" for m in unstable)
-        return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive]
+        return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive, *known]
     worst = weakest(members)
     m = worst.margins
     where = f"{worst.point.payload_kg:g} kg at {worst.point.height_m:g} m"
@@ -73,10 +75,11 @@ def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
         f"has Ms {m.ms:.2f} at {figures(m.ms_hz)} Hz, phase margin {m.phase_deg:.0f}° and bears "
         f"{figures(1000.0 * m.delay_s)} ms more delay.",
         drive,
+        *known,
     ]
     heights = {m.point.height_m for m in members}
     spread = [max(x.margins.ms for x in same) - min(x.margins.ms for x in same) for same in _by_payload(members)]
-    if len(heights) > 1 and max(spread) < 0.01:
+    if len(heights) > 1 and max(spread) < 0.01 and "wire_stiffness_length" not in case.machine.effects:
         said.append(
             "Height makes next to no difference to Ms here: in the nominal plant the wire is equally stiff everywhere, "
             "and with --free-length the drive's inertia still decides."
@@ -107,11 +110,21 @@ def drive_sentence(machine: Hoist, sample_time_s: float) -> str:
     return f"In the loop: sampling at {1000.0 * sample_time_s:g} ms, {', '.join(parts)}."
 
 
+def effect_sentences(machine: Hoist) -> list[str]:
+    """Which of the machine's effects are in the loop, and which act on the log alone; none where it has none."""
+    found = {name: find(name, "hoist") for name in machine.effects}
+    inside = [name for name, effect in found.items() if not effect.on_sensor]
+    outside = [name for name, effect in found.items() if effect.on_sensor]
+    said = [f"In the machine: {', '.join(inside)}."] if inside else []
+    return said + ([f"Not in the loop, for they act on the log alone: {', '.join(outside)}."] if outside else [])
+
+
 def as_json(case: LoopCaseFile, members: Sequence[Member]) -> dict[str, Any]:
-    """Settings, drive and every loop's margins and poles; null where there is none."""
+    """Settings, drive, effects and every loop's margins and poles; null where there is none."""
     return {
         "controller": case.settings.model_dump(mode="json"),
         "drive": case.machine.drive.model_dump(mode="json"),
+        "effects": {name: dict(values) for name, values in case.machine.effects.items()},
         "loops": [_loop_json(member) for member in members],
     }
 

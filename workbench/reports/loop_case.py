@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from workbench.control import PiSettings
+from workbench.effects import check
 from workbench.errors import InputError
 from workbench.machine import Hoist, default_hoist, load_machine
 from workbench.yaml_strict import Document, load, validate
@@ -72,7 +73,7 @@ def load_case(
         hoist, settings, origin = study.machine, study.scenario.controller, f"of {scenario}"
         loads = sorted({spec.payload_kg for spec in study.specs[:200]})
     if machine is not None:
-        read = load_machine(machine)
+        read = load_machine(machine, check_effects=check)
         if not isinstance(read, Hoist):
             raise InputError("is a machine of kind 'axis'; a speed loop is analysed for kind 'hoist'", file=machine)
         hoist = read

@@ -13,7 +13,7 @@ from workbench.analysis.step import load_step
 from workbench.analysis.tune import Candidate, Tuned, Weights
 from workbench.control import PiSettings
 from workbench.errors import InputError
-from workbench.reports.loop import drive_sentence
+from workbench.reports.loop import drive_sentence, effect_sentences
 from workbench.reports.loop_case import LoopCaseFile
 from workbench.reports.numbers import figures
 from workbench.yaml_strict import dumps
@@ -65,7 +65,7 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
         if goal.bandwidth_hz is None
         else f"Asked for: a bandwidth of {goal.bandwidth_hz:g} Hz with Ms and Mt at most {goal.ms_limit:g}"
     )
-    drive = drive_sentence(case.machine, win.settings.sample_time_s)
+    drive = " ".join([drive_sentence(case.machine, win.settings.sample_time_s), *effect_sentences(case.machine)])
     load = max((load_step(member.loop) for member in tuned.members), key=lambda step: step.iae_rad)
     said = [
         f"{asked}, at {len(tuned.members)} points of payload and height. {drive} "
