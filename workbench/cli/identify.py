@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from workbench.cli.options import effects_option
+
 
 @click.command(name="identify")
 @click.argument("campaign", type=click.Path(path_type=Path))
@@ -16,6 +18,7 @@ import click
 @click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml to start from.")
 @click.option("--band", type=float, help="Band of the comparison, Hz (-3 dB); chosen by the machine without it.")
 @click.option("--list", "list_keys", is_flag=True, help="Print the keys that --free takes, and stop.")
+@effects_option
 def command(
     campaign: Path,
     out: Path | None,

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from workbench.cli.options import effects_option
+
 
 @click.command(name="loop")
 @click.option("--machine", type=click.Path(path_type=Path), help="A machine.yaml; the scenario's or the default one.")
@@ -23,6 +25,7 @@ import click
 @click.option("--free-length", is_flag=True, help="Stiffen the wire as its free length shortens.")
 @click.option("--ms", type=float, default=1.4, show_default=True, help="The bound on Ms that the figures show.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to make, for loop.html and loop.json.")
+@effects_option
 def command(
     machine: Path | None,
     scenario: Path | None,

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from workbench.cli.options import effects_option
+
 
 @click.command(name="replay")
 @click.argument("campaign", type=click.Path(path_type=Path))
@@ -13,6 +15,7 @@ import click
 @click.option("--runs", help="Names of the runs to take, with commas between; all without it.")
 @click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml, such as an identified one.")
 @click.option("--band", type=float, help="Band of the torque residual, Hz (-3 dB); chosen by the machine without it.")
+@effects_option
 def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | None, band: float | None) -> None:
     """Replay the runs of CAMPAIGN, a folder with machine.yaml, runs.yaml and logs.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from workbench.cli.options import effects_option
 from workbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ MOST_IN_TABLE = 40
     help="Folder to make, of several files the folder to make theirs in; without it results/<name of the study>.",
 )
 @click.option("--cluster", metavar="ADDRESS", help="Run on Dask: tcp://host:port, or local:N for N processes here.")
+@effects_option
 def command(files: tuple[Path, ...], out: Path | None, cluster: str | None) -> None:
     """Run the scenario of each FILE: every run in closed loop.
 

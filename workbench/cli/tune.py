@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from workbench.cli.options import effects_option
+
 
 @click.command(name="tune")
 @click.option("--machine", type=click.Path(path_type=Path), help="A machine.yaml; the scenario's or the default one.")
@@ -19,6 +21,7 @@ import click
 @click.option("--heights", help="Carriage heights in m, with commas between; bottom, middle and top without it.")
 @click.option("--weights", default="1,2,1", show_default=True, help="Of tracking error, torque peak and effort.")
 @click.option("--out", type=click.Path(path_type=Path), help="File to make, with a controller block for scenarios.")
+@effects_option
 def command(
     machine: Path | None,
     scenario: Path | None,

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
+from workbench.effects.registry import files_behind
 from workbench.errors import InputError
 from workbench.study.batch import Spread
 from workbench.study.load import Study
@@ -106,7 +107,8 @@ def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int]) -> 
     from distributed import KilledWorker, as_completed
 
     # With each task, since what is kept on one worker dies with it; some kilobytes.
-    ask = (pickle.dumps(study), study.fingerprint, versions())
+    effects = files_behind(study.machine.effects, "hoist")
+    ask = (pickle.dumps(study), study.fingerprint, versions(), effects)
     waiting = iter(numbers)
     of: dict[Any, int] = {}
     lost: list[int] = []
@@ -114,9 +116,9 @@ def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int]) -> 
 
     def hand_out(how_many: int) -> None:
         for _, number in zip(range(how_many), waiting, strict=False):
-            data, fingerprint, wanted = ask
+            data, fingerprint, wanted, effects = ask
             future = client.submit(
-                run_remote_chunk, data, number, fingerprint, wanted, retries=RETRIES, pure=False,
+                run_remote_chunk, data, number, fingerprint, wanted, effects, retries=RETRIES, pure=False,
                 key=f"{study.scenario.name}-{fingerprint}-{number:06d}",
             )  # fmt: skip
             of[future.key] = number

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import platform
+import threading
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
+from workbench.effects.registry import know
+from workbench.effects.user_file import UserFile
+from workbench.errors import InputError
 from workbench.study.batch import run_chunk
 from workbench.study.load import Study
 from workbench.study.manifest import library_versions
 from workbench.study.store import Chunk
+
+_knowing = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -26,23 +33,34 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version()} | library_versions()
 
 
-def run_remote_chunk(study: bytes, number: int, fingerprint: str, wanted: dict[str, str]) -> Chunk | OtherProgram:
+def run_remote_chunk(
+    study: bytes, number: int, fingerprint: str, wanted: dict[str, str], effects: tuple[UserFile, ...] = ()
+) -> Chunk | OtherProgram:
     """A chunk of a pickled study; one thread, since a worker has one.
 
     fingerprint: the study's where it was asked for. A worker with another program computes another one.
+    effects: the users' files that it needs, as they were read there.
     """
     here = versions()
     if different := [f"{name} {here.get(name)}, here {version}" for name, version in wanted.items()
                      if here.get(name) != version]:  # fmt: skip
         return OtherProgram(platform.node(), "; ".join(different))
-    loaded = _loaded(study)
-    if loaded.fingerprint != fingerprint:
-        return OtherProgram(platform.node(), "another version of workbench")
-    return run_chunk(loaded, number, threads=1)
+    # Effects are known by name in a whole process: studies with other files of one name take turns.
+    with _knowing if effects else nullcontext():
+        for file in effects:
+            know(file)
+        try:
+            loaded = _loaded(study, tuple(file.digest for file in effects))
+            same = loaded.fingerprint == fingerprint
+        except InputError as error:  # an effect of an entry point that is not installed there
+            return OtherProgram(platform.node(), f"not the same effects ({error})")
+        if not same:
+            return OtherProgram(platform.node(), "another version of workbench")
+        return run_chunk(loaded, number, threads=1)
 
 
 @lru_cache(maxsize=2)
-def _loaded(study: bytes) -> Study:
+def _loaded(study: bytes, effects: tuple[str, ...]) -> Study:
     import pickle
 
     loaded = pickle.loads(study)

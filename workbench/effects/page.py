@@ -66,6 +66,15 @@ s holds the signals at the place, e the effect's parameters, p the plant's. The 
 compiled: arithmetic and the functions of `workbench.trace.expr` only, `where` instead of `if`, exactly zero at the
 vanishing values. A state of its own is an `EffectMemory`; what a sensor does is a function of the whole series
 (places torque_sensor, speed_sensor) with its inverse.
+
+The commands `study`, `replay`, `identify`, `loop`, `tune` and `diagnose` take the file; the option may be repeated:
+
+    workbench study windy.yaml --effects my_effects.py      # with effects: {wind: {wind_n_s2_per_m2: 40}} in it
+
+The file is Python and is run: take it from people you trust. It is read before everything else; one that fails,
+declares nothing, takes a name that is taken, reads a signal that is not at its place or is not zero at its vanishing
+values is refused in one line. A study that uses such an effect is another study when the file's text changes (what the
+file imports is not watched), its workers on a cluster get that very text, and the result keeps a copy of the file.
 """
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import importlib.util
 import os
 import pkgutil
 import sys
@@ -18,11 +17,14 @@ from pathlib import Path
 from types import ModuleType
 
 from workbench.effects.declare import Effect
+from workbench.effects.user_file import UserFile, declared, declared_in, read_user_file
 from workbench.errors import InputError, nearest
 
 ENTRY_POINTS = "workbench.effects"  # the group; each entry names a module that declares effects
 
 _users: dict[tuple[str, str], Effect] = {}  # (id, kind) -> what users' files declared in this process
+_files: dict[str, UserFile] = {}  # path -> the file that is known
+_declared: dict[tuple[str, str], tuple[Effect, ...]] = {}  # (path, digest) -> the effects of that text
 _changing = threading.RLock()
 
 
@@ -36,11 +38,6 @@ def library() -> tuple[Effect, ...]:
         module = importlib.import_module(name)
         found += [each for each in declared_in(module) if each.function.__module__ == name]
     return tuple(found)
-
-
-def declared_in(module: ModuleType) -> list[Effect]:
-    """The effects that stand in a module under any name, once each."""
-    return list({id(value): value for value in vars(module).values() if isinstance(value, Effect)}.values())
 
 
 @cache
@@ -58,29 +55,55 @@ def _of_entry_points() -> None:
 def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
     """The effects that a Python file declares; from now on they are known by name in this process.
 
-    InputError where the file is not there, fails, declares nothing, or takes a name that is taken.
-    Loading the same file again replaces what it declared before.
+    InputError where the file is not there, fails, declares nothing, takes a name that is taken, or
+    holds an effect that no plant can take. Loading the same file again replaces what it declared before.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise InputError("no such file; expected Python with effects in it", file=file)
-    name = f"workbench_user_effects_{hashlib.sha256(str(file.resolve()).encode()).hexdigest()[:16]}"
-    spec = importlib.util.spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
-        raise InputError("is no Python file (.py)", file=file)
-    module = importlib.util.module_from_spec(spec)
+    return know(read_user_file(path), path)
+
+
+def know(file: UserFile, shown: str | os.PathLike[str] | None = None) -> tuple[Effect, ...]:
+    """Makes the effects of a file known, that was read here or elsewhere; see `load_effects`.
+
+    The same text again is the same effects, so kernels that were made for them serve on.
+    """
     with _changing:
-        sys.modules[name] = module
+        if (file.path, file.digest) not in _declared:
+            _declared[file.path, file.digest] = declared(file, shown)
+        found = _declared[file.path, file.digest]
+        before = dict(_users)
+        for key in [key for key, each in _users.items() if each.function.__module__ == file.module]:
+            del _users[key]
         try:
-            spec.loader.exec_module(module)
-        except Exception as error:
-            del sys.modules[name]
-            raise InputError(f"fails: {type(error).__name__}: {error}", file=file) from error
-        found = [each for each in declared_in(module) if each.function.__module__ == name]
-        if not found:
-            raise InputError("declares no effect; see workbench.effects.effect", file=file)
-        add(found, place=str(file))
-    return tuple(found)
+            add(found, place=str(shown or file.path))
+        except InputError:
+            _users.clear()
+            _users.update(before)
+            raise
+        _files[file.path] = file
+    return found
+
+
+def files_behind(names: Iterable[str], kind: str) -> tuple[UserFile, ...]:
+    """The users' files that declare these effects, in the order they were loaded."""
+    with _changing:
+        modules = {_users[name, kind].function.__module__ for name in names if (name, kind) in _users}
+        return tuple(file for file in _files.values() if file.module in modules)
+
+
+def digests_of(names: Iterable[str], kind: str) -> dict[str, str]:
+    """id -> digest of the text that declares it, of those effects that are not the library's."""
+    own = {each.id for each in library() if kind in each.kinds}
+    return {name: _digest(find(name, kind)) for name in sorted(set(names) - own)}
+
+
+def _digest(effect: Effect) -> str:
+    """Of a user's file as it was read; of a package's module as it is installed, "" where it has no file."""
+    name = effect.function.__module__
+    for file in _files.values():
+        if file.module == name:
+            return file.digest
+    source = getattr(sys.modules.get(name), "__file__", None)
+    return hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16] if source else ""
 
 
 def add(effects: Iterable[Effect], place: str = "effects") -> None:
@@ -99,6 +122,7 @@ def forget_users() -> None:
     """Takes the users' effects out again."""
     with _changing:
         _users.clear()
+        _files.clear()
         _of_entry_points.cache_clear()
 
 

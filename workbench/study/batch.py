@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from workbench.effects.registry import files_behind
 from workbench.machine import save_machine
 from workbench.study import arrow
 from workbench.study.chunk import run_specs
@@ -153,6 +154,9 @@ def _make_whole(study: Study, part: Part, extras: Mapping[str, Extra]) -> None:
     rows = rows_of(table)
     save_machine(study.machine, part.folder / "machine.yaml")
     part.add("scenario.yaml", dumps(_as_run(study)))
+    for number, file in enumerate(files_behind(study.machine.effects, "hoist")):
+        name = Path(file.path).name
+        part.add(f"{number}_{name}" if (part.folder / name).exists() else name, file.text)
     result = StudyResult(study, rows, SavedRuns(part.folder, rows))
     for name, write in extras.items():
         write(result, part.folder / name)

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from workbench import __version__
 from workbench.effects import check
+from workbench.effects.registry import digests_of
 from workbench.errors import InputError, nearest
 from workbench.machine import Hoist, default_hoist, load_machine
 from workbench.references import Plan
@@ -67,10 +68,15 @@ class Study:
     def machine_hash(self) -> str:
         return _digest(self.machine.model_dump(mode="json"))
 
+    @property
+    def effects_digests(self) -> dict[str, str]:
+        """Effect -> digest of the text that declares it, of effects that are a user's own, as they are known now."""
+        return digests_of(self.machine.effects, "hoist")
+
     @cached_property
     def fingerprint(self) -> str:
-        """Equal for two studies that must give equal numbers: scenario, machine, program."""
-        return _digest([self.scenario_hash, self.machine_hash, __version__, _program_hash()])
+        """Equal for two studies that must give equal numbers: scenario, machine, program, users' effects."""
+        return _digest([self.scenario_hash, self.machine_hash, __version__, _program_hash(), self.effects_digests])
 
 
 def load_study(path: str | os.PathLike[str]) -> Study:

@@ -26,6 +26,7 @@ def manifest(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
         "scenario_hash": study.scenario_hash,
         "machine_hash": study.machine_hash,
         "machine": study.machine.name,
+        "effects": study.effects_digests,
         "seed": getattr(study.scenario, "seed", None),
         "runs": {"all": len(rows), "ok": len(rows) - failed, "failed": failed},
         "versions": {"workbench": __version__, "python": platform.python_version()} | library_versions(),

@@ -3,7 +3,7 @@
 results/<study>/
   index.parquet         one row a run
   runs/<run_id>/signals.parquet
-  scenario.yaml, machine.yaml   as run, complete
+  scenario.yaml, machine.yaml   as run, complete; beside them the users' files of effects that they need
   manifest.json         what made it; the folder gets its name after that
 """
 

@@ -91,9 +91,9 @@ class Part:
         _write(self.folder / INDEX, parquet_bytes(table))
         return table
 
-    def add(self, name: str, text: str) -> None:
+    def add(self, name: str, text: str | bytes) -> None:
         """One more file of the result."""
-        _write(self.folder / name, text.encode())
+        _write(self.folder / name, text.encode() if isinstance(text, str) else text)
 
     def mark(self, manifest: Mapping[str, Any]) -> None:
         """Say that the result is whole."""
