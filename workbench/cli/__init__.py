@@ -17,6 +17,7 @@ from workbench.errors import InputError, nearest
 # name -> (where the click command stands, its line in `workbench --help`). The line stands here
 # so that the help imports no numpy, numba or pydantic.
 COMMANDS: dict[str, tuple[str, str]] = {
+    "app": ("workbench.cli.app:command", "Open the dashboard in a browser."),
     "compare": ("workbench.cli.compare:command", "Compare two results, metric by metric; say what got worse."),
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign; write the machine."),
     "loop": ("workbench.cli.loop:command", "Margins of the sampled speed loop over payloads and heights."),

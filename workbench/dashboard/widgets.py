@@ -92,10 +92,10 @@ def problem(error: InputError) -> None:
     """One clear error: place and problem, with the file's name only, for its folder is the server's own."""
     name = None if error.file is None else Path(error.file).name
     shown = InputError(error.problem, file=name, line=error.line, place=error.place)
-    st.error(_plain(str(shown)), icon=":material/error:")
+    st.error(plain(str(shown)), icon=":material/error:")
 
 
-def _plain(sentence: str) -> str:
+def plain(sentence: str) -> str:
     """A sentence with nothing in it that markdown would act on."""
     return "".join(f"\\{c}" if c in "\\`*_{}[]()<>#+!|$~:" else c for c in sentence)
 

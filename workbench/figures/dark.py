@@ -19,14 +19,14 @@ _LIGHT_TO_DARK = {
     GREY: LESS,
     FAINT: GRID,
     "#BDBDBD": ZERO,
-    "rgba(255,255,255,0.6)": "rgba(14,17,23,0.6)",
 }
+_GLASS, _DARK_GLASS = "rgba(255,255,255,", "rgba(14,17,23,"  # behind words that stand on lines
 _DARK = {light.lower(): dark for light, dark in _LIGHT_TO_DARK.items()}
 
 
 def _turned(value: Any) -> Any:
     if isinstance(value, str):
-        return _DARK.get(value.lower(), value)
+        return _DARK.get(value.lower(), value.replace(_GLASS, _DARK_GLASS))
     if isinstance(value, dict):
         return {key: _turned(part) for key, part in value.items()}
     if isinstance(value, list | tuple):

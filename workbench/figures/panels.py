@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 
 PAPER, LEGEND_LINE = 640, 20  # px: what a legend's line has room for on paper, and its height
+TITLE_LINE = 36  # px that a figure without a title does without
 
 
 class Panels:
@@ -117,7 +118,7 @@ class Panels:
         width = (1.0 - gap_x * (columns - 1)) / columns
         heights = (1.0 - gap_y * (rows - 1)) * self.weights / self.weights.sum()
         headed = any(self.column_titles)
-        more = LEGEND_LINE * (self._legend_lines() - 1)
+        more = LEGEND_LINE * (self._legend_lines() - 1) - (0 if self.title else TITLE_LINE)
         height += more
         layout: dict[str, Any] = {
             "template": TEMPLATE,

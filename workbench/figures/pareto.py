@@ -27,8 +27,12 @@ def pareto(
     second: str,
     first: str = "move_time_s",
     height: int = 560,
+    chosen: Sequence[Row] = (),
 ) -> Figure:
-    """Two costs of all good runs, a panel a payload; the front as steps, the knee with its settings."""
+    """Two costs of all good runs, a panel a payload; the front as steps, the knee with its settings.
+
+    chosen: runs that are pointed out, such as those of the settings at hand.
+    """
     payloads = [front.payload_kg for front in fronts]
     across, up = drawn_in(first)[0], drawn_in(second)[0]
     panels = Panels(
@@ -37,6 +41,8 @@ def pareto(
         [f"payload {p:g} kg" for p in payloads] if len(payloads) > 1 else [""],
         x_title=across.axis,
     )
+    for column, front in enumerate(fronts):
+        _front(panels, column, front, axes)
     for number, kind in enumerate(dict.fromkeys(row.reference for row in rows)):
         colour = line(kind, number)["color"]
         marker = {"symbol": MARKERS[number % len(MARKERS)], "size": 6, "color": colour, "opacity": 0.55}
@@ -45,6 +51,9 @@ def pareto(
             _points(panels, column, here, (first, second), label(kind), marker, axes)
     for column, front in enumerate(fronts):
         _front(panels, column, front, axes)
+        _chosen(
+            panels, column, [row for row in chosen if row.ok and row.payload_kg == front.payload_kg], (first, second)
+        )
     figure = panels.figure(height)
     figure.update_layout(hovermode="closest")
     return figure
@@ -68,6 +77,16 @@ def _points(
     )  # fmt: skip
 
 
+def _chosen(panels: Panels, column: int, rows: Sequence[Row], costs: tuple[str, str]) -> None:
+    for number, row in enumerate(rows):
+        look = {"symbol": "star", "size": 15, "color": line(row.reference, number)["color"]}
+        look |= {"line": {"color": BLACK, "width": 1.2}}
+        x, y = (_costs([row], name) for name in costs)
+        name = f"chosen: {label(row.reference)}"
+        hover = f"{name}<br>%{{x:.4~g}}, %{{y:.4~g}}"
+        panels.line(0, column, x, y, name, {}, mode="markers", marker=look, hovertemplate=hover)
+
+
 def _front(panels: Panels, column: int, front: Front, axes: Sequence[Axis]) -> None:
     x, y = (_costs(front.rows, name) for name in front.costs)
     look = {"color": BLACK, "width": 1.6, "shape": "hv", "simplify": False}
@@ -75,6 +94,9 @@ def _front(panels: Panels, column: int, front: Front, axes: Sequence[Axis]) -> N
         0, column, x, y, "front: beaten by no run", look, mode="lines+markers", marker={"size": 5, "color": BLACK},
         text=[said(row, axes) for row in front.rows], hovertemplate=_HOVER,
     )  # fmt: skip
+
+
+def _knee(panels: Panels, column: int, front: Front, axes: Sequence[Axis]) -> None:
     if front.knee is None:
         return
     at = [_costs([front.knee], name) for name in front.costs]

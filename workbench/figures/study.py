@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.figures.panels import Panels
-from workbench.figures.style import GREY, MARKERS, PURPLE, TEMPLATE, label, line
+from workbench.figures.style import GREY, MARKERS, PURPLE, label, line
 from workbench.run import Array, Run
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def overview(
     shown = payloads
     if len(payloads) > MOST_COLUMNS:
         shown = [payloads[i] for i in np.linspace(0, len(payloads) - 1, MOST_COLUMNS).round().astype(int)]
-        title += f" ({len(shown)} of {len(payloads)} payloads)"
+        title = f"{title} ({len(shown)} of {len(payloads)} payloads)".strip()
     panels = Panels(
         title,
         [_TITLES[q] for q in quantities],
@@ -137,5 +137,5 @@ def peak_torque_over_payload(
     panels.level(0, 0, nominal_torque_nm, f"nominal {nominal_torque_nm:.4g} N m", "dot")
     panels.level(0, 0, torque_limit_nm, f"limit {torque_limit_nm:.4g} N m", "dash")
     figure = panels.figure(height, y_ranges={0: (0.0, 1.08 * max(x for x in levels if np.isfinite(x)))})
-    figure.update_layout(hovermode="x unified", template=TEMPLATE)
+    figure.update_layout(hovermode="x unified")
     return figure

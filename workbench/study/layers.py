@@ -47,7 +47,7 @@ def read_layers(path: str | os.PathLike[str]) -> Layered:
     while True:
         if asked is not None and (not file.is_file() or file.resolve() in seen or len(seen) >= LONGEST_CHAIN):
             raise asked.error(_why_not(file, seen), ("extends",))
-        layer = _layer(load(file))
+        layer = layer_of(load(file))
         chain.append(layer)
         seen.append(file.resolve())
         extended = layer.data.pop("extends", None)
@@ -73,7 +73,8 @@ def _why_not(file: Path, seen: list[Path]) -> str:
     return f"is a chain of more than {LONGEST_CHAIN} files"
 
 
-def _layer(document: Document) -> Layered:
+def layer_of(document: Document) -> Layered:
+    """One document by itself, what it extends aside. InputError where it is no block of keys."""
     origin = {place: (document.file, line) for place, line in document.lines.items() if place}
     if not isinstance(document.data, dict):
         line = document.line(())

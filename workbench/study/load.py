@@ -86,10 +86,15 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     that does not fit, a machine that is no hoist, a move that leaves the rail, a speed the motor cannot reach.
     """
     layers = read_layers(path)
-    scenario = _scenario(layers)
+    scenario = scenario_of(layers)
     machine = _machine(scenario, layers)
+    return planned(scenario, machine, _recordings(scenario, layers), layers)
+
+
+def planned(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recording], layers: Layered) -> Study:
+    """`plan_study`, with file and line of what does not fit."""
     try:
-        return plan_study(scenario, machine, _recordings(scenario, layers))
+        return plan_study(scenario, machine, recordings)
     except InputError as error:
         if error.file is not None:
             raise
@@ -128,7 +133,7 @@ def _drawn(scenario: Scenario) -> set[str]:
     return set() if scenario.sample is None else set(scenario.sample.values)
 
 
-def _scenario(layers: Layered) -> Scenario:
+def scenario_of(layers: Layered) -> Scenario:
     """InputError for up to five problems, each with its own file and line."""
     try:
         return Scenario.model_validate(layers.data)

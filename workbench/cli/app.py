@@ -1,0 +1,111 @@
+"""`workbench app`: the dashboard in a browser."""
+
+from __future__ import annotations
+
+import importlib.util
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+import click
+
+from workbench.errors import InputError
+
+FIRST_PORT = 8501
+STARTS_WITHIN_S = 60.0
+ENDS_WITHIN_S = 5.0
+EXIT_TERMINATED = 143
+
+
+@click.command(name="app")
+@click.option("--port", type=click.IntRange(1, 65535), help=f"Port to listen on; the first free one from {FIRST_PORT}.")
+@click.option(
+    "--address", default="127.0.0.1", show_default=True, help="Address to listen on; this computer's own only."
+)
+@click.option("--no-browser", is_flag=True, help="Open no browser window.")
+def command(port: int | None, address: str, no_browser: bool) -> int:
+    """Open the dashboard: studies by slider, comparison, loops, validation, diagnosis, batches.
+
+    Ends with Ctrl-C. Who else may reach the address may use the dashboard: it has no login of its own.
+    """
+    if importlib.util.find_spec("streamlit") is None:
+        raise InputError("the dashboard needs streamlit; install it with: pip install 'workbench[app]'")
+    chosen = _free_port(address) if port is None else port
+    if port is not None and not _is_free(address, port):
+        raise InputError(f"port {port} of {address} is taken or not ours to use; choose another", place="--port")
+    url = f"http://{_shown(address)}:{chosen}"
+    with _server(chosen, address) as server:
+        _wait_for(f"http://{_reached(address)}:{chosen}/_stcore/health", server)
+        click.echo(f"The dashboard runs at {url}; Ctrl-C ends it.")
+        if not no_browser:
+            click.launch(url)
+        return server.wait()
+
+
+@contextmanager
+def _server(port: int, address: str) -> Iterator[subprocess.Popen[bytes]]:
+    """The server as a child, ended with the block: politely, and then for certain."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(EXIT_TERMINATED))  # so that the block ends then too
+    words = [sys.executable, "-m", "workbench.dashboard.serve", str(port), address]
+    server = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    try:
+        yield server
+    finally:
+        if server.poll() is None:
+            server.terminate()
+            try:
+                server.wait(ENDS_WITHIN_S)
+            except subprocess.TimeoutExpired:
+                server.kill()
+                server.wait()
+
+
+def _wait_for(health: str, server: subprocess.Popen[bytes]) -> None:
+    import urllib.error
+    import urllib.request
+
+    until = time.monotonic() + STARTS_WITHIN_S
+    while time.monotonic() < until:
+        if (ended := server.poll()) is not None:
+            raise InputError(f"the dashboard's server ended with status {ended}; its own words stand above")
+        try:
+            with urllib.request.urlopen(health, timeout=1.0):
+                return
+        except (urllib.error.URLError, OSError):
+            time.sleep(0.1)
+    raise InputError(f"the dashboard's server did not answer within {STARTS_WITHIN_S:.0f} s")
+
+
+def _is_free(address: str, port: int) -> bool:
+    import socket
+
+    try:
+        family = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM)[0][0]
+    except OSError as error:
+        raise InputError(f"'{address}' is no address of this computer: {error.strerror}", place="--address") from error
+    with closing(socket.socket(family, socket.SOCK_STREAM)) as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind((address, port))
+        except OSError:
+            return False
+    return True
+
+
+def _free_port(address: str) -> int:
+    for port in range(FIRST_PORT, FIRST_PORT + 100):
+        if _is_free(address, port):
+            return port
+    raise InputError(f"no free port from {FIRST_PORT} on; choose one", place="--port")
+
+
+def _reached(address: str) -> str:
+    """Where this computer reaches a server that listens there."""
+    return {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(address, _shown(address))
+
+
+def _shown(address: str) -> str:
+    return f"[{address}]" if ":" in address else address

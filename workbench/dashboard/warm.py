@@ -1,0 +1,42 @@
+"""Makes the first page quick: loads and, on a new computer, compiles while the browser still starts."""
+
+from __future__ import annotations
+
+import logging
+import threading
+
+_started = threading.Lock()
+_threads: list[threading.Thread] = []
+
+
+def warm() -> None:
+    """Starts loading in the background, once in a process."""
+    with _started:
+        if not _threads:
+            _threads.append(threading.Thread(target=_load, name="warm", daemon=True))
+            _threads[0].start()
+
+
+def wait() -> None:
+    """Until all is loaded."""
+    warm()
+    _threads[0].join()
+
+
+def _load() -> None:
+    """The imports and kernels of the first page. What fails here fails again, and is shown, where it is used."""
+    try:
+        from workbench.dashboard import compare, study  # noqa: F401
+        from workbench.dashboard.study_controls import Desk, scenario_of
+        from workbench.figures.study_page import study_figures
+        from workbench.machine import default_hoist
+        from workbench.study.beside import over_ramps
+        from workbench.study.load import plan_study
+        from workbench.study.run import run_study
+
+        machine = default_hoist()
+        scenario = scenario_of(Desk(), machine)
+        study_figures(run_study(plan_study(scenario, machine)))
+        run_study(over_ramps(scenario, machine, [0.5], [0.8]))  # keeps no signals, which is a kernel of its own
+    except Exception:
+        logging.getLogger(__name__).exception("loading ahead of time failed")
