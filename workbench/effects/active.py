@@ -12,6 +12,7 @@ from functools import cache, partial
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
+from workbench.effects.correction import corrected
 from workbench.effects.declare import Effect, Ranged
 from workbench.effects.registry import effects_for, find, library
 from workbench.effects.sizes import Sizes, sizes_of
@@ -49,13 +50,15 @@ class Active:
 def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "effects") -> Active:
     """The machine's own effects, `chosen` ones (a scenario's, a candidate's) in place of or beside them.
 
+    The machine's measured correction is at work too, here and in `all_off`: it is no effect, but what
+    stands in for an unknown one.
     InputError for an unknown effect or parameter, with the nearest name, for an impossible
     value, and for an effect whose size is not said.
     """
     kind = plant_of(machine).kind
     wanted = {**machine.effects, **(chosen or {})}
     if not wanted:
-        return Active(kind)
+        return corrected(Active(kind), machine)
     sizes = sizes_of(machine)
     found = {name: find(name, kind) for name in wanted}
     values: dict[str, float] = {}
@@ -64,11 +67,11 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     in_plant = [each for each in found.values() if not each.on_sensor]
     sensors = tuple(each for each in effects_for(kind).values() if each in found.values() and each.on_sensor)
     if not in_plant:
-        return Active(kind, values=MappingProxyType(values), sensors=sensors)
+        return corrected(Active(kind, values=MappingProxyType(values), sensors=sensors), machine)
     own = {each.id for each in library()}
     held = _in_plants(kind) if all(each.id in own for each in in_plant) else _with_users(kind)
     everything = {symbol: value for each in held for symbol, value in vanished(each, sizes).items()}
-    return Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors)
+    return corrected(Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors), machine)
 
 
 def all_off(machine: Hoist | Axis) -> Active:
@@ -76,7 +79,7 @@ def all_off(machine: Hoist | Axis) -> Active:
     kind, sizes = plant_of(machine).kind, sizes_of(machine)
     held = _with_users(kind)
     values = {symbol: value for each in held for symbol, value in vanished(each, sizes).items()}
-    return Active(kind, compiled(kind, held), MappingProxyType(values))
+    return corrected(Active(kind, compiled(kind, held), MappingProxyType(values)), machine)
 
 
 def check(machine: Hoist | Axis) -> None:

@@ -1,23 +1,29 @@
 """The machine: frozen records of machine.yaml, how to read and write them, the machine that ships."""
 
 from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
+from workbench.machine.correction import HoistCorrection, LinearCorrection, MeasuredCorrection, RotaryCorrection
 from workbench.machine.files import default_hoist, load_machine, machine_from, save_machine
 from workbench.machine.hoist import Hoist
-from workbench.machine.values import get_value, value_names, with_values
+from workbench.machine.values import get_value, value_names, with_correction, with_values
 
 Machine = Hoist | Axis
 
 __all__ = [
     "Axis",
     "Hoist",
+    "HoistCorrection",
     "LinearAxis",
+    "LinearCorrection",
     "Machine",
+    "MeasuredCorrection",
     "RotaryAxis",
+    "RotaryCorrection",
     "default_hoist",
     "get_value",
     "load_machine",
     "machine_from",
     "save_machine",
     "value_names",
+    "with_correction",
     "with_values",
 ]

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from workbench.machine.correction import LinearCorrection, MeasuredCorrection, RotaryCorrection
 from workbench.machine.record import EffectValues, Finite, Identified, NotNegative, Positive, Record, renamed
 
 
@@ -98,6 +99,7 @@ class Axis(Record):
     kind: Literal["axis"] = "axis"
     name: str = "axis"
     effects: EffectValues = Field(default_factory=dict)
+    measured_correction: MeasuredCorrection | None = None
     identified: Identified = Field(default_factory=dict)
 
     # role -> dotted name of the value, the same roles for both motions
@@ -136,6 +138,7 @@ class LinearAxis(Axis):
     friction: LinearFriction
     sensors: LinearSensors = LinearSensors()
     tolerances: LinearTolerances = LinearTolerances()
+    measured_correction: LinearCorrection | None = None
 
     value_of: ClassVar[dict[str, str]] = {
         "inertia": "mass_kg",
@@ -164,6 +167,7 @@ class RotaryAxis(Axis):
     friction: RotaryFriction
     sensors: RotarySensors = RotarySensors()
     tolerances: RotaryTolerances = RotaryTolerances()
+    measured_correction: RotaryCorrection | None = None
 
     value_of: ClassVar[dict[str, str]] = {
         "inertia": "inertia_kg_m2",

@@ -17,7 +17,7 @@ from workbench.yaml_strict import Document, dumps, load, validate
 T = TypeVar("T")
 CheckEffects = Callable[[Hoist | Axis], None]
 _HEAD = ("format", "kind", "motion", "name")
-_TAIL = ("sensors", "tolerances", "effects", "identified")
+_TAIL = ("sensors", "tolerances", "effects", "measured_correction", "identified")
 
 
 def load_machine(path: str | os.PathLike[str], *, check_effects: CheckEffects | None = None) -> Hoist | Axis:

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from workbench.machine.correction import HoistCorrection
 from workbench.machine.record import EffectValues, Finite, Identified, NotNegative, Positive, Record
 
 
@@ -153,6 +154,7 @@ class Hoist(Record):
     sensors: HoistSensors = HoistSensors()
     tolerances: HoistTolerances = HoistTolerances()
     effects: EffectValues = Field(default_factory=dict)
+    measured_correction: HoistCorrection | None = None
     identified: Identified = Field(default_factory=dict)
 
     @model_validator(mode="after")

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
 
 from workbench.errors import InputError, nearest
-from workbench.machine.axis import Axis
+from workbench.machine.axis import Axis, LinearAxis
 from workbench.machine.hoist import Hoist
 from workbench.yaml_strict import dotted, problem_lines
 
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
-_NOT_VALUES = ("format", "identified")
+_NOT_VALUES = ("format", "identified", "measured_correction")
 
 
 def value_names(machine: Hoist | Axis) -> tuple[str, ...]:
@@ -43,6 +43,33 @@ def with_values(machine: AnyMachine, values: Mapping[str, float]) -> AnyMachine:
             block = block[part]
         whole = isinstance(block[parts[-1]], int) and float(value).is_integer()
         block[parts[-1]] = int(value) if whole else float(value)
+    return _checked(machine, data)
+
+
+def with_correction(
+    machine: AnyMachine,
+    over: str,
+    acts_on: str,
+    at: Sequence[float],
+    forward: Sequence[float],
+    backward: Sequence[float],
+) -> AnyMachine:
+    """The machine with a measured correction in place of what it has; see `MeasuredCorrection`.
+
+    forward, backward: in N where it acts on a guide or a linear axis, else in N m. InputError as for a file.
+    """
+    force = acts_on == "guide" or isinstance(machine, LinearAxis)
+    table = {
+        "at": at,
+        "forward_n" if force else "forward_nm": forward,
+        "backward_n" if force else "backward_nm": backward,
+    }
+    numbers = {name: tuple(float(value) for value in values) for name, values in table.items()}
+    data = machine.model_dump() | {"measured_correction": {"over": over, "acts_on": acts_on, **numbers}}
+    return _checked(machine, data)
+
+
+def _checked(machine: AnyMachine, data: dict[str, Any]) -> AnyMachine:
     try:
         return cast(AnyMachine, type(machine).model_validate(data))
     except ValidationError as error:
@@ -58,13 +85,13 @@ def _leaves(record: BaseModel, prefix: str) -> Iterator[tuple[str, float | None]
     """(dotted name, value) of numbers and of optional numbers that are not set."""
     for key in type(record).model_fields:
         value = getattr(record, key)
+        if not prefix and key in _NOT_VALUES:
+            continue
         if isinstance(value, BaseModel):
             yield from _leaves(value, f"{prefix}{key}.")
         elif key == "effects":
             for effect, parameters in value.items():
                 for parameter, number in parameters.items():
                     yield f"effects.{effect}.{parameter}", number
-        elif not prefix and key in _NOT_VALUES:
-            continue
         elif value is None or isinstance(value, float | int):
             yield f"{prefix}{key}", value

@@ -123,8 +123,9 @@ def _forces(s: SimpleNamespace, p: Any, effects: Effects) -> SimpleNamespace:
     """The friction forces and torques, and the accelerations of carriage and sheave on the way."""
     F_guide = guide_friction(s.v, p)
     F_extra = effects.at(
-        "guide_force_n", p, t=s.t, v=s.v, x=s.x, switch=guide_switch(s.v, p), friction=F_guide, load=s.m_p * s.g
-    )
+        "guide_force_n", p, t=s.t, v=s.v, x=s.x, w=s.w, angle=s.th,
+        switch=guide_switch(s.v, p), friction=F_guide, load=s.m_p * s.g,
+    )  # fmt: skip
     a = (s.W1 + s.W2 - s.hang_carriage - s.m * s.g - F_guide - s.pull + F_extra) / s.m  # Eq. 16
     N_s = absolute(s.W1 + s.W2 - s.hang_carriage - p.m_s * s.g - p.m_s * a)  # Eq. 9
     T_pin_s = p.mu * N_s * (p.Dp_s / 2.0) * pin_switch(s.w_s)  # Eq. 10, 11, 13
@@ -143,8 +144,9 @@ def accelerations(
     J = p.n_m * p.J_m + p.J_w * (s.i * s.i) + effects.at("motor_inertia_kg_m2", p)
     T_load = s.i * (s.arm * s.W1_top + f.T_pin_w)
     T_extra = effects.at(
-        "motor_torque_nm", p, t=t, w=s.w, angle=s.th, switch=pin_switch(s.i * s.w), load=T_load, slack=-s.d1
-    )
+        "motor_torque_nm", p, t=t, w=s.w, angle=s.th, v=s.v, x=s.x,
+        switch=pin_switch(s.i * s.w), load=T_load, slack=-s.d1,
+    )  # fmt: skip
     a_m = (u - T_load + T_extra) / J  # Eq. 15, the wire force opposing a hoisting torque
     return [a_m, a_s, f.a]
 

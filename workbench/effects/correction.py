@@ -1,0 +1,131 @@
+"""A machine's measured correction at work: a table of a force (torque) over one variable, a level for each way.
+
+    F = −(held(x) + S(v) friction(x)),  friction = forward or backward, by the way
+
+What both ways have in common, such as a weight that is off, is `held`: it stays at standstill.
+The rest is friction and turns over there within the machine's own standstill: S is linear. With
+levels that are both positive nothing is held and the table only ever takes energy.
+
+It is no effect of the library, so that no fit pays for it: its piece joins those at work where
+the machine has a table. Its number of points is rounded up to one of two, so few kernels serve all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache, partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from workbench.machine import Axis, Hoist, MeasuredCorrection
+from workbench.plants import PLACES, Effects
+from workbench.trace.expr import Scalar, absolute, clip, floor, where
+
+if TYPE_CHECKING:
+    from workbench.effects.active import Active
+
+NAME = "measured_correction"
+SEGMENTS = (17, 33)  # between points; a periodic table has one more than points on a line
+TURN = 2.0 * math.pi
+PLACE: Mapping[str, str] = {"guide": "guide_force_n", "motor": "motor_torque_nm", "axis": "axis_force"}
+assert set(PLACE.values()) <= set(PLACES)
+
+# What the tables are over, out of the signals at the place and the plant's parameters.
+VARIABLES: Mapping[str, Callable[[Any, Any], Scalar]] = {
+    "speed_carriage_m_s": lambda s, p: absolute(s.v),
+    "speed_motor_rad_s": lambda s, p: absolute(s.w),
+    "position_carriage_m": lambda s, p: s.x,
+    "angle_motor_rad": lambda s, p: s.angle,
+    "angle_drum_rad": lambda s, p: s.angle / p.ratio,
+    "payload_kg": lambda s, p: p.m_p,
+    "velocity_m_s": lambda s, p: absolute(s.v),
+    "position_m": lambda s, p: s.x,
+    "speed_rad_s": lambda s, p: absolute(s.v),
+    "angle_rad": lambda s, p: s.x,
+    "angle_in_turn_rad": lambda s, p: s.x,
+    "time_s": lambda s, p: s.t,
+    "campaign_time_s": lambda s, p: s.t + p.start_time_s,
+}
+
+
+def corrected(active: Active, machine: Hoist | Axis) -> Active:
+    """The effects at work and the machine's measured correction beside them; without one, `active` itself."""
+    correction = machine.measured_correction
+    if correction is None:
+        return active
+    from workbench.effects.active import joined
+
+    pieces = _pieces(correction.over, correction.acts_on, correction.periodic, _segments(correction))
+    values = MappingProxyType({**active.values, **_numbers(correction)})
+    return replace(active, effects=joined(active.effects, pieces), values=values)
+
+
+def _segments(correction: MeasuredCorrection) -> int:
+    needed = len(correction.at) - (0 if correction.periodic else 1)
+    return next(many for many in SEGMENTS if many >= needed)
+
+
+def _symbols(segments: int) -> tuple[str, ...]:
+    first = (f"{NAME}__{what}" for what in ("begins", "held", "forward", "backward"))
+    each = (f"{NAME}__{what}_{i}" for i in range(segments) for what in ("at", "width", "held", "forward", "backward"))
+    return (*first, *each)
+
+
+@cache
+def _pieces(over: str, acts_on: str, periodic: bool, segments: int) -> Effects:
+    """One object for one kind of table: kernels are found by it."""
+    piece = partial(_force, over, acts_on, periodic, segments)
+    return Effects({PLACE[acts_on]: [piece]}, (*_symbols(segments), "start_time_s"))
+
+
+def _force(over: str, acts_on: str, periodic: bool, segments: int, s: Any, p: Any) -> Scalar:
+    """The sum over all segments of slope times the way gone in the segment."""
+
+    def of(what: str) -> Scalar:
+        return getattr(p, f"{NAME}__{what}")
+
+    x = VARIABLES[over](s, p)
+    if periodic:
+        x = x - TURN * floor((x - of("begins")) / TURN)
+    ahead = (s.w if acts_on == "motor" else s.v) > 0.0
+    held, friction = of("held"), where(ahead, of("forward"), of("backward"))
+    for i in range(segments):
+        gone = clip(x - of(f"at_{i}"), 0.0, of(f"width_{i}"))
+        held = held + of(f"held_{i}") * gone
+        friction = friction + where(ahead, of(f"forward_{i}"), of(f"backward_{i}")) * gone
+    return -(held + _sign(acts_on, s, p) * friction)
+
+
+def _sign(acts_on: str, s: Any, p: Any) -> Scalar:
+    """Linear around standstill and exact beyond: the switches of motor and axis are; the guide's never quite ends."""
+    return clip(p.slope * s.v, -1.0, 1.0) if acts_on == "guide" else s.switch
+
+
+def _numbers(correction: MeasuredCorrection) -> dict[str, float]:
+    """symbol -> value: where each segment begins, how wide it is, the slopes in it; spare ones have no width."""
+    at, forward, backward = list(correction.at), list(correction.forward), list(correction.backward)
+    if correction.periodic:
+        at, forward, backward = [*at, at[0] + TURN], [*forward, forward[0]], [*backward, backward[0]]
+    held = [_common(f, b) for f, b in zip(forward, backward, strict=True)]
+    levels = {
+        "held": held,
+        "forward": [f - h for f, h in zip(forward, held, strict=True)],
+        "backward": [b + h for b, h in zip(backward, held, strict=True)],
+    }
+    values = dict.fromkeys(_symbols(_segments(correction)), 0.0)
+    values[f"{NAME}__begins"] = at[0]
+    for what, level in levels.items():
+        values[f"{NAME}__{what}"] = level[0]
+    for i in range(len(at) - 1):
+        width = at[i + 1] - at[i]
+        values[f"{NAME}__at_{i}"], values[f"{NAME}__width_{i}"] = at[i], width
+        for what, level in levels.items():
+            values[f"{NAME}__{what}_{i}"] = (level[i + 1] - level[i]) / width
+    return values
+
+
+def _common(forward: float, backward: float) -> float:
+    """The force against forward motion that both ways share: none where both only brake, or both only drive."""
+    return math.copysign(min(abs(forward), abs(backward)), forward) if forward * backward < 0.0 else 0.0
