@@ -20,8 +20,6 @@ from workbench.dashboard.jobs_progress import Teller
 from workbench.errors import InputError
 from workbench.study.finished import read_finished
 
-pytest.importorskip("fcntl", reason="allowed: jobs need process groups and file locks")
-
 
 @pytest.fixture
 def workspace(tmp_path: Path) -> Iterator[Path]:
