@@ -15,7 +15,6 @@ from tests.scenario_text import GOOD, write
 from workbench.dashboard import batches_choose, jobs, jobs_place, session
 from workbench.dashboard.batches_watch import counts
 from workbench.dashboard.jobs_progress import Progress
-from workbench.errors import InputError
 from workbench.study.load import load_study
 
 
@@ -186,9 +185,9 @@ def test_an_uploaded_scenario_is_run_from_its_copy_under_the_pages_own_name(serv
     [
         ("ruckig", "rukig", "scenario.yaml:7: references[1]: unknown reference 'rukig'; did you mean 'ruckig'?"),
         ("by_m: 4.0", "by_m: 400.0", "scenario.yaml:5:"),
-        ("format: 1", "extends: ../../secret.yaml", "extends: names another file"),
-        ("format: 1", "machine: ../../secret.yaml", "machine: names another file"),
-        ("[trapezoid, ruckig]", "[{kind: recorded, campaign: /etc, run: a}]", "references[0]: names another file"),
+        ("format: 1", "extends: ../../secret.yaml", "scenario.yaml:1: extends: another file, which is not here"),
+        ("format: 1", "machine: ../../secret.yaml", "'../../secret.yaml' is another file, which is not here"),
+        ("[trapezoid, ruckig]", "[{kind: recorded, campaign: /etc, run: a}]", "references[0]: a recorded campaign"),
         ("format: 1", "name: [", "scenario.yaml"),
         ("format: 1", "!!python/object/apply:os.system ['ls']", "scenario.yaml"),
         ("payloads_kg: [0, 9000]", "sweep: {payload_kg: {from: 0, to: 9000, steps: 60000}}\noutputs: {signals: none}",
@@ -210,16 +209,21 @@ def test_an_upload_that_is_too_large_is_refused():
     assert "1.0 MB, expected at most 1 MB" in errors(app)[0]
 
 
-def test_a_batch_can_run_on_another_machine(server: Path):
-    app = page("Batches").run()
-    app.selectbox(key="batches scenario").select("jog").run()
+MACHINE = (Path(batches_choose.__file__).parents[1] / "machine" / "default_hoist.yaml").read_text()
+
+
+@pytest.mark.parametrize("scenario", ["jog", batches_choose.UPLOAD])
+def test_a_batch_can_run_on_another_machine_than_the_scenario_names(server: Path, scenario: str):
+    app = uploaded(GOOD + "machine: mine.yaml\n") if scenario == batches_choose.UPLOAD else page("Batches").run()
+    if scenario == batches_choose.UPLOAD:
+        assert "choose that machine first" in errors(app)[0]
+    app.selectbox(key="batches scenario").select(scenario).run()
     app.toggle(key="batches other machine").set_value(True).run()
-    assert not app.exception
+    assert errors(app) == []
     app.selectbox(key="batches machine").select("upload a machine.yaml").run()
     assert "batches start" not in [each.key for each in app.button]
-    machine = (Path(batches_choose.__file__).parents[1] / "machine" / "default_hoist.yaml").read_text()
-    lighter = machine.replace("name:", "name: another, once", 1)
-    app.file_uploader(key="batches machine file").set_value(("m.yaml", lighter.encode(), "application/yaml")).run()
+    named = MACHINE.replace("name:", "name: another, once", 1).encode()
+    app.file_uploader(key="batches machine file").set_value(("m.yaml", named, "application/yaml")).run()
     assert "another, once" in words(app)
     app.button(key="batches start").click().run()
     job = the_job(server)
@@ -227,13 +231,6 @@ def test_a_batch_can_run_on_another_machine(server: Path):
     folder = jobs.result_folder(job)
     assert folder is not None
     assert "another, once" in (folder / "machine.yaml").read_text()
-
-
-def test_an_uploaded_scenario_runs_on_an_uploaded_machine_whatever_file_it_names(tmp_path: Path):
-    file = write(tmp_path, GOOD + "machine: mine.yaml\n")
-    with pytest.raises(InputError, match="On another machine"):
-        batches_choose.check_stands_alone(file)
-    batches_choose.check_stands_alone(file, machine_given=True)
 
 
 def test_the_limits_hold_for_the_runs_and_let_a_study_of_that_size_pass(tmp_path: Path):

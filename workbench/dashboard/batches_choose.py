@@ -12,6 +12,7 @@ from workbench.dashboard import session
 from workbench.dashboard.machines import chosen_machine
 from workbench.errors import InputError
 from workbench.machine import save_machine
+from workbench.study.alone import read_alone
 from workbench.study.load import Study, load_study
 from workbench.yaml_strict import dumps, load
 
@@ -57,7 +58,7 @@ def chosen() -> Choice | None:
     own = st.toggle("On another machine", key="batches other machine", help="Than the one that the scenario names.")
     machine = chosen_machine("batches machine") if own else None
     if name == UPLOAD:
-        check_stands_alone(file, machine_given=own)
+        read_alone(load(file), machine)  # what other files it names are not sought among the server's
     if machine is not None:
         save_machine(machine, inputs.setdefault(MACHINE, session.file_in_workspace(MACHINE)))
         over = session.file_in_workspace(ON_MACHINE)
@@ -68,28 +69,6 @@ def chosen() -> Choice | None:
     study = _loaded(file, inputs)
     check_size(study)
     return Choice(study, file, inputs)
-
-
-def check_stands_alone(file: Path, machine_given: bool = False) -> None:
-    """InputError where an uploaded scenario names another file: it has none beside it, and the server's are not its."""
-    document = load(file)
-    data = document.data if isinstance(document.data, dict) else {}
-
-    def refuse(key: str, place: tuple[str | int, ...], remedy: str) -> InputError:
-        return InputError(
-            f"names another file, and an uploaded scenario stands alone; {remedy}",
-            file=file, line=document.line(place), place=key,
-        )  # fmt: skip
-
-    if data.get("extends") is not None:
-        raise refuse("extends", ("extends",), "write its keys out")
-    if data.get("machine", "default") != "default" and not machine_given:
-        raise refuse("machine", ("machine",), "choose 'On another machine' and upload it there")
-    references = data.get("references")
-    for number, reference in enumerate(references if isinstance(references, list) else []):
-        if isinstance(reference, dict):
-            place = ("references", number)
-            raise refuse(f"references[{number}]", place, "recorded references need the command line")
 
 
 def check_size(study: Study) -> None:

@@ -35,6 +35,7 @@ __all__ = [
 # In the words of a command line and in a call's arguments: the folder for results, and that of the inputs' copies.
 RESULT, INPUTS = "{result}", "{inputs}"
 GRACE_S = 10.0  # from Ctrl-C to the kill
+ENDS_WITHIN_S = 3.0  # the same when the server itself ends
 MOST_RUNNING = 2  # of one workspace at a time
 MOST_RUNNING_IN_ALL = 8
 PACKAGE_ROOT = Path(__file__).resolve().parents[2]
@@ -170,9 +171,12 @@ def _send(job: Job, number: signal.Signals) -> None:
 def _stop_all() -> None:
     """A server that ends takes its workers along; a batch keeps what it has done."""
     left = list(_running.values())
-    for process in left:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGINT)
-    for process in left:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(GRACE_S / 2.0)
+    for number, seconds in ((signal.SIGINT, ENDS_WITHIN_S), (signal.SIGKILL, 1.0)):
+        left = [process for process in left if process.poll() is None]
+        for process in left:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, number)
+        end = time.monotonic() + seconds
+        for process in left:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(end - time.monotonic(), 0.0))
