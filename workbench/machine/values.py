@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
@@ -50,9 +50,9 @@ def with_correction(
     machine: AnyMachine,
     over: str,
     acts_on: str,
-    at: Sequence[float],
-    forward: Sequence[float],
-    backward: Sequence[float],
+    at: Iterable[float],
+    forward: Iterable[float],
+    backward: Iterable[float],
 ) -> AnyMachine:
     """The machine with a measured correction in place of what it has; see `MeasuredCorrection`.
 
