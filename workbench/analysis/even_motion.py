@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.analysis.jacobian import jacobian, values
+from workbench.analysis.jacobian import values
 from workbench.engine.text import state_symbols
 from workbench.errors import InputError
 from workbench.plants import Effects, Plant
@@ -40,11 +40,13 @@ class EvenMotion:
         self.states = len(q) + len(y)
         self.rates = plant.rates(0.0, q, y, u, p, held)
         self.outputs = [shown[name] for name in outputs]
+        memo: dict[tuple[int, int], Scalar] = {}
+        self._slopes = [[derivative(f, x, memo) for x in self.by] for f in (*self.rates, *self.outputs)]
         self._arm = self._arm_over_radius(q[0])
 
     def slopes(self, at: Array) -> Array:
         """(rates and outputs, states and torque): exact derivatives at a point."""
-        return jacobian([*self.rates, *self.outputs], self.by, at)[:, :-1]
+        return self._table(self._slopes, at)[:, :-1]
 
     def rise(self, at: Array) -> Array:
         """Positions per metre that the carriage rises, the wire unchanged: the arm is that of the drum just there."""
@@ -66,7 +68,7 @@ class EvenMotion:
             rise = self.rise(at)
             at[n : 2 * n] = speed_motor_rad_s / rise[0] * rise if self.effects.pieces else y
             wrong = np.array(evaluate(list(self.rates), values(self.by, at)))
-            J = jacobian(self.rates, self.by, at)
+            J = self._table(self._slopes[: len(self.rates)], at)
             J[:, 0] += J[:, -1]
             try:
                 change = np.linalg.solve(J[:, free], -wrong)
@@ -77,6 +79,9 @@ class EvenMotion:
             if np.all(np.abs(change) <= 1e-10 * (1.0 + np.abs(at[free]))):
                 break
         return at
+
+    def _table(self, rows: Sequence[Sequence[Scalar]], at: Array) -> Array:
+        return np.array(evaluate([value for row in rows for value in row], values(self.by, at))).reshape(len(rows), -1)
 
     def _arm_over_radius(self, angle: Expr) -> Scalar:
         """The arm of the wire force over the drum's radius: 1 but for effects on the wound length."""

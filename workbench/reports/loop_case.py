@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from workbench.analysis.usual import USUAL_CROSSOVER_HZ, usual_controller, usual_heights
 from workbench.control import PiSettings
 from workbench.effects import check
 from workbench.errors import InputError
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from workbench.study.load import Study
 
 USUAL_PAYLOADS_KG = (0.0, 4500.0, 9000.0)
-USUAL_CROSSOVER_HZ = 2.5
 MOST = 50  # members of a family
 
 
@@ -96,22 +96,6 @@ def read_controller(path: Path) -> PiSettings:
         raise InputError("holds no block 'controller'", file=path)
     inside = {place[1:]: line for place, line in document.lines.items() if place[:1] == ("controller",)}
     return validate(PiSettings, Document(document.file, block, inside))
-
-
-def usual_controller(machine: Hoist) -> PiSettings:
-    """kp = J w, ki = kp w/4 with w = 2 pi 2.5 Hz and J of drive and empty carriage, seen from the motor."""
-    J = machine.motor.count * machine.motor.rotor_inertia_kg_m2 + machine.winch.inertia_kg_m2 / machine.gearbox.ratio**2
-    J += machine.carriage.mass_kg * machine.lift_m_per_rad**2
-    w = 2.0 * math.pi * USUAL_CROSSOVER_HZ
-    kp = float(f"{J * w:.4g}")
-    return PiSettings(kp_nm_s_per_rad=kp, ki_nm_per_rad=float(f"{kp * w / 4.0:.4g}"))
-
-
-def usual_heights(machine: Hoist) -> tuple[float, ...]:
-    """Near the bottom, in the middle, near the top of the rail, where a tenth of the wire is still free."""
-    low = machine.rail.lowest_position_m
-    high = min(machine.highest_position_m, 0.9 * machine.wire.segment_length_m)
-    return low, 0.5 * (low + high), high
 
 
 def numbers(text: str, place: str) -> tuple[float, ...]:
