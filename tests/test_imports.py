@@ -28,6 +28,7 @@ LAYERS = [
     ("identify", "analysis"),
     ("study",),
     ("cluster", "testing"),
+    ("consequences",),
     ("figures",),
     ("reports",),
     ("dashboard",),

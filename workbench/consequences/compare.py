@@ -1,0 +1,190 @@
+"""The same small study of a machine without and with its effects: runs, loops, recommended gains, the choices."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.analysis.family import family, operating_points, weakest
+from workbench.analysis.search import Search, make_search
+from workbench.analysis.shape import best_rejection, for_bandwidth
+from workbench.analysis.tune import Goal
+from workbench.consequences.motion import LEAD_S, REFERENCES, SETTLE_S, SmallStudy, small_study
+from workbench.consequences.phases import at_phases
+from workbench.consequences.record import METRICS, Change, Choice, Consequences, Gains, LoopFigures, RunFigures, percent
+from workbench.consequences.words import sentences_of
+from workbench.control import PiSettings
+from workbench.errors import InputError
+from workbench.machine import Axis, Hoist
+from workbench.references import motion_time_s
+from workbench.run import Run
+from workbench.study.chunk import run_specs
+from workbench.study.conclude import NO_CHANGE
+from workbench.study.row import Row
+from workbench.study.spec import RunSpec
+
+MS_LIMIT = 1.4
+JUDGED = ("peak_torque_motor_nm", "speed_error_max_rad_s", "speed_error_rms_rad_s")
+NO_AXIS = (
+    "What changes in the control study is not said for an axis: studies, loop and tune are for machines of kind "
+    "'hoist'."
+)
+
+
+def consequences_of(
+    nominal: Hoist | Axis,
+    corrected: Hoist | Axis,
+    *,
+    runs: Sequence[Run] = (),
+    payloads_kg: Sequence[float] | None = None,
+    controller: PiSettings | None = None,
+    goal: Goal | None = None,
+) -> tuple[Consequences | None, str]:
+    """(what changes from the nominal to the corrected machine, "") or, for an axis, (None, why not).
+
+    runs: the campaign's, for payloads, limits and travel; see `small_study`. goal: what gains are recommended
+    for; without it the bandwidth that the controller gives the nominal machine, with Ms and Mt at most 1.4.
+    A run that fails is a row with its reason. InputError for effects that are unknown and for a payload or
+    a controller that cannot be.
+    """
+    if not (isinstance(nominal, Hoist) and isinstance(corrected, Hoist)):
+        return None, NO_AXIS
+    study = small_study(nominal, runs, payloads_kg=payloads_kg, controller=controller)
+    rows = _rows(study, nominal, corrected)
+    loops = tuple(_weakest_loop(machine, study) for machine in (nominal, corrected))
+    wanted = goal or Goal(_bandwidth(loops[0]), MS_LIMIT)
+    before, after, old = _gains(study, nominal, corrected, wanted)
+    found = Consequences(
+        effects=tuple(n for n, values in corrected.effects.items() if nominal.effects.get(n) != values),
+        study=study,
+        rows=rows,
+        loop_before=loops[0],
+        loop_after=loops[1],
+        gains_goal=(wanted.bandwidth_hz, wanted.ms_limit),
+        gains_before=before,
+        gains_after=after,
+        old_gains_bandwidth_hz=old,
+        choices=_choices(rows),
+        sentences=(),
+    )
+    return replace(found, sentences=sentences_of(found, corrected)), ""
+
+
+def _rows(study: SmallStudy, nominal: Hoist, corrected: Hoist) -> tuple[Change, ...]:
+    """The runs of both machines, case by case."""
+    cases = [(payload, reference) for payload in study.payloads_kg for reference in REFERENCES]
+    rail = (nominal.rail.lowest_position_m, nominal.highest_position_m)
+    length = motion_time_s(REFERENCES, study.moves, study.start_position_m, study.limit_pair, rail)
+    before, after = (_runs(study, cases, machine, length) for machine in (nominal, corrected))
+    return tuple(Change(*case, was, is_now) for case, was, is_now in zip(cases, before, after, strict=True))
+
+
+def _runs(study: SmallStudy, cases: Sequence[tuple[float, str]], machine: Hoist, length_s: float) -> list[RunFigures]:
+    """Of a machine with numbers of its own for each run, such as a phase, the worst of several."""
+    # Machine by machine: as many runs at a time, so that one compiled kernel serves all.
+    rows = [
+        [row for row, _ in run_specs([_spec(study, each, *case, length_s) for case in cases])]
+        for each in at_phases(machine)
+    ]
+    return [_worst(alike) for alike in zip(*rows, strict=True)]
+
+
+def _spec(study: SmallStudy, machine: Hoist, payload_kg: float, reference: str, length_s: float) -> RunSpec:
+    return RunSpec(
+        run_id=f"{payload_kg:g}kg_{reference}",
+        scenario="consequences",
+        machine=machine,
+        payload_kg=payload_kg,
+        start_position_m=study.start_position_m,
+        reference=reference,
+        moves=study.moves,
+        limits=study.limit_pair,
+        lead_s=LEAD_S,
+        settle_s=SETTLE_S,
+        duration_s=LEAD_S + length_s + SETTLE_S,
+        controller=study.controller,
+        record_every=0,
+    )
+
+
+def _worst(rows: Sequence[Row]) -> RunFigures:
+    """Of the runs of one case each figure's worst; a failed run fails the case."""
+    reason = next((row.reason for row in rows if not row.ok), "")
+    worst = {
+        name: (min if name == "min_wire_tension_n" else max)(row[name] for row in rows) if not reason else math.nan
+        for name in METRICS
+    }
+    return RunFigures(reason=reason, **(worst | {"move_time_s": rows[0]["move_time_s"]}))
+
+
+def _weakest_loop(machine: Hoist, study: SmallStudy) -> LoopFigures:
+    points = operating_points(machine, study.payloads_kg, study.heights_m)
+    worst = weakest(family(machine, study.controller, points))
+    m = worst.margins
+    return LoopFigures(
+        payload_kg=worst.point.payload_kg,
+        height_m=worst.point.height_m,
+        stable=m.stable,
+        gain_margin_db=20.0 * math.log10(m.gain_up) if math.isfinite(m.gain_up) else math.inf,
+        phase_margin_deg=m.phase_deg,
+        ms=m.ms,
+        crossover_hz=m.crossover_hz,
+        bandwidth_hz=m.bandwidth_hz,
+    )
+
+
+def _bandwidth(loop: LoopFigures) -> float | None:
+    """Two digits of what the controller gives the nominal machine; None where that means nothing."""
+    usable = loop.stable and math.isfinite(loop.bandwidth_hz)
+    return float(f"{loop.bandwidth_hz:.2g}") if usable else None
+
+
+def _gains(study: SmallStudy, nominal: Hoist, corrected: Hoist, goal: Goal) -> tuple[Gains, Gains, float]:
+    """Recommended for each machine, and the bandwidth (Hz) that the first ones give the second machine."""
+    ends = (study.payloads_kg[0], study.payloads_kg[-1])
+    heights = (study.heights_m[0], study.heights_m[-1])
+    searches = [
+        make_search(machine, study.controller, operating_points(machine, tuple(dict.fromkeys(ends)), heights))
+        for machine in (nominal, corrected)
+    ]
+    before, after = (_shaped(search, goal) for search in searches)
+    if not before.ok:
+        return before, after, math.nan
+    judged = searches[1].judge(np.array([before.kp_nm_s_per_rad]), np.array([before.ki_nm_per_rad]))
+    return before, after, float(judged.bandwidth_hz[0]) if judged.stable[0] else math.nan
+
+
+def _shaped(search: Search, goal: Goal) -> Gains:
+    try:
+        if goal.bandwidth_hz is None:
+            shaped = best_rejection(search, goal.ms_limit)
+        else:
+            shaped = for_bandwidth(search, goal.bandwidth_hz, goal.ms_limit)
+    except InputError as error:
+        return Gains(math.nan, math.nan, error.problem)
+    return Gains(float(f"{shaped.kp:.4g}"), float(f"{shaped.ki:.4g}"))
+
+
+def _choices(rows: Sequence[Change]) -> tuple[Choice, ...]:
+    """By each judged metric: over all payloads, then at each one."""
+    payloads = tuple(dict.fromkeys(row.payload_kg for row in rows))
+    return tuple(
+        Choice(metric, payload, _better(rows, metric, payload, "before"), _better(rows, metric, payload, "after"))
+        for metric in JUDGED
+        for payload in (None, *payloads)
+    )
+
+
+def _better(rows: Sequence[Change], metric: str, payload_kg: float | None, when: str) -> str:
+    """The reference whose worst run is the better one."""
+    here = [(row.reference, getattr(row, when)) for row in rows if payload_kg in (None, row.payload_kg)]
+    if not all(run.ok for _, run in here):
+        return ""
+    worst = {kind: max(getattr(run, metric) for reference, run in here if reference == kind) for kind in REFERENCES}
+    first, second = REFERENCES
+    if abs(percent(worst[first], worst[second])) < 100.0 * NO_CHANGE:
+        return "alike"
+    return min(REFERENCES, key=lambda kind: worst[kind])

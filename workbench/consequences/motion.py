@@ -1,0 +1,139 @@
+"""The small study that both machines are run through: its payloads, its moves and limits, its controller."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from workbench.analysis.usual import usual_controller
+from workbench.control import PiSettings
+from workbench.machine import Hoist
+from workbench.references import LimitPair, Limits, Step, allowed_carriage_speed_m_s
+from workbench.run import Array, Run
+
+REFERENCES = ("trapezoid", "ruckig")
+WINDOW_S = 0.25  # speeds and accelerations are means over it: a sample's noise is no motion
+LEAST_SPEED = 0.01  # of nominal: slower runs say nothing of how the machine is moved
+END_OF_RAIL = 0.02  # of the rail, left free at both ends: the carriage swings a little past its reference
+LONGEST_S = 60.0  # one way
+LEAD_S, DWELL_S, SETTLE_S = 1.0, 2.0, 2.0
+
+
+@dataclass(frozen=True)
+class SmallStudy:
+    """Up and down again, every payload under every reference. from_runs: limits and travel are a campaign's."""
+
+    payloads_kg: tuple[float, ...]
+    start_position_m: float
+    travel_m: float
+    limits: Limits
+    controller: PiSettings
+    from_runs: bool
+    controller_given: bool
+
+    @property
+    def moves(self) -> tuple[Step, ...]:
+        return (Step(by_m=self.travel_m), Step(dwell_s=DWELL_S), Step(by_m=-self.travel_m))
+
+    @property
+    def limit_pair(self) -> LimitPair:
+        return LimitPair.of(self.limits)
+
+    @property
+    def heights_m(self) -> tuple[float, ...]:
+        """Where the loop is looked at: bottom, middle and top of the travel."""
+        low, high = self.start_position_m, self.start_position_m + self.travel_m
+        return low, 0.5 * (low + high), high
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "payloads_kg": list(self.payloads_kg),
+            "references": list(REFERENCES),
+            "start_position_m": self.start_position_m,
+            "travel_m": self.travel_m,
+            "speed_m_s": self.limits.speed_m_s,
+            "acceleration_m_s2": self.limits.acceleration_m_s2,
+            "jerk_m_s3": self.limits.jerk_m_s3,
+            "limits_from_runs": self.from_runs,
+            "controller": self.controller.model_dump(mode="json"),
+            "controller_given": self.controller_given,
+        }
+
+
+def small_study(
+    machine: Hoist,
+    runs: Sequence[Run] = (),
+    *,
+    payloads_kg: Sequence[float] | None = None,
+    controller: PiSettings | None = None,
+) -> SmallStudy:
+    """From a campaign's runs: payloads (lightest, middle, heaviest), fastest speed and acceleration, travel.
+
+    Speed and acceleration of the carriage are the largest means over a quarter of a second; the jerk limit
+    builds the acceleration up in two thirds of a ramp. Without runs that move: nine tenths of nominal speed,
+    ramps of 1.2 s, five seconds' way from the lower part of the rail, payloads of none, half and one carriage
+    mass. The controller is the rule's for 2.5 Hz where none is given.
+    """
+    nominal = allowed_carriage_speed_m_s(
+        machine.motor.nominal_speed_rad_s, machine.gearbox.ratio, machine.winch.drum_diameter_m
+    )
+    low, high = machine.rail.lowest_position_m, machine.highest_position_m
+    bottom, top = low + END_OF_RAIL * (high - low), high - END_OF_RAIL * (high - low)
+    found = [motion for run in runs if (motion := _motion(machine, run)) and motion[0] > LEAST_SPEED * nominal]
+    if found:
+        speed = min(max(motion[0] for motion in found), 0.99 * nominal)
+        acceleration = min(max(motion[1] for motion in found), speed / 0.2)
+        start = max(min(motion[2] for motion in found), bottom)
+        end = min(max(motion[3] for motion in found), top)
+    else:
+        speed, acceleration = 0.9 * nominal, 0.9 * nominal / 1.2
+        start = low + 0.25 * (high - low)
+        end = start + min(0.5 * (high - low), 5.0 * speed)
+    if end - start < 0.02 * (top - bottom):  # as far as nothing, or a height that is not this rail's
+        start, end = bottom, 0.5 * (bottom + top)
+    speed, acceleration = _digits(speed), _digits(acceleration)
+    return SmallStudy(
+        payloads_kg=_payloads(machine, runs) if payloads_kg is None else tuple(sorted(set(payloads_kg))),
+        start_position_m=_digits(start),
+        travel_m=_digits(min(end - start, LONGEST_S * speed)),
+        limits=Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed)),
+        controller=usual_controller(machine) if controller is None else controller,
+        from_runs=bool(found),
+        controller_given=controller is not None,
+    )
+
+
+def _motion(machine: Hoist, run: Run) -> tuple[float, float, float, float] | None:
+    """(fastest speed m/s, largest acceleration m/s², lowest and highest carriage height m) of a run."""
+    if "speed_motor_rad_s" not in run or len(run.time_s) < 3:
+        return None
+    t, v = run.time_s, run["speed_motor_rad_s"] * machine.lift_m_per_rad
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    window = max(WINDOW_S, 4.0 * run.sample_time_s)
+    if run.duration_s < 3.0 * window:
+        return None
+    at = np.arange(t[0], t[-1] - 2.0 * window, 0.2 * window)
+    marks = [np.interp(at + k * window, t, way) for k in range(3)]
+    first, second = ((marks[k + 1] - marks[k]) / window for k in range(2))
+    fastest = float(max(_largest(first), _largest(second)))
+    height = run.signals.get("position_carriage_m", run.start_position_m + way)
+    return fastest, _largest((second - first) / window), float(np.min(height)), float(np.max(height))
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values)))
+
+
+def _payloads(machine: Hoist, runs: Sequence[Run]) -> tuple[float, ...]:
+    """The lightest, the one nearest to the middle, and the heaviest."""
+    known = sorted({run.payload_kg for run in runs}) or [share * machine.carriage.mass_kg for share in (0.0, 0.5, 1.0)]
+    middle = min(known, key=lambda load: abs(load - 0.5 * (known[0] + known[-1])))
+    return tuple(sorted({known[0], middle, known[-1]}))
+
+
+def _digits(value: float) -> float:
+    """Three digits: what is said is what is run."""
+    return float(f"{value:.3g}")

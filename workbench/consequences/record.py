@@ -1,0 +1,176 @@
+"""The records of a comparison, without and with the effects, and their form as JSON."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from workbench.consequences.motion import SmallStudy
+
+METRICS = (
+    "peak_torque_motor_nm",
+    "peak_torque_percent",
+    "speed_error_max_rad_s",
+    "speed_error_rms_rad_s",
+    "min_wire_tension_n",
+    "move_time_s",
+)
+
+
+@dataclass(frozen=True)
+class RunFigures:
+    """One run of the small study, metrics as in the index of a study.
+
+    peak_torque_motor_nm: of the harder-worked motor; peak_torque_percent: of its nominal torque. The
+    speed errors are the motor's. All NaN but the move time where the run failed; `reason` says why.
+    """
+
+    reason: str
+    peak_torque_motor_nm: float
+    peak_torque_percent: float
+    speed_error_max_rad_s: float
+    speed_error_rms_rad_s: float
+    min_wire_tension_n: float
+    move_time_s: float
+
+    @property
+    def ok(self) -> bool:
+        return not self.reason
+
+
+@dataclass(frozen=True)
+class Change:
+    """One payload under one reference, without (before) and with (after) the effects."""
+
+    payload_kg: float
+    reference: str
+    before: RunFigures
+    after: RunFigures
+
+    @property
+    def ok(self) -> bool:
+        return self.before.ok and self.after.ok
+
+    def percent(self, metric: str) -> float:
+        """By how much a metric changes; NaN where a run failed."""
+        return percent(getattr(self.before, metric), getattr(self.after, metric))
+
+
+@dataclass(frozen=True)
+class LoopFigures:
+    """The weakest loop of a machine over payloads and heights; no margin of an unstable one means anything.
+
+    gain_margin_db: inf where no gain above loses it. ms: largest |S|.
+    """
+
+    payload_kg: float
+    height_m: float
+    stable: bool
+    gain_margin_db: float
+    phase_margin_deg: float
+    ms: float
+    crossover_hz: float
+    bandwidth_hz: float
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What loop shaping recommends for one machine; NaN where it finds nothing, and `reason` says why."""
+
+    kp_nm_s_per_rad: float
+    ki_nm_per_rad: float
+    reason: str = ""
+
+    @property
+    def ok(self) -> bool:
+        return not self.reason
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The better reference by a metric at a payload (None: the worst of all payloads), before and after.
+
+    A name of a reference, "alike" where they differ by less than 0.5 %, "" where a run failed.
+    """
+
+    metric: str
+    payload_kg: float | None
+    before: str
+    after: str
+
+    @property
+    def changed(self) -> bool:
+        return bool(self.before and self.after) and self.before != self.after
+
+
+@dataclass(frozen=True)
+class Consequences:
+    """What changes in the control study once the effects are known.
+
+    gains_goal: (bandwidth in Hz, or None for best rejection of load steps; bound on Ms and Mt) that the
+    recommended gains are for. old_gains_bandwidth_hz: what the old recommendation gives the machine with
+    its effects, NaN where that is unstable or there is none. sentences: what a reader should know, in order.
+    """
+
+    effects: tuple[str, ...]
+    study: SmallStudy
+    rows: tuple[Change, ...]
+    loop_before: LoopFigures
+    loop_after: LoopFigures
+    gains_goal: tuple[float | None, float]
+    gains_before: Gains
+    gains_after: Gains
+    old_gains_bandwidth_hz: float
+    choices: tuple[Choice, ...]
+    sentences: tuple[str, ...]
+
+    @property
+    def better_reference_changes(self) -> bool:
+        """By torque peak or tracking error, over all payloads or at one of them."""
+        return any(choice.changed for choice in self.choices)
+
+
+def percent(before: float, after: float) -> float:
+    """Change in per cent; NaN where there is nothing to compare with."""
+    return 100.0 * (after - before) / abs(before) if before else (0.0 if after == before else math.nan)
+
+
+def as_json(consequences: Consequences) -> dict[str, Any]:
+    """Plain mappings and lists; null for what is no finite number."""
+    c = consequences
+    bandwidth, ms = c.gains_goal
+    return {
+        "effects": list(c.effects),
+        "study": c.study.as_json(),
+        "rows": [
+            {
+                "payload_kg": row.payload_kg,
+                "reference": row.reference,
+                "before": _plain(row.before),
+                "after": _plain(row.after),
+                "change_percent": {name: _number(row.percent(name)) for name in METRICS},
+            }
+            for row in c.rows
+        ],
+        "loop": {"before": _plain(c.loop_before), "after": _plain(c.loop_after)},
+        "gains": {
+            "goal": {"bandwidth_hz": _number(bandwidth), "ms": ms},
+            "before": _plain(c.gains_before),
+            "after": _plain(c.gains_after),
+            "old_gains_bandwidth_hz": _number(c.old_gains_bandwidth_hz),
+        },
+        "better_reference": [_plain(choice) | {"changed": choice.changed} for choice in c.choices],
+        "sentences": list(c.sentences),
+    }
+
+
+def _plain(record: RunFigures | LoopFigures | Gains | Choice) -> dict[str, Any]:
+    return {name: _number(value) for name, value in vars(record).items()}
+
+
+def _number(value: Any) -> Any:
+    """Six digits."""
+    if not isinstance(value, float):
+        return value
+    return float(f"{value:.6g}") if math.isfinite(value) else None
