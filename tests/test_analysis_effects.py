@@ -23,8 +23,9 @@ from workbench.cli import cli
 from workbench.control import PiSettings
 from workbench.effects import effects_for, of, sizes_of
 from workbench.errors import InputError
-from workbench.machine import Hoist, default_hoist, save_machine
+from workbench.machine import Hoist, default_hoist, save_machine, with_correction
 from workbench.plants import HOIST, Effects, Memory
+from workbench.reports.loop import effect_sentences
 from workbench.trace.emit import evaluate
 
 POINT = OperatingPoint(4500.0, 10.0)
@@ -131,6 +132,16 @@ def test_a_thicker_layer_of_wire_lifts_more_and_holds_with_more_torque():
     plain, layered = (linearise(m, POINT) for m in (default_hoist(), thick))
     assert layered.start[1][2] / plain.start[1][2] == pytest.approx(9.0 / 8.0, rel=1e-6)
     assert layered.start[2] / plain.start[2] == pytest.approx(9.0 / 8.0, rel=0.01)
+
+
+def test_a_measured_table_over_speed_is_the_viscous_friction_that_it_holds():
+    at = (0.0, 0.2, 0.5, 0.8)
+    levels = [5000.0 * v for v in at]
+    table = with_correction(default_hoist(), "speed_carriage_m_s", "guide", at, levels, levels)
+    viscous = with_effects(friction_viscous={"viscous_n_s_per_m": 5000.0})
+    measured, known = (linearise(machine, POINT) for machine in (table, viscous))
+    np.testing.assert_allclose(measured.A, known.A, rtol=1e-9, atol=1e-9)
+    assert effect_sentences(table) == ["In the machine: measured_correction."]
 
 
 def lagging(tau: float) -> Effects:

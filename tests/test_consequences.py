@@ -19,7 +19,7 @@ from workbench.control import PiSettings
 from workbench.errors import InputError
 from workbench.figures.consequences import before_and_after
 from workbench.figures.style import LINES
-from workbench.machine import Hoist, default_hoist, with_values
+from workbench.machine import Hoist, default_hoist, with_correction, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.reports.consequences import HEAD, table
 from workbench.run import Run
@@ -183,6 +183,17 @@ def test_what_the_nominal_machine_knows_already_is_not_counted_as_new():
     both = with_effects(wire_mass={"mass_kg_per_m": 4.0}, friction_viscous={"viscous_n_s_per_m": 4000.0})
     found = found_for(both, nominal=known)
     assert found.effects == ("friction_viscous",)
+
+
+def test_a_measured_correction_is_new_too_and_its_friction_is_in_the_runs():
+    levels = (4000.0, 4000.0, 4000.0)
+    table = with_correction(default_hoist(), "position_carriage_m", "guide", (2.0, 8.0, 20.0), levels, levels)
+    found = found_for(table)
+    assert found.effects == ("measured_correction",)
+    level = 4000.0 * default_hoist().lift_m_per_rad / 2.0  # seen by one of two motors
+    for row in (row for row in found.rows if row.reference == "ruckig"):
+        more = row.after.peak_torque_motor_nm - row.before.peak_torque_motor_nm
+        assert 0.9 * level < more < 1.4 * level
 
 
 def test_an_axis_has_no_consequences_but_a_reason():

@@ -58,7 +58,7 @@ def consequences_of(
     wanted = goal or Goal(_bandwidth(loops[0]), MS_LIMIT)
     before, after, old = _gains(study, nominal, corrected, wanted)
     found = Consequences(
-        effects=tuple(n for n, values in corrected.effects.items() if nominal.effects.get(n) != values),
+        effects=_new(nominal, corrected),
         study=study,
         rows=rows,
         loop_before=loops[0],
@@ -71,6 +71,13 @@ def consequences_of(
         sentences=(),
     )
     return replace(found, sentences=sentences_of(found, corrected)), ""
+
+
+def _new(nominal: Hoist, corrected: Hoist) -> tuple[str, ...]:
+    """What the corrected machine has that the nominal one has not, or not with these values."""
+    effects = [name for name, values in corrected.effects.items() if nominal.effects.get(name) != values]
+    table = corrected.measured_correction
+    return (*effects, *(["measured_correction"] if table not in (None, nominal.measured_correction) else []))
 
 
 def _rows(study: SmallStudy, nominal: Hoist, corrected: Hoist) -> tuple[Change, ...]:

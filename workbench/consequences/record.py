@@ -108,6 +108,7 @@ class Choice:
 class Consequences:
     """What changes in the control study once the effects are known.
 
+    effects: the new ones by name, `measured_correction` among them where there is a new table.
     gains_goal: (bandwidth in Hz, or None for best rejection of load steps; bound on Ms and Mt) that the
     recommended gains are for. old_gains_bandwidth_hz: what the old recommendation gives the machine with
     its effects, NaN where that is unstable or there is none. sentences: what a reader should know, in order.
