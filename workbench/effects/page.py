@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from workbench.effects.declare import KINDS, Effect, Parameter, words
+from workbench.effects.declare import Effect
+from workbench.effects.parameter import KINDS, Parameter, words
 from workbench.effects.registry import library
 
 HEAD = """# Effects

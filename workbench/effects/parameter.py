@@ -1,0 +1,83 @@
+"""An effect's numbers: how they are called and what they may be, on a machine of any kind and size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+KINDS = ("hoist", "axis-linear", "axis-rotary")
+
+# What the placeholders in names and units stand for, by kind of plant.
+_WORDS: Mapping[str, Mapping[str, str]] = {
+    "hoist": {"n": "n", "m": "m", "input": "nm", "up": "hoisting", "dn": "lowering"},
+    "axis-linear": {"n": "n", "m": "m", "input": "n", "up": "forward", "dn": "backward"},
+    "axis-rotary": {"n": "nm", "m": "rad", "input": "nm", "up": "forward", "dn": "backward"},
+}
+
+
+def words(kind: str) -> Mapping[str, str]:
+    """What the placeholders in names stand for, on a kind of plant."""
+    return _WORDS[kind]
+
+
+Domain = Literal["any", "not_negative", "positive"]
+Scan = Literal["", "position", "drum_angle", "phase", "frequency"]
+DOMAINS: Mapping[str, tuple[Callable[[float], bool], str]] = {
+    "any": (lambda value: True, "a number"),
+    "not_negative": (lambda value: value >= 0.0, "at least 0"),
+    "positive": (lambda value: value > 0.0, "more than 0"),
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    symbol: as the function reads it. name: with its unit, as YAML has it; {n}, {m}, {input},
+    {up}, {dn} stand for the plant's own words. lowest, highest (of a fit), scale and start are
+    in units of `size`, a quotient of the machine's sizes ("force/speed"; "1" for plain
+    numbers), so that they fit a machine of any size. vanishes_at: the value, in the same unit,
+    at which the effect is exactly off; None for what has no such value (a width, a phase).
+    per_run: every run has its own. domain: what a value has to be at all.
+    scan: how a search tries a shape (what has no vanishing value) before it refines it: as a
+    place that the runs have passed (position, drum_angle), as a phase of the amplitude beside
+    it, as a frequency, as finely as the runs resolve it; "": `tries` (in `size`), or some
+    values from lowest to highest.
+    """
+
+    symbol: str
+    name: str
+    meaning: str
+    size: str
+    lowest: float
+    highest: float
+    scale: float
+    start: float
+    vanishes_at: float | None = None
+    per_run: bool = False
+    domain: Domain = "any"
+    scan: Scan = ""
+    tries: tuple[float, ...] = ()
+
+    def named(self, kind: str) -> str:
+        return self.name.format(**_WORDS[kind])
+
+
+@dataclass(frozen=True)
+class Ranged:
+    """A parameter on one machine: bounds, scale, start and vanishing value in the unit of its name.
+
+    symbol: what it is called among the plant's parameters.
+    """
+
+    name: str
+    symbol: str
+    lowest: float
+    highest: float
+    scale: float
+    start: float
+    vanishes_at: float | None
+    per_run: bool
+    scan: Scan
+    tries: tuple[float, ...]
