@@ -29,6 +29,7 @@ LAYERS = [
     ("study",),
     ("cluster", "testing"),
     ("consequences",),
+    ("diagnose",),
     ("figures",),
     ("reports",),
     ("dashboard",),

@@ -4,10 +4,18 @@
 plant; `names()` and `effects_for(kind)` say what there is; `load_effects(file)` adds a user's own.
 """
 
-from workbench.effects.active import RUN_SYMBOLS, Active, all_off, check, joined, of, ranges_of
+from workbench.effects.active import RUN_SYMBOLS, Active, all_off, check, joined, of, ranges_of, searchable
 from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
 from workbench.effects.registry import effects_for, find, forget_users, library, load_effects, names
-from workbench.effects.series import logged, logged_input, logged_motion, true_input, true_motion, true_run
+from workbench.effects.series import (
+    logged,
+    logged_input,
+    logged_motion,
+    moved_by,
+    true_input,
+    true_motion,
+    true_run,
+)
 from workbench.effects.sizes import Sizes, sizes_of
 
 __all__ = [
@@ -31,9 +39,11 @@ __all__ = [
     "logged",
     "logged_input",
     "logged_motion",
+    "moved_by",
     "names",
     "of",
     "ranges_of",
+    "searchable",
     "sizes_of",
     "true_input",
     "true_motion",

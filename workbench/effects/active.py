@@ -82,6 +82,17 @@ def all_off(machine: Hoist | Axis) -> Active:
     return corrected(Active(kind, compiled(kind, held), MappingProxyType(values)), machine)
 
 
+def searchable(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Active:
+    """Everything that is known, sensors too, at the machine's own values or else vanished: for a search."""
+    own = of(machine)
+    kind, sizes = plant_of(machine).kind, sizes_of(machine, runs)
+    everything = tuple(effects_for(kind).values())
+    off = {symbol: value for each in everything for symbol, value in vanished(each, sizes).items()}
+    pieces = compiled(kind, tuple(each for each in everything if not each.on_sensor))
+    sensors = tuple(each for each in everything if each.on_sensor)
+    return corrected(Active(kind, pieces, MappingProxyType({**off, **own.values}), sensors), machine)
+
+
 def check(machine: Hoist | Axis) -> None:
     """InputError where the machine's effects are not as they should be; for `load_machine`."""
     of(machine)

@@ -38,25 +38,31 @@ def logged(run: Run, active: Active) -> Run:
     return _changed(run, active, logged_input, logged_motion)
 
 
-def true_run(run: Run, active: Active) -> Run:
-    """The run behind its log: the inverse of `logged`, as far as there is one."""
-    return _changed(run, active, true_input, true_motion)
+def true_run(run: Run, active: Active, values: Mapping[str, float] | None = None) -> Run:
+    """The run behind its log: the inverse of `logged`, as far as there is one; `values` where not the active ones."""
+    return _changed(run, active, true_input, true_motion, values)
 
 
-def _changed(run: Run, active: Active, of_input: Any, of_motion: Any) -> Run:
+def moved_by(active: Active) -> tuple[str, ...]:
+    """The symbols of which the motion behind a log depends: those of the speed sensor's effects."""
+    effects = _at(active, "speed_sensor")
+    return tuple(each.symbol(parameter, active.kind) for each in effects for parameter in each.parameters)
+
+
+def _changed(run: Run, active: Active, of_input: Any, of_motion: Any, values: Mapping[str, float] | None = None) -> Run:
     if not active.sensors:
         return run
     plant = PLANTS[active.kind]
     signals = dict(run.signals)
     if plant.input in signals:
         before = signals[plant.input]
-        after = signals[plant.input] = of_input(active, run.time_s, before)
+        after = signals[plant.input] = of_input(active, run.time_s, before, values)
         motors = [name for name in ("torque_motor1_nm", "torque_motor2_nm") if name in signals]
         for motor in motors:  # the sum is what is off; it is shared evenly
             signals[motor] = signals[motor] + (after - before) / len(motors)
     for name in driven_signals(plant):
         if name in signals:
-            signals[name] = of_motion(active, run.time_s, signals[name])
+            signals[name] = of_motion(active, run.time_s, signals[name], values)
     return replace(run, signals=signals)
 
 

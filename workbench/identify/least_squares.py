@@ -38,22 +38,25 @@ def minimise(
     reach: Array,
     weight: float,
     prior: Array,
+    highest: Array | None = None,
+    most: int = MOST,
 ) -> Minimum:
-    """Minimise |weight residual(z)|^2 + |prior z|^2 for z >= lowest, in steps of at most `reach`.
+    """Minimise |weight residual(z)|^2 + |prior z|^2 for lowest <= z <= highest, in steps of at most `reach`.
 
     evaluate(z): residual (n,) and its Jacobian (n, m). begin: z with its residual and
     Jacobian. K. Madsen, H. B. Nielsen, O. Tingleff, "Methods for Non-Linear Least Squares
-    Problems", 2004, section 3.2, with variables held that sit on their bound and want out.
+    Problems", 2004, section 3.2; each step is the best one within bounds and reach.
     """
     z, residual, jacobian = begin
     damping, growth, evaluations = DAMPING, 2.0, 0
+    top = np.full(len(z), np.inf) if highest is None else highest
     chi2 = _chi2(z, residual, weight, prior)
-    while evaluations < MOST:
+    while evaluations < most:
         gradient = weight**2 * (jacobian.T @ residual) + prior.T @ (prior @ z)
         hessian = weight**2 * (jacobian.T @ jacobian) + prior.T @ prior
-        free = ~((z <= lowest) & (gradient > 0.0))
-        step = np.clip(_step(hessian, gradient, free, damping), -reach, reach)
-        trial = np.maximum(z + step, lowest)
+        box = np.maximum(lowest - z, -reach), np.minimum(top - z, reach)
+        step = _step(hessian, gradient, box, damping)
+        trial = np.clip(z + step, lowest, top)
         step = trial - z
         promised = float(-(2.0 * gradient @ step + step @ hessian @ step))
         if promised <= max(ENOUGH, ROUND_OFF * chi2):
@@ -79,12 +82,20 @@ def _chi2(z: Array, residual: Array, weight: float, prior: Array) -> float:
     return value if np.isfinite(value) else np.inf
 
 
-def _step(hessian: Array, gradient: Array, free: np.ndarray, damping: float) -> Array:
-    """The damped Newton step of the free variables; none of the others."""
-    step = np.zeros(len(gradient))
-    h = hessian[np.ix_(free, free)]
-    scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
-    unit = h / np.outer(scale, scale)  # variables on their own scale, else the damping is of the largest
+def _step(hessian: Array, gradient: Array, box: tuple[Array, Array], damping: float) -> Array:
+    """The damped Newton step, the best one within the box."""
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    unit = hessian / np.outer(scale, scale)  # variables on their own scale, else the damping is of the largest
     unit[np.diag_indices_from(unit)] *= 1.0 + damping
-    step[free] = -np.linalg.lstsq(unit, gradient[free] / scale, rcond=1e-14)[0] / scale
-    return step
+    pull = gradient / scale
+    step = -np.linalg.lstsq(unit, pull, rcond=1e-14)[0] / scale
+    if np.all((step >= box[0]) & (step <= box[1])):
+        return step
+    from scipy.optimize import lsq_linear
+
+    unit[np.diag_indices_from(unit)] += 1e-12
+    values, vectors = np.linalg.eigh(unit)
+    root = np.sqrt(np.maximum(values, 1e-14))
+    bounds = np.minimum(box[0], 0.0) * scale, np.maximum(box[1], 1e-300) * scale
+    found = lsq_linear(root[:, None] * vectors.T, -(vectors.T @ pull) / root, bounds, method="bvls")
+    return np.asarray(found.x / scale)

@@ -183,6 +183,22 @@ def outputs(
     }
 
 
+def dead_line_tension(
+    t: Scalar, th_s: Scalar, x: Scalar, w_s: Scalar, v: Scalar, p: Any, effects: Effects = NO_EFFECTS
+) -> Any:
+    """Eq. 2 and the fall's own weight: tension at the dead anchor, N; of numbers or of arrays alike.
+
+    t s; th_s, w_s: sheave, rad and rad/s; x, v: carriage, m and m/s.
+    """
+    k = p.E * p.A / p.L
+    k = k / (1.0 + k * effects.at("wire_compliance_m_per_n", p, t=t, x=x, k=k))
+    r = p.D_s / 2.0
+    W2 = tension(-(r * th_s) - x, -(r * w_s) - v, k, p.tau * k)
+    g = p.g + effects.at("platform_acceleration_m_s2", p, t=t)
+    line = WIRE_DENSITY * p.A + effects.at("line_mass_kg_per_m", p, t=t)
+    return W2 + line * g * (p.L - x) / 2.0
+
+
 def equilibrium(height_m: float, p: Any) -> tuple[list[float], float]:
     """Hanging still at a height: (motor angle, sheave angle, height), and the torque that holds it, N m.
 

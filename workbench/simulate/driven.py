@@ -15,7 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from workbench.effects import Active, logged_input, true_run
+from workbench.effects import Active, logged_input, moved_by, true_run
 from workbench.engine import kernels
 from workbench.machine import Axis, Hoist
 from workbench.plants import Plant, plant_of
@@ -72,6 +72,7 @@ class Bench:
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
         # The motion behind the log: what a late speed sensor shows is brought forward first.
         self.motions = [motion_of(true_run(run, self.equipped.active), self.plant, self.band_hz) for run in self.runs]
+        self._late = moved_by(self.equipped.active)
         self.scale = speed_scale(machine, self.runs, self.motions)
         self.inputs = [run[self.plant.input] for run in self.runs]
         self.measured = [lowpass(run.time_s, u, self.band_hz) for run, u in zip(self.runs, self.inputs, strict=True)]
@@ -100,25 +101,39 @@ class Bench:
         return [[(out[:, 0, i], out[:, 1:, i]) for out in by_run] for i in range(len(values))]
 
     def _predict_run(self, j: int, sets: Sequence[SimpleNamespace]) -> Array:
-        plant, run, motion = self.plant, self.runs[j], self.motions[j]
-        at, speed = start_point(plant, run, motion)
-        many = len(sets)
-        start, _ = self.equipped.starts([at] * many, [speed] * many, [float(run.time_s[0])] * many, sets)
-        travelled = motion.position - motion.position[0]
+        plant, run = self.plant, self.runs[j]
+        motions = self._motions_behind(j, sets)
+        points = [start_point(plant, run, motion) for motion in motions] * (len(sets) // len(motions))
+        clocks = [float(run.time_s[0])] * len(sets)
+        start, _ = self.equipped.starts([at for at, _ in points], [speed for _, speed in points], clocks, sets)
+        travelled = np.stack([motion.position - motion.position[0] for motion in motions], axis=-1)
         n = len(plant.positions)
         return kernels.driven(
             plant,
             self.equipped.table(sets),
             run.time_s[:, None],
-            travelled[:, None] + start[0],
-            motion.speed[:, None],
-            motion.acceleration[:, None],
+            travelled + start[0],
+            np.stack([motion.speed for motion in motions], axis=-1),
+            np.stack([motion.acceleration for motion in motions], axis=-1),
             np.concatenate([start[1:n], start[n + 1 :]]),
             self.equipped.scales(self.scale, sets),
             effects=self.equipped.effects,
             tolerance=TOLERANCE,
             threads=1,
         )
+
+    def _motions_behind(self, j: int, sets: Sequence[SimpleNamespace]) -> list[Motion]:
+        """The motion behind run j's log: one for all sets, or one for each where they differ in how late it is."""
+        base = self.base[j]
+        if not any(getattr(p, name) != getattr(base, name) for p in sets for name in self._late):
+            return [self.motions[j]]
+        found: dict[tuple[float, ...], Motion] = {}
+        keys = [tuple(getattr(p, name) for name in self._late) for p in sets]
+        for key in keys:
+            if key not in found:
+                behind = true_run(self.runs[j], self.equipped.active, dict(zip(self._late, key, strict=True)))
+                found[key] = motion_of(behind, self.plant, self.band_hz)
+        return [found[key] for key in keys]
 
     def balances(self, values: Sequence[SimpleNamespace] | None = None) -> list[Balance]:
         """Each run's balance under one set of parameters, the machine's own by default."""

@@ -1,0 +1,36 @@
+"""What speaks for a hypothesis: how far it lowers the objective, less what that must cost.
+
+Three things are taken off. Each parameter pays ln(n) (G. Schwarz, Annals of Statistics 6,
+1978), n independent samples. What an effect explains in the data has to be worth more than
+LEAST of the noise, rms: no model is exact, and more data make a small misfit significant, not
+important. And a second effect has to earn more than a share of what the first explains, for the
+first is no exact image of the machine either. Tolerances need no such discount.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+LEAST = 0.35  # of the noise: the smallest effect worth a name
+SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
+
+
+@dataclass(frozen=True)
+class Scale:
+    """n: independent samples of the input's residual. inflation: chi^2 in independent values over its expectation,
+    for a machine whose floor lies above its sensor's noise."""
+
+    n: float
+    inflation: float = 1.0
+
+
+def merit(data: float, prior: float, parameters: int, scale: Scale, explained: float = 0.0) -> float:
+    """What one effect is worth. data, prior: by how much chi^2 and the base parameters' tolerances fall.
+
+    explained: by how much chi^2 fell through the effects before it.
+    """
+    data /= scale.inflation
+    least = max(LEAST**2 * scale.n, SECOND**2 * explained / scale.inflation)
+    net = data - least if data > least else min(data, 0.0)
+    return net + prior - parameters * math.log(max(scale.n, 2.0))
