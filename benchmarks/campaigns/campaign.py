@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,8 @@ from benchmarks.campaigns.truth import Truth, true_truth
 from workbench.machine import save_machine
 
 Array = npt.NDArray[np.float64]
+CURRENT_NOISE = 1.6e-4  # of the largest torque, each millisecond
+ENCODER_NOISE_RAD_S = 0.01  # of the drive's own speed signal
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class Label:
     machine: str
     seed: tuple[int, ...]
     truth: dict[str, float]
+    torque_change_rms_nm: float = 0.0
+    torque_change_by_second_nm: dict[str, list[float]] = field(default_factory=dict)
 
     def text(self) -> str:
         return json.dumps(asdict(self), indent=1) + "\n"
@@ -53,11 +57,16 @@ class Built:
     payload_scale: float
 
 
-def built(content: Content, rng: np.random.Generator) -> Built:
+def built(content: Content, seeds: Sequence[int]) -> Built:
     """The true machine: nominal within its tolerances, then what ails it."""
-    tol = content.machine.tolerances
+    rng, tol, motor = np.random.default_rng([*seeds, 4]), content.machine.tolerances, content.machine.motor
     truth = true_truth(content.machine, rng)
-    sensors = Sensors(gain=1.0 + tol.torque_gain * rng.normal(), offset_nm=tol.torque_offset_nm * rng.normal())
+    sensors = Sensors(
+        gain=1.0 + tol.torque_gain * rng.normal(),
+        offset_nm=tol.torque_offset_nm * rng.normal(),
+        # Both practice machines, of 250 and 480 N m, show the same.
+        torque_noise_nm=1.95 * min(1.0, motor.nominal_torque_nm / 250.0) * max(1.0, motor.nominal_torque_nm / 500.0),
+    )
     scale = 1.0 + tol.payload * rng.normal()
     for cause in content.causes:
         put = dict(cause.truth)
@@ -82,67 +91,64 @@ class Simulated:
     reference: Array
 
 
-def simulated(content: Content, machine: Built, plan: RunPlan, rng: np.random.Generator) -> Simulated:
-    nominal = content.machine
+def simulated(content: Content, machine: Built, number: int, seeds: Sequence[int]) -> Simulated:
+    """Run `number` of the campaign. Its streams do not depend on what ails the machine."""
+    plan, nominal = content.runs[number], content.machine
+    of_run, of_causes = (np.random.default_rng([*seeds, k, number]) for k in (5, 6))
     speed = reference(
         plan.profile,
-        rng,
+        of_run,
         duration_s=content.duration_s,
         speed_rad_s=nominal.motor.nominal_speed_rad_s,
         room_rad=travel_m(nominal, content.duration_s) / nominal.lift_m_per_rad,
     )
-    own = {name: rng.uniform(*span) for cause in content.causes for name, span in cause.per_run.items()}
     # The last motion left some of the friction in the bristles; most operators let it go before they log.
-    left = rng.uniform(-0.8, 0.8) if rng.random() < 0.3 else 0.0
+    left = of_run.uniform(-0.8, 0.8) * (of_run.random() < 0.3)
     truth = machine.truth._replace(
         m_p=machine.payload_scale * plan.payload_kg,
         x_0=plan.start_position_m,
         start_time_s=plan.start_time_s,
         z_0=left * machine.truth.bristles,
-        **own,
+        **{name: of_causes.uniform(*span) for cause in content.causes for name, span in cause.per_run.items()},
     )
-    current = rng.normal(scale=0.25, size=len(speed))
-    encoder = rng.normal(scale=0.01, size=len(speed))
+    current = of_run.normal(scale=CURRENT_NOISE * truth.T_max, size=len(speed))
+    encoder = of_run.normal(scale=ENCODER_NOISE_RAD_S, size=len(speed))
     return Simulated(plan, truth, simulate(truth, speed, current, encoder), speed)
 
 
 def make_campaign(folder: Path, seed: int | Sequence[int], content: Content) -> Label:
     """Writes machine.yaml, runs.yaml and runs/*.csv under `folder`, whole or not at all; gives the label."""
     seeds = (seed,) if isinstance(seed, int) else tuple(seed)
-    rng = np.random.default_rng([*seeds, 4])
-    machine = built(content, rng)
+    machine = built(content, seeds)
     part = folder.with_name(f".{folder.name}.part-{os.getpid()}")
     shutil.rmtree(part, ignore_errors=True)
     (part / "runs").mkdir(parents=True)
     save_nominal(content, part / "machine.yaml")
+    of_log, walk = (np.random.default_rng([*seeds, k]) for k in (7, 8))
     entries: list[dict[str, Any]] = []
     wander = 0.0
-    for plan in content.runs:
-        run = simulated(content, machine, plan, rng)
+    for number, plan in enumerate(content.runs):
+        run = simulated(content, machine, number, seeds)
         columns, wander = log_columns(
             run.record,
             run.reference,
             machine.sensors,
-            rng,
+            of_log,
+            walk,
             rate_hz=content.rate_hz,
             wander_nm=wander,
             full=content.full_signals,
             sum_only=content.sum_only,
             with_reference=content.with_reference,
         )
-        (part / "runs" / f"{plan.name}.csv").write_text(_csv(columns), encoding="utf-8")
-        entries.append(
-            {
-                "name": plan.name,
-                "file": f"runs/{plan.name}.csv",
-                "payload_kg": plan.payload_kg,
-                "start_position_m": plan.start_position_m,
-                "start_time_s": plan.start_time_s,
-            }
-        )
+        file = f"runs/{plan.name}.csv"
+        (part / file).write_text(_csv(columns), encoding="utf-8")
+        said = {"payload_kg": plan.payload_kg, "start_position_m": plan.start_position_m}
+        entries.append({"name": plan.name, "file": file, **said, "start_time_s": plan.start_time_s})
     (part / "runs.yaml").write_text(yaml.safe_dump({"runs": entries}, sort_keys=False), encoding="utf-8")
+    label = label_of(content, machine, seeds)
     os.replace(part, folder)
-    return label_of(content, machine, seeds)
+    return label
 
 
 def save_nominal(content: Content, path: Path) -> None:

@@ -88,7 +88,7 @@ def either(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def _viscous(rng: np.random.Generator, s: Scales) -> Cause:
-    B = s.force / s.speed * about(rng, 0.013, 0.08)
+    B = s.force / s.speed * about(rng, 0.015, 0.075)
     return Cause(
         "friction_viscous", "guide", "speed", {"B_visc": B}, {"B_up": B, "B_dn": B},
         library={"friction_viscous": {"viscous_n_s_per_m": B}},
@@ -168,7 +168,7 @@ def _drift(rng: np.random.Generator, s: Scales) -> Cause:
 
 
 def _gear_loss(rng: np.random.Generator, s: Scales) -> Cause:
-    eta = about(rng, 0.012, 0.08)
+    eta = about(rng, 0.017, 0.075)
     return Cause(
         "gearbox_efficiency", "gearbox", "load", {"eta_loss": eta}, {"eta_loss": eta},
         library={"gearbox_efficiency": {"loss_fraction": eta}},
@@ -176,7 +176,7 @@ def _gear_loss(rng: np.random.Generator, s: Scales) -> Cause:
 
 
 def _gear_inertia(rng: np.random.Generator, s: Scales) -> Cause:
-    Jg = s.inertia * about(rng, 0.08, 0.4)
+    Jg = s.inertia * about(rng, 0.09, 0.4)
     return Cause(
         "gearbox_inertia", "gearbox", "acceleration", {"Jg": Jg}, {"Jg": Jg},
         library={"gearbox_inertia": {"inertia_kg_m2": Jg}},

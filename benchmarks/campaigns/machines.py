@@ -96,6 +96,7 @@ def drawn_machine(rng: np.random.Generator) -> tuple[Hoist, float]:
             "damping_time_s": round(rng.uniform(0.07, 0.13), 2),
         },
         "carriage": {"mass_kg": carriage},
+        "tolerances": {"torque_offset_nm": _digits(min(3.0, 0.012 * nominal), 2)},
         "guide": {
             "coulomb_hoisting_n": _digits(levels[0], 2),
             "coulomb_lowering_n": _digits(levels[1], 2),

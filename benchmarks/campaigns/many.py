@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -80,13 +80,16 @@ def make(order: Order) -> str:
     if order.folder.exists() and order.label.exists():
         return f"{order.name} is there"
     from benchmarks.campaigns.campaign import make_campaign
+    from benchmarks.campaigns.size import torque_change
 
     if order.folder.exists():  # a label alone is missing: the session broke off between the two
         shutil.rmtree(order.folder)
     order.label.parent.mkdir(parents=True, exist_ok=True)
-    label = make_campaign(
-        order.folder, order.seed, draw(order.seed, order.kind, names=order.names, machines=order.machines)
-    )
+    content = draw(order.seed, order.kind, names=order.names, machines=order.machines)
+    label = make_campaign(order.folder, order.seed, content)
+    if content.causes:
+        change = torque_change(content, order.seed)
+        label = replace(label, torque_change_rms_nm=change.rms_nm, torque_change_by_second_nm=change.by_second_nm)
     order.label.write_text(label.text(), encoding="utf-8")
     return f"{order.name} {order.kind}: {', '.join(label.effects) or 'no gap'}"
 

@@ -24,7 +24,7 @@ class Sensors:
     walk_nm_per_sqrt_s: float = 0.0
     dead_band_nm: float = 0.0
     bend_per_nm: float = 0.0
-    torque_noise_nm: float = 1.95  # of one motor
+    torque_noise_nm: float = 1.95  # of one motor; scaled with small and with large motors
     speed_noise_rad_s: float = 0.029
     position_noise_m: float = 0.0005
     tension_noise_n: float = 117.0
@@ -37,6 +37,7 @@ def log_columns(
     reference: Array,
     sensors: Sensors,
     rng: np.random.Generator,
+    walk: np.random.Generator,
     *,
     rate_hz: float,
     wander_nm: float = 0.0,
@@ -46,11 +47,12 @@ def log_columns(
 ) -> tuple[dict[str, tuple[Array, int]], float]:
     """Columns by signal name, each with its number of digits, and where the torque sensor has wandered to.
 
-    record: (n, COLUMNS) of the kernel, a row each millisecond. wander_nm: where the sensor stood before.
+    record: (n, COLUMNS) of the kernel, a row each millisecond. walk: the stream that the torque sensor wanders
+    by. wander_nm: where it stood before.
     """
     every = round(1.0 / rate_hz / RECORD_S)
-    time: Array = np.arange(len(record)) * RECORD_S
-    torque, wander_nm = _torque(record, sensors, rng, wander_nm)
+    time = np.arange(len(record), dtype=np.float64) * RECORD_S
+    torque, wander_nm = shown_torque(record, sensors, walk, wander_nm)
     speed = np.interp(time - sensors.delay_s, time, record[:, SPEED])
     rows = slice(None, None, every)
     n = len(record[rows])
@@ -74,13 +76,13 @@ def log_columns(
     return columns, wander_nm
 
 
-def _torque(record: Array, s: Sensors, rng: np.random.Generator, wander_nm: float) -> tuple[Array, float]:
+def shown_torque(record: Array, s: Sensors, walk: np.random.Generator, wander_nm: float) -> tuple[Array, float]:
     """The sum of torques as the sensor shows it, before noise."""
     true = record[:, TORQUE]
     shown: Array = s.gain * true + s.offset_nm
     shown = shown * (1.0 + s.gain_hoisting * np.tanh(record[:, SPEED])) + s.bend_per_nm * true * np.abs(true)
     if s.walk_nm_per_sqrt_s > 0.0:
-        steps = rng.normal(scale=s.walk_nm_per_sqrt_s * np.sqrt(RECORD_S), size=len(true))
+        steps = walk.normal(scale=s.walk_nm_per_sqrt_s * np.sqrt(RECORD_S), size=len(true))
         wandering = wander_nm + np.cumsum(steps)
         shown, wander_nm = shown + wandering, float(wandering[-1])
     if s.filter_s > 0.0:

@@ -1,0 +1,70 @@
+"""How large an effect is: the torque that it changes in each second of each run, known since the truth is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.campaigns.campaign import Built, Simulated, built, simulated
+from benchmarks.campaigns.content import Content
+from benchmarks.campaigns.kernel import RECORD_S
+from benchmarks.campaigns.sensors import shown_torque
+
+Array = npt.NDArray[np.float64]
+SMOOTH_S = 0.25  # twice: about 1.3 Hz at −3 dB, below the carriage's swing on its wire
+
+
+@dataclass(frozen=True)
+class Change:
+    """rms_nm: of the motors' torque, noise apart, low-passed, while the reference moves, over all runs.
+    by_second_nm: run -> its rms in each second, standing included."""
+
+    rms_nm: float
+    by_second_nm: dict[str, list[float]]
+
+
+def torque_change(content: Content, seed: int | Sequence[int]) -> Change:
+    """With the causes less without them, all else alike: the same machine, runs and noise of the drive.
+
+    A late speed is counted as the torque's change over that delay. What a refit within the tolerances would
+    take up is still in it.
+    """
+    seeds = (seed,) if isinstance(seed, int) else tuple(seed)
+    well = replace(content, causes=())
+    ill_machine, well_machine = built(content, seeds), built(well, seeds)
+    squares, count, wander = 0.0, 0, 0.0
+    walk = np.random.default_rng([*seeds, 8])
+    by_second: dict[str, list[float]] = {}
+    for number, plan in enumerate(content.runs):
+        ill = simulated(content, ill_machine, number, seeds)
+        sound = simulated(well, well_machine, number, seeds)
+        shown, wander = _shown(ill, ill_machine, walk, wander)
+        change = _smooth(shown - _shown(sound, well_machine, walk, 0.0)[0])
+        moving = ill.reference != 0.0
+        squares += float(np.sum(change[moving] ** 2))
+        count += int(np.sum(moving))
+        by_second[plan.name] = _each_second(change)
+    return Change(float(f"{np.sqrt(squares / max(count, 1)):.4g}"), by_second)
+
+
+def _shown(run: Simulated, machine: Built, walk: np.random.Generator, wander: float) -> tuple[Array, float]:
+    torque, wander = shown_torque(run.record, machine.sensors, walk, wander)
+    time = np.arange(len(torque)) * RECORD_S
+    return np.interp(time + machine.sensors.delay_s, time, torque), wander
+
+
+def _smooth(values: Array) -> Array:
+    width = round(SMOOTH_S / RECORD_S)
+    box = np.full(width, 1.0 / width)
+    padded = np.pad(values, width, mode="edge")
+    out: Array = np.convolve(np.convolve(padded, box, "same"), box, "same")[width:-width]
+    return out
+
+
+def _each_second(values: Array) -> list[float]:
+    every = round(1.0 / RECORD_S)
+    whole = len(values) // every
+    return [float(f"{rms:.3g}") for rms in np.sqrt(np.mean(values[: whole * every].reshape(whole, every) ** 2, axis=1))]
