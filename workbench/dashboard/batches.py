@@ -25,6 +25,10 @@ def show() -> None:
             problem(error)
     workspace = jobs_workspace()
     jobs = [] if workspace is None else jobs_of(workspace, KIND)
+    opened = next((job for job in jobs if job.id == st.session_state.get(OPEN)), None)
+    if opened is None:  # after a reload: the newest that is done
+        opened = next((job for job in jobs if poll(job).state == "done"), None)
+        session.put(OPEN, opened.id if opened else None)
     if jobs:
         watch(jobs)
     else:
@@ -32,10 +36,6 @@ def show() -> None:
             "No batch yet. Choose a scenario and start it: it runs in a process of its own and goes on while you "
             "look at other pages."
         )
-    opened = next((job for job in jobs if job.id == st.session_state.get(OPEN)), None)
-    if opened is None:  # after a reload: the newest that is done
-        opened = next((job for job in jobs if poll(job).state == "done"), None)
-        session.put(OPEN, opened.id if opened else None)
     if opened is not None:
         try:
             show_results(opened)

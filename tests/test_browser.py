@@ -1,0 +1,127 @@
+"""The dashboard's whole story in a real browser, with screenshots and times; its console stays free of errors.
+
+WORKBENCH_SCREENSHOTS names a folder for the screenshots and measured.json; else they lie in pytest's temporary one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests import browser
+from tests.browser import APP, SCRIPT, Visit
+from tests.conftest import not_here
+from workbench.dashboard.shell import present
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+MOVES = 9
+# No targets: on a computer that others use too a time says little. These tell a page that hangs from one that works.
+FIRST_PAGE_WITHIN_S, FIGURES_WITHIN_S = 60.0, 20.0
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    if missing := browser.what_is_missing():
+        not_here(missing)
+    with browser.browser() as started:
+        yield started
+
+
+@pytest.fixture
+def shots(tmp_path: Path) -> Path:
+    return Path(os.environ.get("WORKBENCH_SCREENSHOTS") or tmp_path / "screenshots").resolve()
+
+
+def test_a_visitor_walks_the_whole_story(chromium: Browser, shots: Path, tmp_path: Path):
+    measured: dict[str, object] = {"cores": os.cpu_count(), "load_average_before": os.getloadavg()[0]}
+    with browser.dashboard(tmp_path / "server") as address, browser.visit(chromium, address, shots) as visit:
+        measured["first_page_s"] = first_page(visit)
+        measured["slider_to_figures_s"] = moves = sliders(visit)
+        measured["slider_to_figures_median_s"] = statistics.median(moves)
+        compare(visit)
+        batches(visit, tmp_path)
+        assert visit.complaints == []
+        assert visit.asked == []
+    (shots / "measured.json").write_text(json.dumps(measured, indent=1))
+    print(json.dumps(measured))
+
+
+def first_page(visit: Visit) -> float:
+    """Study on a server that nobody has visited yet; from the address to all figures drawn."""
+    visit.page.goto(visit.address, wait_until="commit")
+    taken = visit.first_drawn_s(figures=4)
+    visit.drawn()
+    visit.shot("1 study")
+    assert taken < FIRST_PAGE_WITHIN_S
+    return taken
+
+
+def sliders(visit: Visit) -> list[float]:
+    """The jerk limit is moved to and fro; from each release to new figures."""
+    jerk = visit.page.get_by_test_id("stSlider").filter(has_text="Limit jerk")
+    taken = [visit.moved_ms(jerk, 0.12 if number % 2 == 0 else -0.08) / 1000.0 for number in range(MOVES)]
+    visit.shot("2 study after sliders")
+    assert statistics.median(taken) < FIGURES_WITHIN_S
+    return taken
+
+
+def compare(visit: Visit) -> None:
+    """Two settings are kept and stand side by side."""
+    page = visit.page
+    page.get_by_role("button", name="Keep for Compare").click()
+    page.get_by_role("button", name="Kept").wait_for()
+    visit.moved_ms(page.get_by_test_id("stSlider").filter(has_text="Limit acceleration"), -0.15)
+    page.get_by_role("button", name="Keep for Compare").click()
+    page.get_by_role("button", name="Kept").wait_for()
+    visit.turn_to("Compare")
+    visit.drawn(figures=2)
+    heads = page.get_by_test_id("stTable").locator("th").all_inner_texts()
+    assert len(heads) >= 3, heads
+    visit.shot("3 compare")
+
+
+def batches(visit: Visit, tmp_path: Path) -> None:
+    """A batch is started, found again after a reload of the page, opened; its report is downloaded."""
+    page = visit.page
+    visit.turn_to("Batches")
+    page.get_by_test_id("stSidebar").get_by_role("button", name="Start").click()
+    page.get_by_text("Largest torque peak").wait_for(timeout=browser.DRAWN_WITHIN_MS)
+    address = page.url
+    page.reload()
+    page.get_by_text("Largest torque peak").wait_for(timeout=browser.DRAWN_WITHIN_MS)
+    assert page.url == address
+    visit.drawn()
+    visit.shot("9 batches")
+    page.get_by_role("tab", name="Figures").click()
+    visit.drawn(figures=3)
+    with page.expect_download() as report:
+        page.get_by_role("button", name="Report").click()
+    report.value.save_as(tmp_path / "report.html")
+    assert report.value.suggested_filename == "payloads.html"
+    assert "<title>Study payloads</title>" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("start", "scheme"), [(APP, "dark"), (SCRIPT, "light")], ids=["workbench app", "app.py"])
+def test_the_console_is_free_of_errors_and_nothing_is_asked_of_the_network(
+    chromium: Browser, shots: Path, tmp_path: Path, start: list[str], scheme: browser.Scheme
+):
+    with (
+        browser.dashboard(tmp_path / "server", start) as address,
+        browser.visit(chromium, address, shots / scheme, scheme) as visit,
+    ):
+        visit.go()
+        for title in present():
+            visit.turn_to(title)
+            visit.shot(title.lower())
+            assert visit.page.get_by_test_id("stException").count() == 0, title
+        visit.go(present()[-1])
+        assert visit.complaints == []
+        assert visit.asked == []
