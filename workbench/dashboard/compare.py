@@ -15,26 +15,25 @@ from workbench.figures.style import label
 from workbench.run import Run
 from workbench.study.alone import alone_text
 from workbench.study.compare import BETTER
-from workbench.study.labels import drawn_in
 from workbench.study.row import Row
 from workbench.study.run import motor_torque_limit_nm
 
-# What stands in the table, in this order.
-METRICS = (
-    "peak_torque_motor_nm",
-    "rms_torque_motor_nm",
-    "thermal_load_percent",
-    "speed_error_max_rad_s",
-    "speed_error_rms_rad_s",
-    "position_error_max_m",
-    "settling_time_s",
-    "move_time_s",
-    "min_wire_tension_n",
-    "wire_tension_swing_n",
-    "slack_time_s",
-    "peak_power_motoring_kw",
-    "energy_motoring_j",
-)
+# What stands in the table, in this order: metric -> (in words, unit, what its values are multiplied by).
+METRICS: Mapping[str, tuple[str, str, float]] = {
+    "peak_torque_motor_nm": ("Torque peak per motor", "N m", 1.0),
+    "rms_torque_motor_nm": ("RMS torque per motor", "N m", 1.0),
+    "thermal_load_percent": ("Thermal load of a motor", "%", 1.0),
+    "speed_error_max_rad_s": ("Largest speed error, motor side", "rad/s", 1.0),
+    "speed_error_rms_rad_s": ("RMS speed error, motor side", "rad/s", 1.0),
+    "position_error_max_m": ("Largest position error, carriage side", "mm", 1e3),
+    "settling_time_s": ("Settling time after the last move", "s", 1.0),
+    "move_time_s": ("Time in motion", "s", 1.0),
+    "min_wire_tension_n": ("Smallest wire tension", "kN", 1e-3),
+    "wire_tension_swing_n": ("Swing of wire tension", "kN", 1e-3),
+    "slack_time_s": ("Time with slack wire", "s", 1.0),
+    "peak_power_motoring_kw": ("Largest power, both motors", "kW", 1.0),
+    "energy_motoring_j": ("Work of the motors", "kJ", 1e-3),
+}
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader
 
 
@@ -115,12 +114,11 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
     rows = [_row(each, kind, payload) for each in columns]
     table: dict[str, list[str]] = {"": [], plain(baseline.name): []}
     table |= {plain(each.name): [] for each in columns[1:]}
-    for metric in METRICS:
+    for metric, (words, unit, scale) in METRICS.items():
         if not all(row.metrics.get(metric) is not None for row in rows):
             continue
-        words, scale = drawn_in(metric)
         values = [scale * row[metric] for row in rows]
-        table[""].append(plain(words.axis))
+        table[""].append(plain(f"{words} ({unit})"))
         for each, value in zip(columns, values, strict=True):
             cell = text(value)
             if each.name != baseline.name:
@@ -155,7 +153,7 @@ def _figures(chosen: Sequence[Kept], kind: str, payloads: Sequence[float]) -> No
     strictest = min(machines, key=motor_torque_limit_nm)
     motor, limit = strictest.motor, motor_torque_limit_nm(strictest)
     chart(
-        overview(runs, motor.nominal_torque_nm, limit, "", height=640),
+        overview(runs, motor.nominal_torque_nm, limit, "", height=740),
         "compare over time",
         "Speed, tracking error, torque and wire tension of the kept studies over time",
     )

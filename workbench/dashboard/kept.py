@@ -43,5 +43,9 @@ def keep(name: str, scenario: Scenario, machine: Hoist, result: StudyResult) -> 
     return free
 
 
+def is_kept(scenario: Scenario, machine: Hoist) -> bool:
+    return any((each.scenario, each.machine) == (scenario, machine) for each in kept().values())
+
+
 def forget(name: str) -> None:
     session.put(_KEY, {known: runs for known, runs in kept().items() if known != name})

@@ -35,7 +35,7 @@ PAGES: dict[str, tuple[str, str]] = {
     "Loop": ("workbench.dashboard.loop:show", ":material/all_inclusive:"),
     "Validate": ("workbench.dashboard.validate:show", ":material/fact_check:"),
     "Gap": ("workbench.dashboard.gap:show", ":material/troubleshoot:"),
-    "Machine": ("workbench.dashboard.machine:show", ":material/precision_manufacturing:"),
+    "Machine": ("workbench.dashboard.machine_view:show", ":material/precision_manufacturing:"),
     "Batches": ("workbench.dashboard.batches:show", ":material/dynamic_feed:"),
 }
 

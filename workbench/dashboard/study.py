@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import streamlit as st
 
-from workbench.dashboard.kept import keep
+from workbench.dashboard.kept import is_kept, keep
 from workbench.dashboard.machines import chosen_machine
 from workbench.dashboard.study_controls import scenario_of
 from workbench.dashboard.study_form import controls
@@ -52,9 +52,14 @@ def show() -> None:
 
 def _head(scenario: Scenario, machine: Hoist, result: StudyResult) -> None:
     title, keeping, saving = st.columns([5, 1.5, 1.5], vertical_alignment="center")
-    title.markdown(f"##### {plain(scenario.name)} · {plain(machine.name)}")
-    if keeping.button("Keep for Compare", icon=":material/compare_arrows:", width="stretch"):
-        st.toast(f"Kept as {plain(keep(scenario.name, scenario, machine, result))}", icon=":material/check:")
+    title.markdown(f"##### {plain(scenario.name)} · {plain(result.study.machine.name)}")
+    known = is_kept(scenario, machine)
+    if keeping.button(
+        "Kept" if known else "Keep for Compare", disabled=known, width="stretch", key="study keep",
+        icon=":material/check:" if known else ":material/compare_arrows:",
+    ):  # fmt: skip
+        keep(scenario.name, scenario, machine, result)
+        st.rerun()
     saving.download_button(
         "Save scenario", alone_text(scenario, machine), file_name=f"{scenario.name}.yaml", mime="application/yaml",
         icon=":material/download:", on_click="ignore", width="stretch", key="study save",
@@ -114,7 +119,7 @@ def _over_time(result: StudyResult) -> None:
     runs = [(kind, result.runs[row.run_id]) for kind, row in _good(result)]
     if runs:
         limit = motor_torque_limit_nm(machine)
-        figure = overview(runs, machine.motor.nominal_torque_nm, limit, "", height=640)
+        figure = overview(runs, machine.motor.nominal_torque_nm, limit, "", height=740)
         chart(figure, "study over time", "Speed, tracking error, torque and wire tension over time")
 
 

@@ -24,10 +24,10 @@ from workbench.dashboard.study_controls import (
 from workbench.dashboard.widgets import problem, text
 from workbench.errors import InputError
 from workbench.figures.style import label
-from workbench.machine import Hoist
+from workbench.machine import Hoist, default_hoist
 from workbench.references import allowed_carriage_speed_m_s
 from workbench.study.alone import read_alone
-from workbench.yaml_strict import load
+from workbench.yaml_strict import Document, load
 
 DESK, LOADED = "study desk", "study file"
 PAYLOADS = (0.0, 1500.0, 3000.0, 4500.0, 6000.0, 7500.0, 9000.0)
@@ -63,8 +63,7 @@ def _file(desk: Desk, machine: Hoist) -> Desk:
         before, error = session.get(LOADED, tuple, ("", None))
         if upload is not None and upload.file_id != before:
             try:
-                document = load(session.stored(upload, "scenario.yaml"))
-                desk, error = desk_of(read_alone(document, machine), machine), None
+                desk, error = _read(load(session.stored(upload, "scenario.yaml")), machine), None
                 _forget_widgets()
                 session.put(DESK, desk)
             except InputError as found:
@@ -75,6 +74,12 @@ def _file(desk: Desk, machine: Hoist) -> Desk:
         if upload is not None and error is not None:
             problem(error)
     return replace(desk, controls=replace(desk.controls, name=name))
+
+
+def _read(document: Document, machine: Hoist) -> Desk:
+    """The controls as a file sets them. A machine that it names by file is the one chosen above."""
+    chosen = None if machine == default_hoist() else machine
+    return desk_of(read_alone(document, chosen), machine)
 
 
 def _kept(name: str, value: Any) -> str:

@@ -41,8 +41,6 @@ def pareto(
         [f"payload {p:g} kg" for p in payloads] if len(payloads) > 1 else [""],
         x_title=across.axis,
     )
-    for column, front in enumerate(fronts):
-        _front(panels, column, front, axes)
     for number, kind in enumerate(dict.fromkeys(row.reference for row in rows)):
         colour = line(kind, number)["color"]
         marker = {"symbol": MARKERS[number % len(MARKERS)], "size": 6, "color": colour, "opacity": 0.55}
@@ -91,12 +89,10 @@ def _front(panels: Panels, column: int, front: Front, axes: Sequence[Axis]) -> N
     x, y = (_costs(front.rows, name) for name in front.costs)
     look = {"color": BLACK, "width": 1.6, "shape": "hv", "simplify": False}
     panels.line(
-        0, column, x, y, "front: beaten by no run", look, mode="lines+markers", marker={"size": 5, "color": BLACK},
+        0, column, x, y, "front: beaten by no run", look, mode="lines+markers",
+        marker={"size": 9, "symbol": "circle-open", "color": BLACK},
         text=[said(row, axes) for row in front.rows], hovertemplate=_HOVER,
     )  # fmt: skip
-
-
-def _knee(panels: Panels, column: int, front: Front, axes: Sequence[Axis]) -> None:
     if front.knee is None:
         return
     at = [_costs([front.knee], name) for name in front.costs]
