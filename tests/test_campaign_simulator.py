@@ -183,7 +183,7 @@ def test_an_effect_takes_the_torque_of_its_law(name):
     time = np.arange(len(speed)) * RECORD_S
     expected = law(p, record, time)
     even = steady(speed) & ~near_a_jump(expected)
-    assert np.sum(even) > 4.0 / RECORD_S
+    assert np.sum(even) > 3.0 / RECORD_S
     assert np.sqrt(np.mean(expected[even] ** 2)) > 3.0
     error = np.sqrt(np.mean((change - expected)[even] ** 2))
     assert error < 0.12 * np.sqrt(np.mean(expected[even] ** 2))
