@@ -115,6 +115,43 @@ def test_without_a_payload_the_page_asks_for_one():
     assert errors(app) == ["payloads_kg: choose at least one payload"] and not app.exception
 
 
+def test_runs_that_fail_are_said_and_the_others_shown():
+    app = page("Study").run()
+    app.multiselect(key="study.payloads").set_value([0.0, "30000"]).run()
+    assert not app.exception
+    assert app.warning[0].value.startswith("2 of 4 runs failed") and "30000 kg, trapezoid" in app.warning[0].value
+    assert metrics(app)["Torque peak per motor"][0].endswith(" N m") and len(app.get("plotly_chart")) == 3
+
+
+def test_references_are_not_compared_where_one_of_them_fails():
+    app = page("Study").run()
+    # From the rail's end, and hard: the trapezoid overshoots out of the rail with every load.
+    app.slider(key="study.start").set_value(0.0)
+    app.slider(key="study.up.acceleration").set_value(1.5).run()
+    assert app.warning[0].value.startswith("3 of 6 runs failed")
+    value, delta = metrics(app)["Torque peak per motor"]
+    assert value.endswith(" N m") and not value.startswith("–") and delta == ""
+
+
+def test_a_start_near_the_top_leaves_room_to_move():
+    app = page("Study").run()
+    app.slider(key="study.start").set_value(24.0).run()
+    assert not app.exception and not app.error
+    assert app.slider(key="study.height").value == 1.0
+
+
+def test_a_name_that_is_no_folders_name_is_one_clear_error():
+    app = page("Study").run()
+    app.text_input(key="study.name").set_value("a/b").run()
+    assert errors(app) == ["name: 'a/b', expected up to 64 letters, digits, '.', '_' or '-'"] and not app.exception
+
+
+def test_a_difference_of_rounding_is_neither_green_nor_red():
+    assert widgets._delta(widgets.Number("time", 40.0, "s", 1e-13, "lower")) == ("±0 s", "off")
+    assert widgets._delta(widgets.Number("time", 40.0, "s", -0.5, "lower")) == ("-0.50 s", "inverse")
+    assert widgets._delta(widgets.Number("time", 40.0, "s", float("nan"), "lower")) == (None, "off")
+
+
 def test_without_a_second_reference_the_trapezoid_stands_alone():
     app = page("Study").run()
     app.pills(key="study.references").set_value([]).run()

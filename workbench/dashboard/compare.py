@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import streamlit as st
 
 from workbench.dashboard.kept import Kept, forget, kept
-from workbench.dashboard.widgets import chart, plain, text
+from workbench.dashboard.widgets import SAME, chart, plain, text
 from workbench.figures.study import MOST_COLUMNS, overview
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.style import label
@@ -34,7 +34,6 @@ METRICS: Mapping[str, tuple[str, str, float]] = {
     "peak_power_motoring_kw": ("Largest power, both motors", "kW", 1.0),
     "energy_motoring_j": ("Work of the motors", "kJ", 1e-3),
 }
-SAME = 5e-4  # relative: a smaller difference is rounding to the reader
 
 
 def show() -> None:

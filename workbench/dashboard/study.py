@@ -71,9 +71,13 @@ def _numbers(result: StudyResult) -> None:
     rows = result.rows
     kinds = [kind for kind in dict.fromkeys(row.reference for row in rows) if kind != BASELINE]
     kind = kinds[0] if kinds else BASELINE
+    # Only payloads at which both have run: the worst of different loads does not compare.
+    both = {who: {row.payload_kg for row in rows if row.ok and row.reference == who} for who in (kind, BASELINE)}
+    common = both[kind] & both[BASELINE]
+    fair = [row for row in rows if row.payload_kg in (common or both[kind])]
     worst = {
-        who: {name: _worst([row for row in rows if row.reference == who], name, how) for name, how in _DECIDING.items()}
-        for who in {kind, BASELINE}
+        who: {name: _worst([row for row in fair if row.reference == who], name, how) for name, how in _DECIDING.items()}
+        for who in (kind, BASELINE)
     }
     said = [
         ("Torque peak per motor", PEAK, 1.0, "N m", "lower"),
@@ -85,21 +89,21 @@ def _numbers(result: StudyResult) -> None:
         [
             Number(
                 name, scale * worst[kind][metric], unit,
-                None if kind == BASELINE else scale * (worst[kind][metric] - worst[BASELINE][metric]),
+                None if kind == BASELINE or not common else scale * (worst[kind][metric] - worst[BASELINE][metric]),
                 "lower" if better == "lower" else "higher",
                 help=f"{label(kind)}; the worst of the payloads",
             )
             for name, metric, scale, unit, better in said
         ]
     )  # fmt: skip
-    if kinds:
-        st.caption(
-            f"**{label(kind).capitalize()}**, the worst of the payloads; below it the difference to the trapezoid."
-        )
-
+    failed = [row for row in rows if not row.ok]
+    if failed:
+        first = f"{failed[0].payload_kg:g} kg, {label(failed[0].reference)}: {failed[0].reason}"
+        st.warning(plain(f"{len(failed)} of {len(rows)} runs failed. {first}."), icon=":material/warning:")
+    good = [row for row in rows if row.ok]
     said_first = f"**{label(kind).capitalize()}**, the worst of the payloads"
     said_first += "; below it the difference to the trapezoid." if kinds else "."
-    st.caption(f"{said_first} {plain(' '.join(sentences(rows, motor_torque_limit_nm(result.study.machine))))}")
+    st.caption(f"{said_first} {plain(' '.join(sentences(good, motor_torque_limit_nm(result.study.machine))))}")
 
 
 _DECIDING = {PEAK: max, "speed_error_max_rad_s": max, "move_time_s": max, "min_wire_tension_n": min}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -128,6 +129,8 @@ def gains(controls: Controls, machine: Hoist) -> tuple[float, float]:
 def scenario_of(desk: Desk, machine: Hoist) -> Scenario:
     """The scenario that the controls ask for. InputError names what does not fit."""
     c = desk.controls
+    if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", c.name) is None:
+        raise InputError(f"'{c.name}', expected up to 64 letters, digits, '.', '_' or '-'", place="name")
     if not c.payloads_kg:
         raise InputError("choose at least one payload", place="payloads_kg")
     kp, ki = gains(c, machine)
@@ -157,7 +160,7 @@ def highest_move_m(machine: Hoist, start_position_m: float) -> float:
 def within(controls: Controls, machine: Hoist, fastest_m_s: float) -> Controls:
     """The controls moved inside what this machine allows, where another machine allowed more."""
     low, high = machine.rail.lowest_position_m, machine.highest_position_m
-    start = min(max(controls.start_position_m, low), high - 0.5)
+    start = min(max(controls.start_position_m, low), high - 1.0)
     height = min(controls.height_m, highest_move_m(machine, start))
     up, down = controls.hoisting, controls.lowering
     return replace(

@@ -33,6 +33,7 @@ DESK, LOADED = "study desk", "study file"
 PAYLOADS = (0.0, 1500.0, 3000.0, 4500.0, 6000.0, 7500.0, 9000.0)
 REFERENCES = ("ruckig", "ruckig_equal_time")
 LEAST_MOVE_M = 0.5
+ROOM_M = 1.0  # to move in, that the start leaves
 
 
 def controls(machine: Hoist) -> Desk:
@@ -109,6 +110,8 @@ def _slider(
     key = _kept(name, value)
     low, high = min(low, value), max(high, value)
     st.session_state[key] = min(max(float(st.session_state[key]), low), high)
+    if low == high:  # nothing to slide
+        return low
     return float(st.slider(words, low, high, step=step, format=form, key=key, help=tip or None))
 
 
@@ -142,7 +145,7 @@ def _references(c: Controls) -> tuple[str, ...]:
 
 def _motion(c: Controls, machine: Hoist) -> Controls:
     low, high = machine.rail.lowest_position_m, machine.highest_position_m
-    start = _slider("Start height (m)", "start", c.start_position_m, low, high - LEAST_MOVE_M, 0.5)
+    start = _slider("Start height (m)", "start", c.start_position_m, low, high - ROOM_M, 0.5)
     if c.own_moves:
         own = st.toggle("Moves as in the file", key=_kept("own", True))
         c = replace(c, own_moves=own)

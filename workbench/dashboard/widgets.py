@@ -22,6 +22,7 @@ from workbench.errors import InputError
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+SAME = 5e-4  # relative: a smaller difference is rounding to the reader
 Better = Literal["lower", "higher"]
 
 
@@ -47,16 +48,22 @@ def text(value: float | None, digits: int = 3, sign: bool = False) -> str:
     return f"{value:{'+' if sign else ''}.{min(decimals, 6)}f}".replace("-", "\N{MINUS SIGN}")
 
 
+def _delta(number: Number) -> tuple[str | None, Literal["normal", "inverse", "off"]]:
+    """The delta in words, with which of streamlit's colours is green; a difference of rounding has none."""
+    by = number.delta
+    if by is None or not math.isfinite(by):
+        return None, "off"
+    if abs(by) <= SAME * abs(number.value or 0.0):
+        return f"±0 {number.unit}", "off"
+    # A plain hyphen: that is where streamlit reads the arrow's direction.
+    said = f"{text(by, 2, sign=True)} {number.unit}".replace("\N{MINUS SIGN}", "-")
+    return said, "off" if number.better is None else "inverse" if number.better == "lower" else "normal"
+
+
 def numbers(row: Sequence[Number]) -> None:
     """The numbers side by side, each with its delta: green where better, red where worse."""
     for column, number in zip(st.columns(len(row)), row, strict=True):
-        delta = None
-        if number.delta is not None and math.isfinite(number.delta):
-            # A plain hyphen: that is where streamlit reads the arrow's direction.
-            delta = f"{text(number.delta, 2, sign=True)} {number.unit}".replace("\N{MINUS SIGN}", "-")
-        colour: Literal["normal", "inverse", "off"] = "off"
-        if number.better is not None and number.delta:
-            colour = "inverse" if number.better == "lower" else "normal"
+        delta, colour = _delta(number)
         column.metric(
             number.label,
             f"{text(number.value, number.digits)} {number.unit}".strip(),
@@ -90,8 +97,10 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
 
 def problem(error: InputError) -> None:
     """One clear error: place and problem, with the file's name only, for its folder is the server's own."""
-    name = None if error.file is None else Path(error.file).name
-    shown = InputError(error.problem, file=name, line=error.line, place=error.place)
+    path = Path(error.file or "")
+    # Of several problems each further line names the file anew.
+    said = error.problem.replace(f"{path.parent}/", "") if path.parent != Path() else error.problem
+    shown = InputError(said, file=path.name or None, line=error.line, place=error.place)
     st.error(plain(str(shown)), icon=":material/error:")
 
 
