@@ -87,7 +87,6 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
     config = {
         "scrollZoom": True,
         "displaylogo": False,
-        "responsive": True,
         "modeBarButtonsToRemove": ["select2d", "lasso2d", "autoScale2d"],
         "toImageButtonOptions": {"format": "png", "filename": key, "scale": 2},
     }
