@@ -22,6 +22,7 @@ LOWEST_HZ = 0.02
 COLOURS = (BLUE, GREEN, VERMILLION, PURPLE, ORANGE, SKY)
 DASHES = ("solid", "8px,3px", "2px,2px", "8px,3px,2px,3px")
 POINTS = 600
+HZ, RAD_S = ("Hz", 1.0), ("rad/s", 2.0 * math.pi)  # a unit of frequency and what makes it of Hz
 
 
 def member_name(member: Member) -> str:
@@ -54,16 +55,22 @@ def _db(values: Any) -> Array:
     return np.asarray(20.0 * np.log10(np.abs(values)))
 
 
-def _log_axes(figure: Figure, members: Sequence[Member]) -> Figure:
-    top = max(m.loop.nyquist_hz for m in members)
-    figure.update_xaxes(type="log", dtick=1, range=[math.log10(LOWEST_HZ), math.log10(top)], minor={"showgrid": True})
+def _log_axes(figure: Figure, members: Sequence[Member], per_hz: float) -> Figure:
+    ends = [math.log10(per_hz * f) for f in (LOWEST_HZ, max(m.loop.nyquist_hz for m in members))]
+    figure.update_xaxes(type="log", dtick=1, range=ends, minor={"showgrid": True})
     figure.update_layout(hovermode="closest")
     return figure
 
 
-def bode(members: Sequence[Member], title: str = "Open loop L", height: int = 760) -> Figure:
-    """|L| and its phase over frequency; the weakest member's gain and phase margin drawn and said."""
-    panels = Panels(title, ["|L| (dB)", "phase of L (°)"], x_title="frequency (Hz)")
+def bode(
+    members: Sequence[Member], title: str = "Open loop L", height: int = 760, unit: tuple[str, float] = HZ
+) -> Figure:
+    """|L| and its phase over frequency; the weakest member's gain and phase margin drawn and said.
+
+    unit: of the frequency, HZ or RAD_S.
+    """
+    name_of, per_hz = unit
+    panels = Panels(title, ["|L| (dB)", "phase of L (°)"], x_title=f"frequency ({name_of})")
     worst = weakest(members)
     lowest_phase = -270.0
     for member, look in zip(members, _looks(members), strict=True):
@@ -72,30 +79,34 @@ def bode(members: Sequence[Member], title: str = "Open loop L", height: int = 76
         phase = np.degrees(np.unwrap(np.angle(L)))
         phase -= 360.0 * math.ceil((phase[0] - 1e-9) / 360.0)
         name = member_name(member)
-        hover = {"hovertemplate": "%{x:.4~g} Hz: %{y:.4~g} ", "mode": "lines"}
-        panels.line(0, 0, f, _db(L), name, look, "dB", **hover)
-        panels.line(1, 0, f, phase, name, look, "°", **hover)
+        for row, values, of in ((0, _db(L), "dB"), (1, phase, "°")):
+            hover = f"%{{x:.4~g}} {name_of}: %{{y:.4~g}} {of}"
+            panels.line(row, 0, per_hz * f, values, name, look, of, hovertemplate=hover)
         if member is worst and member.margins.stable:
-            _draw_margins(panels, member, f, phase, name)
+            _draw_margins(panels, member, f, phase, name, unit)
         lowest_phase = min(lowest_phase, float(phase[_db(L) > -40.0].min()))
     panels.level(0, 0, 0.0, "0 dB")
     panels.level(1, 0, -180.0, "−180°")
     figure = panels.figure(height, y_ranges={0: (-60.0, 60.0), 1: (max(lowest_phase - 30.0, -720.0), -60.0)})
-    return _log_axes(figure, members)
+    return _log_axes(figure, members, per_hz)
 
 
-def _draw_margins(panels: Panels, member: Member, f: Array, phase: Array, name: str) -> None:
+def _draw_margins(panels: Panels, member: Member, f: Array, phase: Array, name: str, unit: tuple[str, float]) -> None:
     m = member.margins
+    name_of, per_hz = unit
     dark = {"color": "#222222", "width": 2.2, "simplify": False}
     if math.isfinite(m.crossover_hz):
         at = float(np.interp(math.log(m.crossover_hz), np.log(f), phase))
         foot = -180.0 + 360.0 * round((at + 180.0) / 360.0)
-        _bar(panels, 1, m.crossover_hz, foot, at, dark)
-        _note(panels, 1, m.crossover_hz, at, f"phase margin {m.phase_deg:.0f}° at {m.crossover_hz:.3g} Hz<br>{name}")
+        x = per_hz * m.crossover_hz
+        _bar(panels, 1, x, foot, at, dark)
+        _note(panels, 1, x, at, f"phase margin {m.phase_deg:.0f}° at {x:.3g} {name_of}<br>{name}")
+        _note(panels, 0, x, 0.0, f"crossover {x:.3g} {name_of}", up=True)
     if math.isfinite(m.gain_up):
         gain = -20.0 * math.log10(m.gain_up)
-        _bar(panels, 0, m.gain_up_hz, 0.0, gain, dark)
-        _note(panels, 0, m.gain_up_hz, gain, f"gain margin {-gain:.1f} dB at {m.gain_up_hz:.3g} Hz<br>{name}")
+        x = per_hz * m.gain_up_hz
+        _bar(panels, 0, x, 0.0, gain, dark)
+        _note(panels, 0, x, gain, f"gain margin {-gain:.1f} dB at {x:.3g} {name_of}<br>{name}")
 
 
 def _bar(panels: Panels, row: int, x: float, y0: float, y1: float, look: dict[str, Any]) -> None:
@@ -104,11 +115,12 @@ def _bar(panels: Panels, row: int, x: float, y0: float, y1: float, look: dict[st
     panels.shapes[-1]["line"] = {"color": look["color"], "width": look["width"]}
 
 
-def _note(panels: Panels, row: int, x: float, y: float, text: str) -> None:
+def _note(panels: Panels, row: int, x: float, y: float, text: str, up: bool = False) -> None:
     n = panels._number(row, 0)
+    ax, ay = (50, -30) if up else (-70, 26 if row == 0 else -34)
     panels.annotations.append(
         {"text": text, "x": math.log10(x), "y": y, "xref": f"x{n}", "yref": f"y{n}", "align": "right"}
-        | {"showarrow": True, "arrowhead": 0, "ax": -70, "ay": 26 if row == 0 else -34, "xanchor": "right"}
+        | {"showarrow": True, "arrowhead": 0, "ax": ax, "ay": ay, "xanchor": "left" if up else "right"}
         | {"font": {"size": 12}, "bgcolor": "rgba(255,255,255,0.8)", "borderpad": 2}
     )
 
@@ -165,17 +177,22 @@ GANG = (
 )
 
 
-def gang_of_four(members: Sequence[Member], ms_limit: float, title: str = "Gang of four", height: int = 760) -> Figure:
-    """|S|, |T|, |PS| and |CS| over frequency."""
-    panels = Panels(title, ["dB", "dB"], ["", ""], x_title="frequency (Hz)", link_rows=False)
+def gang_of_four(
+    members: Sequence[Member],
+    ms_limit: float,
+    title: str = "Gang of four",
+    height: int = 760,
+    unit: tuple[str, float] = HZ,
+) -> Figure:
+    """|S|, |T|, |PS| and |CS| over frequency, in HZ or RAD_S."""
+    name_of, per_hz = unit
+    panels = Panels(title, ["dB", "dB"], ["", ""], x_title=f"frequency ({name_of})", link_rows=False)
     for member, look in zip(members, _looks(members), strict=True):
         f = _frequencies(member)
         responses = member.loop.responses(f)
         for key, row, column, _, _ in GANG:
-            hover = "%{x:.4~g} Hz: %{y:.4~g} dB"
-            panels.line(
-                row, column, f, _db(getattr(responses, key)), member_name(member), look, "dB", hovertemplate=hover
-            )
+            hover, values = f"%{{x:.4~g}} {name_of}: %{{y:.4~g}} dB", _db(getattr(responses, key))
+            panels.line(row, column, per_hz * f, values, member_name(member), look, "dB", hovertemplate=hover)
     for column, name in ((0, f"Ms {ms_limit:g}"), (1, f"Mt {ms_limit:g}")):
         panels.level(0, column, 20.0 * math.log10(ms_limit), name)
     for _, row, column, text, _ in GANG:
@@ -186,7 +203,7 @@ def gang_of_four(members: Sequence[Member], ms_limit: float, title: str = "Gang 
         )
     figure = panels.figure(height)
     figure.update_layout({"yaxis": {"range": [-50, 10]}, "yaxis2": {"range": [-50, 10]}})
-    return _log_axes(figure, members)
+    return _log_axes(figure, members, per_hz)
 
 
 STEPS = (
