@@ -330,18 +330,8 @@ def test_labels_use_the_names_places_and_bounds_of_the_workbenchs_library(name):
     effects.of(MACHINE.model_copy(update={"effects": {known: numbers}}))
 
 
-def test_every_effect_of_the_format_can_be_drawn():
-    text = (ROOT.parent / "shared" / "formats.md").read_text(encoding="utf-8") if _has_formats() else ""
-    if not text:
-        pytest.skip("allowed: the format's description lies beside the checkout")
-    section = text.split("## Effect names\n")[1].split("\n")[0]
-    section = re.sub(r"\([^)]*\)", "", section)
-    names = {word.strip(" .").split()[0] for word in section.split("·")}
-    assert names - {"inertia_error", "presliding"} == set(LISTED)
-
-
-def _has_formats() -> bool:
-    return (ROOT.parent / "shared" / "formats.md").is_file()
+def test_every_effect_of_the_formats_list_can_be_drawn():
+    assert {name for name, effect in effects.effects_for("hoist").items() if effect.listed} == set(LISTED)
 
 
 def test_a_campaign_is_read_without_a_remark_and_its_label_says_what_is_in_it(tmp_path):
