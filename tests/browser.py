@@ -177,6 +177,14 @@ class Visit:
         self.page.wait_for_url(re.compile(rf"/({title.lower()})?(\?.*)?$"))
         self.drawn()
 
+    def choose(self, label: str, option: str) -> None:
+        """An option of a select box, where it is not chosen already."""
+        box = self.page.get_by_test_id("stSelectbox").filter(has_text=label)
+        if option not in box.inner_text():
+            box.get_by_role("combobox").click()
+            self.page.get_by_role("option", name=option, exact=True).click()
+            self.drawn()
+
     def drawn(self, figures: int = 0) -> None:
         """Waits until the page has stood still for a moment and shows at least so many figures."""
         self.page.wait_for_function(

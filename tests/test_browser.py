@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import statistics
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +18,10 @@ import pytest
 from tests import browser
 from tests.browser import APP, SCRIPT, Visit
 from tests.conftest import not_here
+from tests.simulated_campaign import simulated_campaign, true_machine
 from workbench.dashboard.shell import present
+from workbench.effects import check
+from workbench.machine import Hoist, load_machine
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -47,6 +51,7 @@ def test_a_visitor_walks_the_whole_story(chromium: Browser, shots: Path, tmp_pat
         measured["slider_to_figures_s"] = moves = sliders(visit)
         measured["slider_to_figures_median_s"] = statistics.median(moves)
         compare(visit)
+        validate(visit, simulated_campaign(tmp_path / "campaign"), tmp_path)
         batches(visit, tmp_path)
         assert visit.complaints == []
         assert visit.asked == []
@@ -86,6 +91,30 @@ def compare(visit: Visit) -> None:
     heads = page.get_by_test_id("stTable").locator("th").all_inner_texts()
     assert len(heads) >= 3, heads
     visit.shot("3 compare")
+
+
+def validate(visit: Visit, campaign: Path, tmp_path: Path) -> None:
+    """A campaign is uploaded as a zip, replayed, identified; the identified machine is kept and downloaded."""
+    packed = shutil.make_archive(str(tmp_path / "simulated"), "zip", campaign)
+    page = visit.page
+    visit.turn_to("Validate")
+    visit.choose("Campaign", "upload a campaign")
+    page.locator("input[type=file]").set_input_files(packed)
+    page.get_by_text("Campaign simulated").wait_for(timeout=browser.DRAWN_WITHIN_MS)
+    visit.drawn(figures=2)
+    visit.shot("4 validate replay")
+    page.get_by_role("button", name="Identify").click()
+    page.get_by_text("Identified machine", exact=True).wait_for(timeout=browser.DRAWN_WITHIN_MS)
+    visit.drawn(figures=4)
+    visit.shot("5 validate identified")
+    page.get_by_role("button", name="Keep the machine").click()
+    with page.expect_download() as machine:
+        page.get_by_role("button", name="machine.yaml").click()
+    machine.value.save_as(tmp_path / "machine.yaml")
+    found = load_machine(tmp_path / "machine.yaml", check_effects=check)
+    assert isinstance(found, Hoist)
+    truth = true_machine().guide.coulomb_hoisting_n
+    assert found.guide.coulomb_hoisting_n == pytest.approx(truth, rel=0.1)
 
 
 def batches(visit: Visit, tmp_path: Path) -> None:
