@@ -40,6 +40,7 @@ class Value:
     most: float = math.inf
     std: float = math.inf
     logarithmic: bool = False
+    furthest: float = math.inf  # |z|
 
     def _z(self, value: float) -> float:
         if self.logarithmic:
@@ -50,11 +51,11 @@ class Value:
 
     @property
     def lowest(self) -> tuple[float, ...]:
-        return (self._z(self.least),)
+        return (max(self._z(self.least), -self.furthest),)
 
     @property
     def highest(self) -> tuple[float, ...]:
-        return (self._z(self.most),)
+        return (min(self._z(self.most), self.furthest),)
 
     @property
     def prior_std(self) -> tuple[float, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TypeVar, cast
 
 from workbench.diagnose.fits import Fitted
@@ -23,11 +23,17 @@ def corrected_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: 
     for a parameter: what is each run's own is there as the first run has it, see `of_first_run`.
     InputError where a value does not fit the machine.
     """
-    machine = refitted_machine(problem, base_keys, fitted)
-    if not fitted.effects:
+    return machine_of(problem, base_keys, fitted.effects, fitted.setting)
+
+
+def machine_of(
+    problem: Problem, base_keys: Mapping[str, Value], names: Sequence[str], setting: Setting
+) -> Hoist | Axis:
+    """The nominal machine with the base values of a setting and the effects `names` as the setting has them."""
+    machine = refitted_machine(problem, base_keys, setting)
+    if not names:
         return machine
-    setting = fitted.setting
-    chosen = {name: _values(problem, name, setting) for name in fitted.effects}
+    chosen = {name: _values(problem, name, setting) for name in names}
     return _with_effects(machine, {**machine.effects, **chosen})
 
 

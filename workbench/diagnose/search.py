@@ -6,14 +6,14 @@ Shapes are tried linearly, on signatures; what looks worth it is refitted nonlin
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 
 from workbench.diagnose.base import base_knobs
 from workbench.diagnose.fits import Fitted, Projection, columns_signed, fit_knobs, linear_gain, start_of
-from workbench.diagnose.knobs import Value
+from workbench.diagnose.knobs import Knob, Value
 from workbench.diagnose.problem import Problem
 from workbench.diagnose.scan import Atom, atoms
 from workbench.diagnose.score import Scale, merit
@@ -27,6 +27,8 @@ ALWAYS = 2  # effects refitted whatever they promise
 HOPELESS = -10.0  # merit, linearly
 PAIRS_REFITTED = 8
 LEADS = 0.4  # of the best single effect's gain
+TOLERANCES = 3.0  # within which signatures are taken
+DROPPED = 2  # pairs
 IN_REACH = 0.3  # of the best gain: what is followed to its end
 PARTNERS = 4  # of each leading effect, that are refitted with it
 LEADERS = 3
@@ -38,11 +40,12 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Found:
-    """base: no effect. fits: names -> the best fit. linear: names -> what a linear fit promises, for what was not
+    """base: no effect; near: with every base parameter within TOLERANCES. fits: names -> the best fit. linear: names -> what a linear fit promises, for what was not
     refitted. failures: names -> why a fit broke down. atoms: the signatures at the base."""
 
     problem: Problem
     base: Fitted
+    near: Fitted
     fits: Mapping[Names, Fitted]
     linear: Mapping[Names, float]
     atoms: Sequence[Atom]
@@ -79,21 +82,32 @@ class Search:
         knobs = list(self.base.values())
         self.tell("base parameters")
         base = fit_knobs(self.problem, (), knobs, np.zeros(len(knobs)), self.problem.noise, LAST_ROUND)
+        near = self._near(base)
         self.tell("signatures of all effects")
-        signatures = atoms(self.problem, self.effects.values(), base.setting)
-        self._singles(base, signatures)
+        signatures = atoms(self.problem, self.effects.values(), near.setting)
+        self._singles(base, near, signatures)
         if most_effects > 1:
-            self._pairs(base, signatures)
-        return Found(self.problem, base, self.fits, self.linear, signatures, self.failures)
+            self._pairs(base, near, signatures)
+        return Found(self.problem, base, near, self.fits, self.linear, signatures, self.failures)
 
-    def _singles(self, base: Fitted, signatures: Sequence[Atom]) -> None:
-        promised = self._promised(base, signatures)
+    def _near(self, base: Fitted) -> Fitted:
+        """The base fit within TOLERANCES: where signatures are taken. One that a large effect has torn far off
+        is no place to linearise."""
+        if np.all(np.abs(base.z) <= TOLERANCES):
+            return base
+        held = [replace(k, furthest=TOLERANCES) if k.std <= 1.0 else k for k in self.base.values()]
+        z = np.clip(base.z, -TOLERANCES, TOLERANCES)
+        found = fit_knobs(self.problem, (), held, z, base.sigma, LAST_ROUND)
+        return replace(found, knobs=base.knobs)
+
+    def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
+        promised = self._promised(near, signatures)
         self.linear |= {(name,): each.gain for name, each in promised.items()}
         order = sorted(promised, key=lambda name: -promised[name].merit)
         order = [name for k, name in enumerate(order[:REFITTED]) if k < ALWAYS or promised[name].merit > HOPELESS]
         for k, name in enumerate(order):
             self.tell(f"effect {k + 1} of {len(order)}: {name}")
-            self._try((name,), lambda each=promised[name]: self._fit_with(base, each))  # type: ignore[misc]
+            self._try((name,), lambda each=promised[name]: self._fit_with(near, each))  # type: ignore[misc]
         self._finish(base, [(name,) for name in order])
 
     def _finish(self, base: Fitted, tried: Sequence[Names]) -> None:
@@ -107,7 +121,7 @@ class Search:
     def _again(self, fit: Fitted) -> Fitted:
         return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, fit.sigma, LAST_ROUND, len(self.base))
 
-    def _pairs(self, base: Fitted, signatures: Sequence[Atom]) -> None:
+    def _pairs(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
         singles = sorted((n for n in self.fits if len(n) == 1), key=lambda n: self.fits[n].objective)
         if not singles:
             return
@@ -131,12 +145,29 @@ class Search:
         for pair, (total, leader, each) in sorted(wanted.items(), key=lambda q: -q[1][0])[:PAIRS_REFITTED]:
             self.linear[pair] = total
             self._try(pair, lambda f=leader, e=each: self._fit_with(f, e))  # type: ignore[misc]
-        self._joint(base, signatures, best)
+        self._joint(near, signatures, near.objective - base.objective + best)
         self._finish(base, [n for n in self.fits if len(n) == 2])
+        self._drop(base)
 
-    def _joint(self, base: Fitted, signatures: Sequence[Atom], best: float) -> None:
+    def _drop(self, base: Fitted) -> None:
+        """Each effect of the leading pairs alone, from where the pair left it: a pair is worth what both earn."""
+        pairs = sorted((n for n in self.fits if len(n) == 2), key=lambda n: self.fits[n].objective)
+        for pair in pairs[:DROPPED]:
+            for left in pair:
+                self._try((left,), lambda p=pair, n=left: self._without(self.fits[p], n))  # type: ignore[misc]
+            self._finish(base, [(left,) for left in pair])
+
+    def _without(self, pair: Fitted, left: str) -> Fitted:
+        """The pair's fit with only the effect `left` in it."""
+        count = len(self.base)
+        mine = [knob for knob in pair.knobs[count:] if left in _effects_of(knob)]
+        kept = np.array([True] * count + [left in _effects_of(k) for k in pair.knobs[count:] for _ in k.lowest])
+        knobs = [*pair.knobs[:count], *mine]
+        return fit_knobs(self.problem, (left,), knobs, pair.z[kept], pair.sigma, FIRST_ROUND, count)
+
+    def _joint(self, near: Fitted, signatures: Sequence[Atom], best: float) -> None:
         """Pairs of effects of which neither leads alone, where they promise more together than the best alone."""
-        projection = Projection.of(self.problem, base, base.sigma)
+        projection = Projection.of(self.problem, near, near.sigma)
         kept: dict[str, list[tuple[float, Atom, Array]]] = {}
         for atom in signatures:
             columns = projection.clean(atom.columns)
@@ -157,10 +188,10 @@ class Search:
                     options.append((worth, (first, second), a, b, amounts, data + prior))
             worth, names, a, b, amounts, gain = max(options, key=lambda q: q[0])
             self.linear[names] = max(gain, self.linear.get(names, 0.0))
-            if gain > best:
+            if gain > best:  # what the best alone takes off, from the same point
                 found.append((worth, names, a, b, amounts))
         for _, pair, a, b, amounts in sorted(found, key=lambda q: -q[0])[:PARTNERS]:
-            self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(base, a, b, m))  # type: ignore[misc]
+            self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
 
     @property
     def scale(self) -> Scale:
@@ -189,14 +220,14 @@ class Search:
         knobs, z = [*at.knobs, *more], np.concatenate([at.z, start])
         return fit_knobs(self.problem, names, knobs, z, at.sigma, FIRST_ROUND, len(self.base))
 
-    def _fit_both(self, base: Fitted, a: Atom, b: Atom, amounts: Array) -> Fitted:
+    def _fit_both(self, near: Fitted, a: Atom, b: Atom, amounts: Array) -> Fitted:
         split = a.columns.shape[1]
-        knobs, start = list(base.knobs), list(base.z)
+        knobs, start = list(near.knobs), list(near.z)
         for atom, part in ((a, amounts[:split]), (b, amounts[split:])):
             more, z = start_of(self.problem, atom, part)
             knobs, start = [*knobs, *more], [*start, *z]
         names = (a.effect.id, b.effect.id)
-        return fit_knobs(self.problem, names, knobs, np.array(start), base.sigma, FIRST_ROUND, len(self.base))
+        return fit_knobs(self.problem, names, knobs, np.array(start), near.sigma, FIRST_ROUND, len(self.base))
 
     def _try(self, names: Names, fit: Callable[[], Fitted]) -> None:
         """A candidate that breaks down is a row in the report, not the end."""
@@ -209,3 +240,9 @@ class Search:
             self.failures[names] = "the simulation breaks down at these values"
         elif names not in self.fits or found.objective < self.fits[names].objective:
             self.fits[names] = found
+
+
+def _effects_of(knob: Knob) -> set[str]:
+    """The effects whose values a knob sets."""
+    values = knob.values([0.0] * len(knob.lowest))
+    return {symbol.split("__")[0] for symbol in values}

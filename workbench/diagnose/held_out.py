@@ -1,0 +1,70 @@
+"""Held-out residuals: what a hypothesis, fitted to the other runs, leaves in the run it has not seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnose.fits import Fitted
+from workbench.diagnose.knobs import Setting, bounds_of, setting_of
+from workbench.diagnose.problem import Problem
+from workbench.run import Array
+
+BLOCKS = 4  # that a single run is cut into
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """residual: (samples,) each row as predicted without its fold. settings: the fit without each fold."""
+
+    residual: Array
+    fold_of_row: np.ndarray
+    settings: tuple[Setting, ...]
+
+    def rms(self, inputs: int, fold: int | None = None) -> float:
+        """Of the input's rows, all or of one fold."""
+        rows = self.residual[:inputs]
+        if fold is not None:
+            rows = rows[self.fold_of_row[:inputs] == fold]
+        return float(np.sqrt(np.mean(rows**2))) if len(rows) else math.nan
+
+
+def folds_by_run(problem: Problem) -> np.ndarray:
+    """Each run is a fold; one run alone is cut into four blocks of time."""
+    if len(problem.runs) > 1:
+        return np.asarray(problem.run_of_row)
+    blocks = np.minimum(np.arange(problem.inputs) * BLOCKS // max(problem.inputs, 1), BLOCKS - 1)
+    return np.tile(blocks, problem.samples // max(problem.inputs, 1))
+
+
+def folds_by_payload(problem: Problem) -> np.ndarray | None:
+    """Runs of one payload are a fold; None where all runs have the same."""
+    payloads = sorted({run.payload_kg for run in problem.runs})
+    if len(payloads) < 2:
+        return None
+    of_run = np.array([payloads.index(run.payload_kg) for run in problem.runs])
+    return np.asarray(of_run[problem.run_of_row])
+
+
+def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
+    """One Gauss-Newton step from the joint fit takes a fold out; the model is then run anew at that point.
+
+    What is each run's own (a phase) stays as that run has it: another run cannot know it.
+    """
+    lowest, highest, std = bounds_of(fitted.knobs)
+    weight2 = problem.share / fitted.sigma**2
+    prior = np.diag(1.0 / std**2)
+    folds = int(np.max(fold_of_row)) + 1 if len(fold_of_row) else 0
+    settings: list[Setting] = []
+    for fold in range(folds):
+        rest = fold_of_row != fold
+        j, r = fitted.jacobian[rest], fitted.residual[rest]
+        hessian = weight2 * (j.T @ j) + prior
+        gradient = weight2 * (j.T @ r) + fitted.z / std**2
+        scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+        step = np.linalg.lstsq(hessian / np.outer(scale, scale), -gradient / scale, rcond=1e-10)[0] / scale
+        settings.append(setting_of(fitted.knobs, np.clip(fitted.z + step, lowest, highest)))
+    out = problem.residuals(settings)
+    return HeldOut(out[fold_of_row, np.arange(problem.samples)], fold_of_row, tuple(settings))

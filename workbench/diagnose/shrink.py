@@ -1,0 +1,111 @@
+"""How far the gap shrinks on runs that a fit has not seen, in torque and in open-loop speed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnose.held_out import HeldOut, folds_by_run, held_out
+from workbench.diagnose.knobs import Setting, Value
+from workbench.diagnose.machines import machine_of
+from workbench.diagnose.problem import Problem
+from workbench.diagnose.records import Names, Shrink
+from workbench.diagnose.search import Found
+from workbench.errors import InputError
+from workbench.machine import Axis, LinearAxis
+from workbench.simulate.replay import replay_runs
+
+DRAWS = 2000  # of the bootstrap
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Held-out residuals without and with the effects named."""
+
+    before: HeldOut
+    after: HeldOut
+
+
+def folds_of(found: Found, names: Names) -> Folds:
+    folds = folds_by_run(found.problem)
+    before = held_out(found.problem, found.near, folds)
+    after = held_out(found.problem, found.fits[names], folds) if names else before
+    return Folds(before, after)
+
+
+def shrink_of(found: Found, keys: Mapping[str, Value], names: Names, folds: Folds, seed: int) -> Shrink:
+    """`names`: the effects of the verdict; none for no gap, and the gap does not shrink then."""
+    problem = found.problem
+    before, after = folds.before.rms(problem.inputs), folds.after.rms(problem.inputs)
+    speed = [_speed(problem, keys, names if k else (), (folds.after if k else folds.before).settings) for k in range(2)]
+    sentences = []
+    if len(problem.runs) == 1:
+        sentences.append(
+            "One run only: four blocks of it were held out in turn, which says less than other runs would."
+        )
+    axis = isinstance(problem.machine, Axis)
+    return Shrink(
+        before=before,
+        after=after,
+        noise=problem.noise,
+        unit="N" if axis and isinstance(problem.machine, LinearAxis) else "N m",
+        band_hz=problem.band_hz,
+        factor=before / max(after, 1e-12),
+        ci95=_interval(folds, problem.inputs, seed),
+        speed_rmse_percent_before=speed[0],
+        speed_rmse_percent_after=speed[1],
+        by_run=_by_run(problem, folds),
+        sentences=tuple(sentences),
+    )
+
+
+def _by_run(problem: Problem, folds: Folds) -> dict[str, tuple[float, float]]:
+    found = {}
+    for j, run in enumerate(problem.runs):
+        rows = np.flatnonzero(problem.run_of_row[: problem.inputs] == j)
+        if len(rows):
+            sizes = [float(np.sqrt(np.mean(each.residual[rows] ** 2))) for each in (folds.before, folds.after)]
+            found[run.name] = (sizes[0], sizes[1])
+    return found
+
+
+def _interval(folds: Folds, inputs: int, seed: int) -> tuple[float, float]:
+    """95 % of the factor: folds drawn with replacement."""
+    of_row = folds.before.fold_of_row[:inputs]
+    count = int(np.max(of_row)) + 1 if inputs else 0
+    sums = np.array(
+        [
+            [np.sum(each.residual[:inputs][of_row == f] ** 2) for f in range(count)]
+            for each in (folds.before, folds.after)
+        ]
+    )
+    draw = np.random.default_rng(seed).integers(0, max(count, 1), (DRAWS, max(count, 1)))
+    totals = np.sum(sums[:, draw], axis=2)
+    factors = np.sqrt(totals[0] / np.maximum(totals[1], 1e-300))
+    low, high = np.quantile(factors, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def _speed(problem: Problem, keys: Mapping[str, Value], names: Names, settings: tuple[Setting, ...]) -> float:
+    """Open-loop replay of each held-out run on the machine fitted to the others, rms, per cent; NaN if none runs."""
+    runs = list(problem.runs)
+    squares: list[tuple[float, int]] = []
+    for j, run in enumerate(runs):
+        setting = settings[j] if len(settings) == len(runs) else settings[0]
+        try:
+            machine = machine_of(problem, keys, names, for_run(setting, j))
+            replay = replay_runs(machine, [run], problem.band_hz)
+        except InputError:
+            continue
+        if math.isfinite(replay.speed_rmse_percent):
+            squares.append((replay.speed_rmse_percent**2 * len(run.time_s), len(run.time_s)))
+    total = sum(n for _, n in squares)
+    return math.sqrt(sum(s for s, _ in squares) / total) if total else math.nan
+
+
+def for_run(setting: Setting, j: int) -> dict[str, float]:
+    """The setting as run j has it."""
+    return {k: v[j] if isinstance(v, tuple) else v for k, v in setting.items()}
