@@ -6,12 +6,15 @@ import json
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("streamlit")
 
 from tests.dashboard_app import errors, page
 from workbench.analysis.family import family, operating_points
+from workbench.analysis.loop import INPUTS, SHOWN
+from workbench.analysis.step import step_response
 from workbench.control import PiSettings
 from workbench.dashboard.loop_controls import KI, KP, WEIGHT, kp_steps
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four
@@ -141,3 +144,16 @@ def test_bode_in_radians_shows_the_same_loop_at_two_pi_times_the_frequency():
     words = [note.text for note in bode(members, unit=RAD_S).layout.annotations]
     assert f"crossover {2.0 * math.pi * crossover:.3g} rad/s" in words
     assert f"crossover {crossover:.3g} Hz" in [note.text for note in bode(members).layout.annotations]
+
+
+def test_the_step_response_is_that_of_the_loop_taken_sample_by_sample():
+    drive = {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002}
+    machine = with_values(default_hoist(), drive)
+    (member,) = family(machine, usual_controller(machine), operating_points(machine, (4500.0,), (9.0,)))
+    for column, name in enumerate(INPUTS):
+        found = step_response(member.loop, name, 1.5)
+        inputs = np.zeros((len(found.time_s), len(INPUTS)))
+        inputs[:, column] = 1.0
+        slowly = member.loop.closed.run(inputs)
+        for signal, values in zip(SHOWN, slowly.T, strict=True):
+            assert found.signals[signal] == pytest.approx(values, abs=1e-9 * np.max(np.abs(values)))

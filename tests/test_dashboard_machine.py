@@ -283,3 +283,10 @@ def test_an_axis_has_no_drawing_and_says_so(chosen, tmp_path):
     runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
     app = chosen(write_campaign(tmp_path / "axis", axis_columns(), runs=runs, machine=AXIS))
     assert errors(app) == ["machine.yaml: kind: is an axis; this drawing is of a hoist"]
+
+
+def test_the_drawing_can_be_made_large():
+    app = page("Machine").run()
+    assert drawing(app)["layout"]["height"] == 600
+    app.toggle(key="machine large").set_value(True).run()
+    assert drawing(app)["layout"]["height"] == 880

@@ -9,7 +9,7 @@ import streamlit as st
 from workbench.analysis.family import Member, weakest
 from workbench.dashboard.loop_controls import Question, gains, question
 from workbench.dashboard.loop_family import loops
-from workbench.dashboard.loop_tune import tuning, wanted
+from workbench.dashboard.loop_tune import tuned_before, tuning, wanted
 from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
 from workbench.reports import loop as report
@@ -24,15 +24,15 @@ def show() -> None:
         goal = wanted(asked.ms_limit)
     case = LoopCaseFile(asked.machine, settings, "on this page", asked.payloads_kg, asked.heights_m, None)
     st.markdown(f"#### Speed loop · {plain(case.machine.name)}")
-    top, found = st.container(), st.container()
-    with found:
-        tuning(case, asked, goal)
+    top = st.container()
+    tuning(case, asked, goal)
     with guarded():
         members = loops(case, asked.motion)
         before = loops(_by_rule(case), asked.motion)
     with top:
         _numbers(case, members, before)
     _bode_and_nyquist(members, asked)
+    tuned_before(case)
     st.markdown(plain(" ".join(report.sentences(case, members))))
     _others(members, asked)
     _table(members)

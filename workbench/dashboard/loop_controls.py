@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import streamlit as st
 
 from workbench.analysis.linearise import Motion
@@ -19,6 +19,7 @@ from workbench.reports.loop_case import MOST, numbers, usual_controller, usual_h
 
 MOTIONS: dict[str, Motion] = {"hoisting": "hoisting", "lowering": "lowering", "at rest": "at_rest"}
 KP, KI, WEIGHT = "loop kp", "loop ki", "loop weight"
+STEP = 1.04  # from one step of a gain's slider to the next
 _PENDING = "loop gains found"  # set by a tuning, taken over before the sliders are drawn
 
 
@@ -91,11 +92,13 @@ def kp_steps(machine: Hoist) -> list[float]:
 
 
 def ki_steps(machine: Hoist) -> list[float]:
-    return _log_steps(usual_controller(machine).ki_nm_per_rad, 1.0 / 30.0, 3000.0)
+    return _log_steps(usual_controller(machine).ki_nm_per_rad, 0.03, 3000.0)
 
 
 def _log_steps(rule: float, low: float, high: float) -> list[float]:
-    return [float(f"{rule * value:.3g}") for value in np.geomspace(low, high, 181)]
+    """Up and down from the gain by rule, which is itself a step."""
+    down, up = math.floor(math.log(low) / math.log(STEP)), math.ceil(math.log(high) / math.log(STEP))
+    return [float(f"{rule * STEP**k:.4g}") for k in range(down, up + 1)]
 
 
 def _slider(label: str, key: str, steps: Sequence[float]) -> float:

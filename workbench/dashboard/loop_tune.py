@@ -38,17 +38,22 @@ def wanted(ms_limit: float) -> Goal | None:
 
 
 def tuning(case: LoopCaseFile, asked: Question, goal: Goal | None) -> None:
-    """Tunes for a goal, which fills the sliders; else draws what was found last."""
-    if goal is not None:
-        try:
-            with st.spinner("Shaping the loop, then trying gains on the nonlinear machine"):
-                tuned = _tune(case, asked, goal)
-        except InputError as error:  # the loop under the present gains is still worth seeing
-            problem(error)
-            return
-        session.put(_FOUND, Found(case, tuned, machine_text(case.machine)))
-        put_gains(tuned.winner.settings)
-        st.rerun()
+    """Tunes for a goal, which fills the sliders and draws the page anew."""
+    if goal is None:
+        return
+    try:
+        with st.spinner("Shaping the loop, then trying gains on the nonlinear machine"):
+            tuned = _tune(case, asked, goal)
+    except InputError as error:  # the loop under the present gains is still worth seeing
+        problem(error)
+        return
+    session.put(_FOUND, Found(case, tuned, machine_text(case.machine)))
+    put_gains(tuned.winner.settings)
+    st.rerun()
+
+
+def tuned_before(case: LoopCaseFile) -> None:
+    """What the last tuning found."""
     found = st.session_state.get(_FOUND)
     if isinstance(found, Found):
         with st.expander("What the tuning found", expanded=True, icon=":material/tune:"):

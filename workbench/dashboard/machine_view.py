@@ -7,22 +7,23 @@ import streamlit as st
 from workbench.dashboard.machine_runs import Shown, chosen_run
 from workbench.dashboard.machine_scene import scene_of
 from workbench.dashboard.widgets import guarded, is_dark, plain
-from workbench.figures.arm import moving_arm
+from workbench.figures.arm import HEIGHT, moving_arm
 
 
 def show() -> None:
     """Draws the page."""
     with st.sidebar, guarded():
         shown = chosen_run()
+        height = 880 if st.toggle("Large", key="machine large", help="For a large screen or a projector.") else HEIGHT
     with guarded():
-        _draw(shown)
+        _draw(shown, height)
 
 
-def _draw(shown: Shown) -> None:
+def _draw(shown: Shown, height: int) -> None:
     machine, run = shown.machine, shown.run
     scene = scene_of(machine, run)
     st.markdown(f"#### {plain(machine.name)} · {plain(shown.name)}")
-    figure = moving_arm(machine, scene, is_dark())
+    figure = moving_arm(machine, scene, is_dark(), height=height)
     # Not by `chart`: that one knows no frames, and a drawing has nothing to zoom.
     st.plotly_chart(
         figure, width="stretch", theme=None, key="machine drawing",

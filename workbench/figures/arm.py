@@ -68,9 +68,17 @@ class Scene:
 
 
 def moving_arm(
-    machine: Hoist, scene: Scene, dark: bool = False, most_frames: int = MOST_FRAMES, validate: bool = False
+    machine: Hoist,
+    scene: Scene,
+    dark: bool = False,
+    most_frames: int = MOST_FRAMES,
+    height: int = HEIGHT,
+    validate: bool = False,
 ) -> Figure:
-    """The drawing with gauges and strips; play, pause and slider are in the figure itself."""
+    """The drawing with gauges and strips; play, pause and slider are in the figure itself.
+
+    validate: have plotly check it, which takes four times as long.
+    """
     import plotly.graph_objects as go
 
     look = look_of(dark)
@@ -80,9 +88,9 @@ def moving_arm(
     still, moments = stage.still(), [stage.moving(coarse, k) for k in range(n)]
     numbers = list(range(len(still), len(still) + len(moments[0])))
     frames = [{"name": str(k), "data": data, "traces": numbers} for k, data in enumerate(_only_what_changes(moments))]
-    # Unchecked by plotly, which would take ten times as long: a test checks it.
+    # Unchecked by plotly, which would take four times as long: a test has it checked.
     figure: Figure = go.Figure(
-        data=[*still, *moments[0]], layout=stage.layout(coarse), frames=frames, _validate=validate
+        data=[*still, *moments[0]], layout=stage.layout(coarse) | {"height": height}, frames=frames, _validate=validate
     )
     return figure
 
@@ -179,7 +187,6 @@ class _Stage:
         axes = machine_axes | self.gauges.axes() | self.strips.axes()
         return {
             "template": TEMPLATE if not look.dark else look.template,
-            "height": HEIGHT,
             "margin": {"l": 8, "r": 12, "t": 12, "b": 8},
             "showlegend": False,
             "hovermode": False,
