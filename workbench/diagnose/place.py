@@ -18,7 +18,7 @@ EXPLAINS_LITTLE = 0.3
 EVENT_TIME = 0.15  # of the time in motion
 EVENT_RUN = 0.8  # of the energy, in one run
 BOTH_WAYS = 0.5  # how alike the two directions are, of 1
-CLEARLY = 0.5  # of what a straight line leaves
+CLEARLY = 0.25  # of what a straight line leaves
 
 
 @dataclass(frozen=True)

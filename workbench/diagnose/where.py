@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.diagnose.fits import Fitted
-from workbench.diagnose.gap import LIMIT
 from workbench.diagnose.knobs import Setting, bounds_of
 from workbench.diagnose.place import CREEPING, EXPLAINS_LITTLE, Place, place_of, side_of
 from workbench.diagnose.problem import Problem
 from workbench.diagnose.profiles import Explained, Free, best_of, explain, profile_of, run_of, share_in_time
 from workbench.diagnose.records import Profile, Where
+from workbench.diagnose.search import TOLERANCES
 from workbench.diagnose.spectrum import wave_of
 from workbench.diagnose.variables import spacing, variables
 from workbench.diagnose.windows import Windows, windows_of
@@ -30,15 +30,15 @@ class Part:
 
 
 def where_of(
-    problem: Problem, within: Fitted, named: Fitted | None = None, effects: Sequence[Effect] = (), seed: int = 0
+    problem: Problem, near: Fitted, named: Fitted | None = None, effects: Sequence[Effect] = (), seed: int = 0
 ) -> Where:
-    """Where the gap lies. within: the base parameters refitted within their tolerances, and what they leave.
+    """Where the gap lies. near: the base parameters refitted within their tolerances, and what they leave.
 
     named, effects: the fit of the verdict and the effects it names; the windows are then where the
     larger effect's own part of the gap lies, and subsystem and regime are those it declares. Without
     them all follows from the profiles: the variable that explains most says the regime.
     """
-    profiles, best, other = _profiles(problem, within, seed)
+    profiles, best, other = _profiles(problem, near, seed)
     if named is not None and effects:
         parts = sorted(parts_of(problem, named, effects), key=lambda part: -_energy(problem, part.rows))
         gap = named.residual + sum_of(problem, named, effects)
@@ -46,7 +46,7 @@ def where_of(
         windows = windows_of(problem, own**2)
         place = Place(parts[0].effect.subsystem(problem.active.kind), parts[0].effect.regime)
     else:
-        gap, own = within.residual, best.part
+        gap, own = near.residual, best.part
         windows = windows_of(problem, gap[: problem.inputs] ** 2 - problem.noise**2)
         place = place_of(problem, gap[: problem.inputs], best, windows, side_of(problem, gap))
     torque = gap[: problem.inputs]
@@ -89,9 +89,9 @@ def _energy(problem: Problem, rows: Array) -> float:
     return float(np.sum(spacing(problem) * rows[: problem.inputs] ** 2))
 
 
-def _profiles(problem: Problem, within: Fitted, seed: int) -> tuple[list[Profile], Explained, Explained | None]:
+def _profiles(problem: Problem, near: Fitted, seed: int) -> tuple[list[Profile], Explained, Explained | None]:
     """All profiles, the best first; what explains best, and next best."""
-    gap, free = within.residual[: problem.inputs], free_of(problem, within)
+    gap, free = near.residual[: problem.inputs], free_of(problem, near)
     found = [explain(problem, gap, v, free, seed) for v in variables(problem)]
     profiles = [profile_of(problem, gap, each, _regime(problem, gap, each)) for each in found]
     wave, spectrum = wave_of(problem, gap, seed)
@@ -102,15 +102,15 @@ def _profiles(problem: Problem, within: Fitted, seed: int) -> tuple[list[Profile
     return [profiles[k] for k in order], best, rest[0] if rest else None
 
 
-def free_of(problem: Problem, within: Fitted) -> Free:
+def free_of(problem: Problem, near: Fitted) -> Free:
     """How far the base parameters may still go from a fit, within their tolerances."""
-    low, high, std = bounds_of(within.knobs)
-    z = within.z
-    tolerance = np.array([not getattr(knob, "logarithmic", False) for knob in within.knobs])
-    reach = np.where(tolerance, LIMIT * std, np.inf)
+    low, high, std = bounds_of(near.knobs)
+    z = near.z
+    tolerance = np.array([not getattr(knob, "logarithmic", False) for knob in near.knobs])
+    reach = np.where(tolerance, TOLERANCES * std, np.inf)
     low, high = np.maximum(low, -reach) - z, np.minimum(high, reach) - z
-    hold = within.sigma / np.sqrt(problem.share) / std
-    return Free(-within.jacobian[: problem.inputs], np.minimum(low, 0.0), np.maximum(high, 0.0), hold)
+    hold = near.sigma / np.sqrt(problem.share) / std
+    return Free(-near.jacobian[: problem.inputs], np.minimum(low, 0.0), np.maximum(high, 0.0), hold)
 
 
 def _regime(problem: Problem, gap: Array, each: Explained) -> str:

@@ -15,7 +15,6 @@ from workbench.run import Array
 HELD = 0.75  # of the energy, in the windows
 SHORTEST = 2.0  # periods of the band
 APART = 1.0  # periods: windows nearer to one another are one
-LEVELS = 40
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ def windows_of(problem: Problem, power: Array, held: float = HELD) -> Windows:
     smooth = np.maximum(_smoothed(power, at, run_of, period), 0.0)
     energy = step * np.maximum(power, 0.0)
     total = float(energy.sum())
-    levels = np.unique(np.quantile(smooth, np.linspace(0.0, 1.0, LEVELS + 1)[:-1]))[::-1]
+    levels = np.unique(smooth)[::-1]
     inside, spans = np.ones(problem.inputs, dtype=bool), None
     low, high = 0, len(levels) - 1  # the share grows as the level falls
     while low <= high:
