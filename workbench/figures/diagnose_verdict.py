@@ -1,0 +1,87 @@
+"""The verdict: every hypothesis with its probability, and which effects these runs could tell apart at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from workbench.figures.diagnose_style import heading
+from workbench.figures.style import BLUE, FAINT, GREY, PURPLE, TEMPLATE
+from workbench.run import Array
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+COLOURS = {"named": BLUE, "unknown": PURPLE, "no_gap": GREY, "": FAINT}
+BAR, AROUND = 30, 112  # px
+CELL, LABELS = 27, 240  # px
+
+
+def ranking(rows: Sequence[tuple[str, str, float]]) -> Figure:
+    """Horizontal bars. rows: (named, unknown, no_gap or "" for a rest, what stands beside the bar, probability)."""
+    import plotly.graph_objects as go
+
+    height = AROUND + BAR * max(len(rows), 2)
+    bars = {
+        "type": "bar", "orientation": "h", "x": [100.0 * p for *_, p in rows], "y": [name for _, name, _ in rows],
+        "text": [_percent(p) for *_, p in rows], "textposition": "outside", "cliponaxis": False, "showlegend": False,
+        "marker": {"color": [COLOURS[word] for word, *_ in rows]}, "hovertemplate": "%{y}: %{x:.2f} %<extra></extra>",
+    }  # fmt: skip
+    layout = {
+        "template": TEMPLATE,
+        "height": height,
+        "hovermode": "closest",
+        "title": heading("Probability of each hypothesis", height),
+        "margin": {"l": 12, "t": 48, "r": 60},
+        "bargap": 0.3,
+        "xaxis": {"title": {"text": "probability (%)"}, "range": [0, 100], "zeroline": False},
+        "yaxis": {"autorange": "reversed", "type": "category", "ticks": ""},
+    }
+    return go.Figure({"data": [bars], "layout": layout})
+
+
+def _percent(probability: float) -> str:
+    percent = 100.0 * probability
+    if 0.0 < percent < 0.1:
+        return "< 0.1 %"
+    return f"{percent:.1f} %" if percent < 10.0 or percent > 99.0 else f"{percent:.0f} %"
+
+
+def isolability(names: Sequence[str], angle: Array, chosen: Sequence[str] = ()) -> Figure:
+    """Angles between signatures, degrees, (k, k), as the lower triangle: 0° is one and the same, 90° unmistakable.
+
+    chosen: names that are set in bold. k is at least 2.
+    """
+    import plotly.graph_objects as go
+
+    k = len(names)
+    below = np.where(np.tri(k, k=-1, dtype=bool), angle, np.nan)[1:, :-1]  # the others are empty
+    labels = [f"<b>{name}</b>" if name in chosen else name for name in names]
+    # Small angles stand out: vermillion where two effects leave the same mark, white at right angles.
+    heat: dict[str, Any] = {
+        "type": "heatmap", "x": labels[:-1], "y": labels[1:], "z": [[_cell(v) for v in row] for row in below],
+        "zmin": 0.0, "zmax": 90.0, "xgap": 1, "ygap": 1, "hoverongaps": False,
+        "colorscale": [[0.0, "#D55E00"], [0.17, "#E69F00"], [0.5, "#F8E6C0"], [1.0, "#FFFFFF"]],
+        "text": [["" if np.isnan(v) else f"{v:.0f}" for v in row] for row in below],
+        "texttemplate": "%{text}", "textfont": {"size": 10, "color": "#222222"},
+        "colorbar": {"title": {"text": "angle (°)"}, "thickness": 14, "tickvals": [0, 15, 30, 45, 60, 75, 90]},
+        "hovertemplate": "%{y} and %{x}: %{z:.1f}°<extra></extra>",
+    }  # fmt: skip
+    height = LABELS + CELL * max(k - 1, 3)
+    axis = {"type": "category", "showgrid": False, "ticks": "", "tickfont": {"size": 11}}
+    layout = {
+        "template": TEMPLATE,
+        "height": height,
+        "hovermode": "closest",
+        "title": heading("Angle between the marks that two effects leave in these runs", height),
+        "margin": {"l": 12, "t": 48, "r": 20, "b": 12},
+        "xaxis": axis | {"tickangle": -50},
+        "yaxis": axis | {"autorange": "reversed"},
+    }
+    return go.Figure({"data": [heat], "layout": layout})
+
+
+def _cell(value: float) -> float | None:
+    return None if np.isnan(value) else round(float(value), 2)

@@ -1,0 +1,173 @@
+"""Where the gap lies: its mean over each variable, both ways, as small multiples; curves of an unknown cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from workbench.diagnose.records import Curve, Profile
+from workbench.figures.diagnose_style import heading
+from workbench.figures.style import FAINT, MARKERS, SPARE, TEMPLATE
+from workbench.run import Array
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+COLUMNS = 3
+PANEL, BETWEEN, TOP, BOTTOM = 190, 96, 124, 56  # px
+GAP_X = 0.055  # of the width, between panels
+SHARE_ROOM = 3.0  # the bars of the energy's share fill a third of a panel
+
+
+def profiles(found: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figure:
+    """A panel a variable, as many as are given: mean residual in each bin, forward and backward; grey: energy's share.
+
+    The scale is common to all panels, so that they compare at a glance. ways: what the two directions are called.
+    """
+    boxes, height = _boxes(len(found))
+    data: list[dict[str, Any]] = []
+    layout = _layout(f"Mean residual ({unit}) over what may explain it", height)
+    largest = max((_largest(each.mean_forward, each.mean_backward) for each in found), default=0.0) or 1.0
+    for number, (each, box) in enumerate(zip(found, boxes, strict=True), start=1):
+        middle = (each.edges[1:] + each.edges[:-1]) / 2.0
+        share = {
+            "type": "bar", "x": middle, "y": 100.0 * each.share, "width": np.diff(each.edges),
+            "name": "share of the gap's energy (%, bars)", "legendgroup": "share", "showlegend": number == 1,
+            "marker": {"color": FAINT, "line": {"width": 0}}, "xaxis": f"x{number}", "yaxis": f"y{number + len(found)}",
+            "hovertemplate": "%{y:.1f} %",
+        }  # fmt: skip
+        data.append(share)
+        for way, values in enumerate((each.mean_forward, each.mean_backward)):
+            data.append(_line(middle, values, ways[way], way, unit, number, number == 1))
+        unit_of = f" ({each.unit})" if each.unit not in ("", "1") else ""
+        low, high, explains = (round(100.0 * x) for x in (*each.interval, each.explains))
+        _panel(layout, number, box, f"{each.label}{unit_of}")
+        if each.variable == "direction":  # a sign: backward or forward
+            layout[f"xaxis{number}"] |= {"tickvals": list(middle), "ticktext": list(ways[::-1])}
+        # Over the bars' axis, yet with ticks of its own.
+        scale = {"range": [-1.15 * largest, 1.15 * largest], "tickmode": "auto", "nticks": 7}
+        layout[f"yaxis{number}"] |= scale | {"overlaying": f"y{number + len(found)}"}
+        if box[0][0] == 0.0:
+            layout[f"yaxis{number}"]["title"] = {"text": f"mean residual ({unit})", "font": {"size": 12}}
+        layout[f"yaxis{number + len(found)}"] = {
+            "domain": box[1], "anchor": f"x{number}", "range": [0.0, SHARE_ROOM * 100.0 * _most(each.share)],
+            "showticklabels": False, "showgrid": False, "ticks": "", "showline": False, "zeroline": False,
+        }  # fmt: skip
+        said = f"<b>{each.label}</b><br>explains {explains} % ({low} to {high})"
+        layout["annotations"].append(_above(said, box))
+    return _figure(data, layout)
+
+
+def curves(
+    found: Sequence[Curve], ways: tuple[str, str], words: Mapping[str, tuple[str, str]], units: Sequence[str]
+) -> Figure:
+    """A panel a curve: the unknown cause's force against the motion, both ways, with a band of two standard errors.
+
+    words: variable -> (what it is called, its unit). units: of each curve's force (N) or torque (N m).
+    """
+    boxes, height = _boxes(len(found), columns=min(2, max(len(found), 1)), panel=300)
+    data: list[dict[str, Any]] = []
+    layout = _layout("The unknown cause: force against the motion", height)
+    for number, (each, box, of) in enumerate(zip(found, boxes, units, strict=True), start=1):
+        name, unit = words.get(each.over, (each.over, ""))
+        both = ((each.forward, each.std_forward), (each.backward, each.std_backward))
+        for way, (values, error) in enumerate(both):
+            data.append(_band(each.at, values, 2.0 * error, way, number))
+            data.append(_line(each.at, values, ways[way], way, of, number, number == 1))
+        _panel(layout, number, box, f"{name} ({unit})" if unit else name)
+        layout[f"yaxis{number}"]["title"] = {
+            "text": f"{'force' if of == 'N' else 'torque'} at the {each.acts_on} ({of})"
+        }
+        said = f"<b>over {name}</b><br>explains {100.0 * each.explains:.0f} %"
+        layout["annotations"].append(_above(said, box))
+    return _figure(data, layout)
+
+
+def _line(x: Array, y: Array, name: str, way: int, unit: str, number: int, legend: bool) -> dict[str, Any]:
+    colour, dash = SPARE[way]
+    return {
+        "type": "scatter", "mode": "lines+markers", "x": x, "y": _gaps(y), "name": name, "legendgroup": name,
+        "showlegend": legend, "line": {"color": colour, "dash": dash, "width": 1.8},
+        "marker": {"symbol": MARKERS[way], "size": 6, "color": colour}, "xaxis": f"x{number}", "yaxis": f"y{number}",
+        "hovertemplate": f"%{{y:.3~g}} {unit}",
+    }  # fmt: skip
+
+
+def _band(x: Array, y: Array, error: Array, way: int, number: int) -> dict[str, Any]:
+    """The outline of y ± error; what is unknown is left out."""
+    known = np.isfinite(x) & np.isfinite(y) & np.isfinite(error)
+    x, y, error = x[known], y[known], error[known]
+    red, green, blue = (int(SPARE[way][0][i : i + 2], 16) for i in (1, 3, 5))
+    return {
+        "type": "scatter", "mode": "lines", "x": np.concatenate([x, x[::-1]]),
+        "y": np.concatenate([y + error, (y - error)[::-1]]), "fill": "toself", "line": {"width": 0},
+        "fillcolor": f"rgba({red},{green},{blue},0.25)", "showlegend": False, "hoverinfo": "skip",
+        "xaxis": f"x{number}", "yaxis": f"y{number}",
+    }  # fmt: skip
+
+
+def _gaps(values: Array) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def _largest(*values: Array) -> float:
+    every = np.concatenate(values)
+    return float(np.max(np.abs(every[np.isfinite(every)]), initial=0.0))
+
+
+def _most(share: Array) -> float:
+    return float(np.nanmax(share)) if np.any(share > 0.0) else 1.0
+
+
+Box = tuple[list[float], list[float]]
+
+
+def _boxes(count: int, columns: int = COLUMNS, panel: int = PANEL) -> tuple[list[Box], int]:
+    """The domains of so many panels, and the figure's height."""
+    columns = min(columns, max(count, 1))
+    rows = max(-(-count // columns), 1)
+    inner = rows * panel + (rows - 1) * BETWEEN
+    width = (1.0 - GAP_X * (columns - 1)) / columns
+    found = []
+    for index in range(count):
+        row, column = divmod(index, columns)
+        left, top = column * (width + GAP_X), 1.0 - row * (panel + BETWEEN) / inner
+        found.append(([left, min(left + width, 1.0)], [max(top - panel / inner, 0.0), min(top, 1.0)]))
+    return found, inner + TOP + BOTTOM
+
+
+def _layout(title: str, height: int) -> dict[str, Any]:
+    return {
+        "template": TEMPLATE,
+        "height": height,
+        "title": heading(title, height),
+        "legend": {"y": 1.0 - 68.0 / height, "traceorder": "normal"},
+        "margin": {"t": TOP, "b": BOTTOM},
+        "annotations": [],
+        "barmode": "overlay",
+        "bargap": 0.0,
+    }
+
+
+def _panel(layout: dict[str, Any], number: int, box: Box, x_title: str) -> None:
+    layout[f"xaxis{number}"] = {
+        "domain": box[0], "anchor": f"y{number}", "title": {"text": x_title, "font": {"size": 12}}, "nticks": 6,
+    }  # fmt: skip
+    layout[f"yaxis{number}"] = {"domain": box[1], "anchor": f"x{number}"}
+
+
+def _above(text: str, box: Box) -> dict[str, Any]:
+    return {
+        "text": text, "x": box[0][0], "y": box[1][1], "xref": "paper", "yref": "paper", "xanchor": "left",
+        "yanchor": "bottom", "yshift": 3, "showarrow": False, "font": {"size": 11}, "align": "left",
+    }  # fmt: skip
+
+
+def _figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
+    import plotly.graph_objects as go
+
+    # Plotly calls the first axes x and y, without a number.
+    layout |= {axis: layout.pop(f"{axis}1") for axis in ("xaxis", "yaxis") if f"{axis}1" in layout}
+    return go.Figure({"data": data, "layout": layout})

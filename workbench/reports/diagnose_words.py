@@ -1,0 +1,159 @@
+"""A diagnosis in words: what the verdict and its probability mean, and how each step reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from workbench.diagnose.records import Diagnosis, Hypothesis, VerdictWord
+from workbench.effects import Effect, effects_for
+from workbench.machine import Axis, Hoist
+from workbench.machine.axis import LinearAxis
+from workbench.plants import plant_of
+from workbench.reports.numbers import figures
+from workbench.reports.words import listed, words_of
+
+NO_GAP, UNKNOWN = "no gap", "unknown cause"
+
+# What a measured correction may be over: what it is called, and its unit.
+OVER: Mapping[str, tuple[str, str]] = {
+    "speed_carriage_m_s": ("carriage speed", "m/s"),
+    "speed_motor_rad_s": ("motor speed", "rad/s"),
+    "position_carriage_m": ("carriage height", "m"),
+    "angle_motor_rad": ("motor angle", "rad"),
+    "angle_drum_rad": ("drum angle", "rad"),
+    "payload_kg": ("payload", "kg"),
+    "velocity_m_s": ("speed", "m/s"),
+    "speed_rad_s": ("speed", "rad/s"),
+    "position_m": ("position", "m"),
+    "angle_rad": ("angle", "rad"),
+    "angle_in_turn_rad": ("angle within a turn", "rad"),
+    "time_s": ("time since the run's start", "s"),
+    "campaign_time_s": ("time since the campaign's start", "s"),
+}
+
+
+def hypothesis_name(verdict: VerdictWord, effects: Sequence[str]) -> str:
+    return " + ".join(effects) if verdict == "named" else {"no_gap": NO_GAP, "unknown": UNKNOWN}[verdict]
+
+
+def chosen_probability(d: Diagnosis) -> float:
+    """Of what the verdict says; 0 where the ranking has no such row."""
+    v = d.verdict
+    return sum(each.probability for each in v.ranking if _is_verdict(each, v.word, v.effects))
+
+
+def _is_verdict(each: Hypothesis, word: VerdictWord, effects: Sequence[str]) -> bool:
+    return each.verdict == word and set(each.effects) == set(effects)
+
+
+def probability_sentence(d: Diagnosis) -> str:
+    """The verdict's probability, and what that number means."""
+    p, word = chosen_probability(d), d.verdict.word
+    what = {
+        "named": "the missing physics would be just this",
+        "no_gap": "the machine would lack nothing that these runs can show",
+        "unknown": "the cause would be one that the library does not hold",
+    }[word]
+    count = round(100.0 * p)
+    many = "more than 99" if p > 0.995 else "less than one" if p < 0.005 else f"about {count}"
+    return f"Probability {_percent(p)}: of a hundred campaigns judged like this one, in {many} {what}."
+
+
+def _percent(p: float) -> str:
+    return "above 99 %" if p > 0.995 else f"{100.0 * p:.0f} %"
+
+
+def alike_sentence(d: Diagnosis) -> str:
+    """What these runs cannot tell from the verdict; "" where there is nothing, or its sentence says so already."""
+    if all(name in d.verdict.sentence for name in d.verdict.alike):
+        return ""
+    return f"These runs cannot tell it from {listed(d.verdict.alike)}: either explains them as well."
+
+
+def effect_sentences(d: Diagnosis) -> list[str]:
+    """What each named effect is, its equation and how it shows, as it is declared."""
+    known: dict[str, Effect] = effects_for(plant_of(d.campaign.machine).kind)
+    found = []
+    for name in d.verdict.effects:
+        if each := known.get(name):
+            place = each.subsystem(plant_of(d.campaign.machine).kind).replace("_", " ")
+            found.append(f"{name} ({place}): {each.meaning} {each.equation}. It shows as {each.shows}.")
+    return found
+
+
+def where_sentence(d: Diagnosis) -> str:
+    w = d.where
+    if w is None:
+        return "Where there is no gap, there is no place of it."
+    low, high = (round(100.0 * x) for x in w.interval)
+    side = {"drive": " It lies on the drive's side of the wire.", "carriage": " It lies on the carriage's side."}
+    return (
+        f"The gap lies at the {w.subsystem.replace('_', ' ')}, {REGIMES.get(w.regime, w.regime)}: "
+        f"{100.0 * w.share:.0f} % of its energy (90 % interval {low} to {high} %) is in the windows marked and in this "
+        f"regime.{side.get(w.side, '')}"
+    )
+
+
+REGIMES = {
+    "speed": "growing with speed",
+    "low_speed": "near standstill",
+    "acceleration": "with acceleration",
+    "load": "with the load",
+    "position": "at a position",
+    "time": "over time",
+    "start": "at each start",
+    "periodic": "periodically",
+    "event": "at single events",
+    "all": "whenever it moves",
+}
+
+
+def shrink_sentence(d: Diagnosis) -> str:
+    """How far it shrinks, with its interval, against the floor."""
+    s = d.shrink
+    quantity = words_of(d.campaign.machine).quantity
+    low, high = s.ci95
+    if s.before <= 0.0 or d.verdict.word == "no_gap":
+        return (
+            f"Nothing to shrink: on held-out runs the {quantity} residual is {figures(s.after)} {s.unit} rms, the "
+            f"noise {figures(s.noise)} {s.unit}."
+        )
+    return (
+        f"On runs that were held out of the fit the {quantity} residual falls from {figures(s.before)} to "
+        f"{figures(s.after)} {s.unit} rms, by a factor of {figures(s.factor)} (95 % interval {figures(low)} to "
+        f"{figures(high)}); the noise floor is {figures(s.noise)} {s.unit}. Replayed open loop, the speed's error goes "
+        f"from {figures(s.speed_rmse_percent_before)} to {figures(s.speed_rmse_percent_after)} % of "
+        f"{words_of(d.campaign.machine).scale}."
+    )
+
+
+def next_run_sentences(d: Diagnosis) -> list[str]:
+    """The run that decides what is open, or that nothing is."""
+    n = d.next_run
+    if n is None:
+        return ["Nothing is open that another run would decide."]
+    load = f" with {n.payload_kg:g} kg" if isinstance(d.campaign.machine, Hoist) else ""
+    signals = f", logging {listed(n.signals)} too" if n.signals else ""
+    return [
+        n.why,
+        f"The run: {n.profile}{load}{signals}. On it the candidates' predictions lie {figures(n.separation, 2)} "
+        f"standard deviations apart; on the runs at hand {figures(n.now, 2)}.",
+    ]
+
+
+def unknown_sentences(d: Diagnosis) -> list[str]:
+    if d.unknown is None:
+        return []
+    said = list(d.unknown.sentences)
+    if d.corrected.measured_correction is not None:
+        over = OVER.get(d.corrected.measured_correction.over, (d.corrected.measured_correction.over, ""))[0]
+        said.append(
+            f"machine.yaml holds the first curve, over {over}, as `measured_correction`: a table that replay and study "
+            "take into account. It is a measurement, no explanation, and holds within the runs it was measured in only."
+        )
+    return said
+
+
+def curve_unit(machine: Hoist | Axis, acts_on: str) -> str:
+    """Of what acts there: N at the guide and on a linear axis, else N m."""
+    return "N" if acts_on == "guide" or isinstance(machine, LinearAxis) else "N m"
