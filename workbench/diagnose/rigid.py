@@ -1,0 +1,88 @@
+"""A run's torque as a rigid machine would need it: coarse, but blind to no slip of sign, unit or machine.
+
+    input = inertia · acceleration + friction · sign(speed) + load
+
+fitted by least squares to each run for itself, low-passed to half the band; an axis' friction
+has a viscous part too. Every effect of the library leaves inertia and load within a third of the nominal ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.machine import Axis, Hoist
+from workbench.run import Array, Run
+from workbench.simulate.driven import Bench
+from workbench.simulate.lowpass import lowpass
+
+BAND_SHARE = 0.5  # of the band: farther below the wire's resonance the machine is nearly rigid
+TURNS_OVER = 0.005  # of the speed scale: where friction takes on its full value
+SURE = 5.0  # standard errors
+
+
+@dataclass(frozen=True)
+class Rigid:
+    """What one run needs beside the nominal machine: ratios, 1 where they agree, with standard errors.
+
+    inertia: None where the run does not accelerate enough to tell. hold: mean load, None on an axis or where
+    friction hides it. friction: in the input's unit, against the motion positive.
+    """
+
+    run: str
+    inertia: float | None
+    inertia_std: float
+    hold: float | None
+    friction: float
+
+
+def rigid_of(bench: Bench, j: int) -> Rigid:
+    """Run j of the bench as a rigid machine."""
+    run, machine = bench.runs[j], bench.machine
+    rows = bench.moving[j]
+    band = BAND_SHARE * bench.band_hz
+    speed = lowpass(run.time_s, bench.motions[j].speed, band)
+    sign = lowpass(run.time_s, np.clip(speed / (TURNS_OVER * bench.scale), -1.0, 1.0), band)
+    needed, load = nominal(machine, run)
+    columns = [needed * np.gradient(speed, run.time_s), np.ones_like(speed), sign]
+    if isinstance(machine, Axis):
+        columns.append(speed)
+    x = np.stack(columns, axis=1)[rows]
+    y = lowpass(run.time_s, run[bench.plant.input], band)[rows]
+    independent = 2.0 * band * run.sample_time_s * len(y)
+    if independent < 2.0 * x.shape[1]:
+        return Rigid(run.name, None, float("inf"), None, 0.0)
+    found, std = _least_squares(x, y, independent)
+    told = std[0] < np.inf and abs(found[0]) > SURE * std[0]
+    hold = found[1] / load if load and std[1] < 0.1 * load else None
+    return Rigid(run.name, float(found[0]) if told else None, float(std[0]), hold, float(found[2]))
+
+
+def nominal(machine: Hoist | Axis, run: Run) -> tuple[float, float]:
+    """Inertia at the driven coordinate, kg m^2 (kg), and the load to be held, N m (0 on an axis)."""
+    if isinstance(machine, Axis):
+        return machine.role("inertia"), 0.0
+    lift = machine.lift_m_per_rad
+    mass = machine.carriage.mass_kg + run.payload_kg
+    sheave = machine.sheave.inertia_kg_m2 * (2.0 * lift / machine.sheave.diameter_m) ** 2
+    turning = machine.motor.count * machine.motor.rotor_inertia_kg_m2 + machine.winch.inertia_kg_m2 / (
+        machine.gearbox.ratio**2
+    )
+    return turning + sheave + mass * lift**2, mass * machine.gravity_m_s2 * lift
+
+
+def _least_squares(x: Array, y: Array, independent: float) -> tuple[Array, Array]:
+    """Values and standard errors; infinite ones where the columns cannot be told apart."""
+    size = np.linalg.norm(x, axis=0)
+    size[size == 0.0] = 1.0
+    scaled = x / size
+    found, *_ = np.linalg.lstsq(scaled, y, rcond=1e-6)
+    left = y - scaled @ found
+    normal = scaled.T @ scaled
+    values, vectors = np.linalg.eigh(normal)
+    variance = (vectors**2) @ (1.0 / np.maximum(values, 1e-12))
+    # Scaled columns: what is left of one after the others are taken out is 1/variance.
+    variance[variance > 1e6] = np.inf
+    per_row = float(left @ left) / max(independent - x.shape[1], 1.0)
+    return found / size, np.sqrt(variance * per_row) / size

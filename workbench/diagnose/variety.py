@@ -1,0 +1,79 @@
+"""What a campaign's runs cannot tell apart: for want of another run, payload, speed or direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from workbench.machine import Hoist
+from workbench.run import Array
+from workbench.simulate.driven import Bench
+from workbench.simulate.lowpass import lowpass
+
+ONE_WAY = 0.03  # of the moving time the other way: too little to tell friction from load
+ONE_SPEED = 0.7  # of the larger cruising speeds over the smaller: slower and faster are then one speed
+EVEN = 0.1  # of the largest acceleration: below it counts as cruising
+PAYLOADS_ALIKE = 0.02  # of the moved mass: less is no other payload
+
+
+def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
+    """Sentences, none for a campaign that varies all it should."""
+    found = []
+    hoist = isinstance(bench.machine, Hoist)
+    if len(going) == 1:
+        found.append(
+            "One run only: it can show neither what the payload changes nor what the campaign's time does, "
+            "and nothing is left to test on; held-out figures are of parts of the same run."
+            if hoist
+            else "One run only: it cannot show what changes from run to run, and nothing is left to test on; "
+            "held-out figures are of parts of the same run."
+        )
+    elif hoist and _one_payload(bench, going):
+        found.append(
+            f"All runs carry about {bench.runs[going[0]].payload_kg:g} kg: what grows with the load (gearbox "
+            "efficiency, load-dependent friction, payload and torque scale) cannot be told from what does not."
+        )
+    speeds = [_speeds(bench, j) for j in going]
+    ahead = float(np.mean(np.concatenate(speeds) > 0.0))
+    if not ONE_WAY < ahead < 1.0 - ONE_WAY:
+        way, other = ("hoist", "lowering") if hoist else ("go forward", "a way back")
+        if ahead <= 0.5:
+            way, other = ("lower", "hoisting") if hoist else ("go backward", "a way forward")
+        found.append(f"All runs only {way}: without {other}, friction cannot be told from the load or an offset.")
+    if _one_speed(bench, going):
+        found.append(
+            "All runs move at one speed: friction that grows or falls with the speed cannot be told from a "
+            "constant level; a slow run beside a fast one would show it."
+        )
+    return tuple(found)
+
+
+def _one_payload(bench: Bench, going: Sequence[int]) -> bool:
+    assert isinstance(bench.machine, Hoist)
+    payloads = [bench.runs[j].payload_kg for j in going]
+    return max(payloads) - min(payloads) < PAYLOADS_ALIKE * (bench.machine.carriage.mass_kg + max(payloads))
+
+
+def _speeds(bench: Bench, j: int) -> Array:
+    """(k,) of run j while it moves, smooth."""
+    run = bench.runs[j]
+    return lowpass(run.time_s, bench.motions[j].speed, bench.band_hz)[bench.moving[j]]
+
+
+def _one_speed(bench: Bench, going: Sequence[int]) -> bool:
+    """Whether all cruising happens at one speed; motion that never cruises has all speeds."""
+    cruising, moving = [], 0
+    for j in going:
+        run = bench.runs[j]
+        speed = lowpass(run.time_s, bench.motions[j].speed, bench.band_hz)
+        acceleration = np.abs(np.gradient(speed, run.time_s))
+        largest = float(np.max(acceleration[bench.moving[j]]))
+        even = bench.moving[j] & (acceleration < EVEN * largest) & (np.abs(speed) > 0.02 * bench.scale)
+        cruising.append(np.abs(speed[even]))
+        moving += int(np.count_nonzero(bench.moving[j]))
+    every = np.concatenate(cruising)
+    if len(every) < 0.2 * moving:
+        return False
+    slow, fast = np.percentile(every, [5.0, 95.0])
+    return bool(slow > ONE_SPEED * fast)
