@@ -51,7 +51,7 @@ def folds_by_payload(problem: Problem) -> np.ndarray | None:
 def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
     """One Gauss-Newton step from the joint fit takes a fold out; the model is then run anew at that point.
 
-    What is each run's own (a phase) stays as that run has it: another run cannot know it.
+    What is each run's own (a phase) is taken from that run itself: another run cannot know it.
     """
     lowest, highest, std = bounds_of(fitted.knobs)
     weight2 = problem.share / fitted.sigma**2
@@ -63,8 +63,28 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
         j, r = fitted.jacobian[rest], fitted.residual[rest]
         hessian = weight2 * (j.T @ j) + prior
         gradient = weight2 * (j.T @ r) + fitted.z / std**2
-        scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-        step = np.linalg.lstsq(hessian / np.outer(scale, scale), -gradient / scale, rcond=1e-10)[0] / scale
+        step = _step(hessian, gradient, (fitted.z > lowest) | (gradient < 0.0), (fitted.z < highest) | (gradient > 0.0))
+        step += _own(fitted, ~rest, step)
         settings.append(setting_of(fitted.knobs, np.clip(fitted.z + step, lowest, highest)))
     out = problem.residuals(settings)
     return HeldOut(out[fold_of_row, np.arange(problem.samples)], fold_of_row, tuple(settings))
+
+
+def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> Array:
+    """The Newton step of what is not held at a bound that it wants to cross."""
+    free = np.flatnonzero(down & up)
+    h = hessian[np.ix_(free, free)]
+    scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
+    step = np.zeros(len(gradient))
+    step[free] = np.linalg.lstsq(h / np.outer(scale, scale), -gradient[free] / scale, rcond=1e-10)[0] / scale
+    return step
+
+
+def _own(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
+    """What the values that only this fold shows move by, so that it is met best after `step` of the others."""
+    mine = np.flatnonzero(~np.any(fitted.jacobian[~fold] != 0.0, axis=0))
+    found = np.zeros(len(step))
+    if len(mine) and np.any(fold):
+        left = fitted.residual[fold] + fitted.jacobian[fold] @ step
+        found[mine] = -np.linalg.lstsq(fitted.jacobian[fold][:, mine], left, rcond=1e-8)[0]
+    return found

@@ -21,6 +21,7 @@ from workbench.diagnose.misfit import Misfit, misfit_of
 from workbench.diagnose.records import Hypothesis, Names, VerdictWord
 from workbench.diagnose.score import Scale, merit
 from workbench.diagnose.search import Found
+from workbench.effects import find
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
@@ -53,6 +54,7 @@ class Judged:
     weighed: tuple[Weighed, ...]
     best: Weighed | None
     misfit: Misfit
+    evidence: Mapping[str, float]
     unknown_probability: float
     reasons: tuple[str, ...]
 
@@ -79,7 +81,7 @@ def weigh(found: Found) -> tuple[Weighed, ...]:
             continue
         explained = max(base.chi2 - found.fits[first].chi2, 0.0)
         added = _merit(found.fits[first], fit, scale, explained)
-        weighed.append(Weighed(names, fit, found.gain(names), worth + added, added))
+        weighed.append(Weighed(names, fit, found.gain(names), worth + added - calibration()["pair"], added))
     return tuple(sorted(weighed, key=lambda each: -each.merit))
 
 
@@ -90,42 +92,69 @@ def _merit(before: Fitted, after: Fitted, scale: Scale, explained: float = 0.0) 
 
 def judge(found: Found) -> Judged:
     """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1."""
-    numbers = calibration()
-    weighed = [each for each in weigh(found) if len(each.names) == 1 or each.earned > numbers["second"]]
+    weighed = weigh(found)
     best = weighed[0] if weighed else None
-    significant = best is not None and best.merit > numbers["threshold"]
-    held = best.fit if best is not None and significant else found.near
+    held = best.fit if best is not None and best.merit > calibration()["threshold"] else found.near
     left = misfit_of(found.problem, held, found.problem.noise)
-    unknown, reasons = _unknown(found, held, left, numbers)
-    threshold, temperature = numbers["threshold"], numbers["temperature"]
-    exponents = np.array([threshold, *(each.merit for each in weighed)]) / (2.0 * temperature)
+    evidence = evidence_of(found, held, left)
+    rows = rank([(each.names, each.merit) for each in weighed], evidence, calibration())
+    unknown = next(row.probability for row in rows if row.verdict == "unknown")
+    reasons = _reasons(left, evidence)
+    return Judged(rows[0].verdict, rows[0].effects, rows, weighed, best, left, evidence, unknown, reasons)
+
+
+def rank(
+    merits: Sequence[tuple[Names, float]], evidence: Mapping[str, float], numbers: Mapping[str, float]
+) -> tuple[Hypothesis, ...]:
+    """The ranking, the answer first, from merits and the evidence for an unknown cause.
+
+    Named hypotheses share what no unknown cause takes with no gap, whose merit is the threshold;
+    merits count divided by the temperature. The answer is the likeliest of the three words.
+    """
+    x = numbers["unknown_bias"] + sum(numbers[f"unknown_{name}"] * value for name, value in evidence.items())
+    unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
+    exponents = np.array([numbers["threshold"], *(m for _, m in merits)]) / (2.0 * numbers["temperature"])
     shares = np.exp(exponents - np.max(exponents))
     shares *= (1.0 - unknown) / np.sum(shares)
     rows = [Hypothesis("no_gap", (), float(shares[0])), Hypothesis("unknown", (), unknown)]
-    rows += [Hypothesis("named", w.names, float(p)) for w, p in zip(weighed, shares[1:], strict=True)]
-    named = float(np.sum(shares[1:]))
-    word: VerdictWord = max(("named", named), ("no_gap", float(shares[0])), ("unknown", unknown), key=lambda q: q[1])[0]  # type: ignore[assignment]
-    names = best.names if word == "named" and best is not None else ()
-    first = {"named": names}.get(word, ())
-    rows.sort(key=lambda row: (not (row.verdict == word and row.effects == first), -row.probability))
-    return Judged(word, names, tuple(rows), tuple(weighed), best, left, unknown, tuple(reasons))
+    rows += [Hypothesis("named", names, float(p)) for (names, _), p in zip(merits, shares[1:], strict=True)]
+    total = {row.verdict: 0.0 for row in rows}
+    for row in rows:
+        total[row.verdict] += row.probability
+    word = max(total, key=lambda each: total[each])
+    rows.sort(key=lambda row: (row.verdict != word, -row.probability))
+    first, rest = rows[0], sorted(rows[1:], key=lambda row: -row.probability)
+    return (first, *rest)
 
 
-def _unknown(found: Found, held: Fitted, left: Misfit, numbers: Mapping[str, float]) -> tuple[float, list[str]]:
-    """The probability that what is left comes from a cause no hypothesis holds, and why."""
-    x = (
-        numbers["unknown_bias"]
-        + numbers["unknown_clear"] * math.log(max(left.clear, 0.5))
-        + numbers["unknown_slow"] * math.log(max(left.slow, 0.5))
-    )
+def evidence_of(found: Found, held: Fitted, left: Misfit) -> dict[str, float]:
+    """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
+
+    clear, slow: logarithms of the misfit. prior: how far beyond chance the base parameters are off their
+    tolerances, in standard deviations above 2 (R. A. Fisher's sqrt(2 chi^2) - sqrt(2 k - 1)). bound: an effect's
+    value at its limit.
+    """
+    dof = sum(1 for knob in found.base.knobs if all(math.isfinite(s) for s in knob.prior_std))
+    beyond = math.sqrt(2.0 * held.prior) - math.sqrt(max(2.0 * dof - 1.0, 0.0))
+    return {
+        "clear": math.log(max(left.clear, 1.0)),
+        "slow": math.log(max(left.slow, 1.0)),
+        "prior": max(beyond - 2.0, 0.0),
+        "bound": float(_on_bound(held, len(found.base.z))),
+    }
+
+
+def _reasons(left: Misfit, evidence: Mapping[str, float]) -> tuple[str, ...]:
     reasons = []
     if left.clear > 1.3:
         reasons.append(f"the best hypothesis leaves {left.clear:.1f} times the noise away from standstill")
-    on_bound = _on_bound(held, len(found.base.z))
-    if on_bound:
+    if left.slow > 1.5:
+        reasons.append(f"what it leaves hangs together over seconds ({left.slow:.1f} times what noise would)")
+    if evidence["prior"] > 1.0:
+        reasons.append("it needs base parameters further off than their tolerances allow together")
+    if evidence["bound"]:
         reasons.append("it sits on the bound of one of its parameters")
-        x += numbers["unknown_bound"]
-    return 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0))), reasons
+    return tuple(reasons)
 
 
 def _on_bound(fit: Fitted, base: int) -> bool:
@@ -140,7 +169,7 @@ def _on_bound(fit: Fitted, base: int) -> bool:
     return False
 
 
-def alike(judged: Judged, kept: float = 0.85, within: float = 30.0) -> tuple[str, ...]:
+def alike(judged: Judged, kind: str, kept: float = 0.85, within: float = 30.0) -> tuple[str, ...]:
     """Single effects of another place or regime that explain nearly as much as the answer does."""
     if judged.word != "named" or judged.best is None or len(judged.names) != 1:
         return ()
@@ -152,8 +181,11 @@ def alike(judged: Judged, kept: float = 0.85, within: float = 30.0) -> tuple[str
         and each.names != best.names
         and each.merit > calibration()["threshold"]
         and (each.gain > kept * best.gain and best.gain - each.gain < within)
+        and not _same_but_freer(each, best, kind)
     )
 
 
-def names_of(rows: Sequence[Hypothesis]) -> tuple[Names, ...]:
-    return tuple(row.effects for row in rows)
+def _same_but_freer(each: Weighed, best: Weighed, kind: str) -> bool:
+    """A law of the same place and regime with more freedom holds the answer within it: that is no other cause."""
+    a, b = find(each.names[0], kind), find(best.names[0], kind)
+    return len(a.parameters) > len(b.parameters) and (a.subsystem(kind), a.regime) == (b.subsystem(kind), b.regime)

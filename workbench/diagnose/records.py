@@ -12,6 +12,7 @@ from workbench.run import Array
 
 if TYPE_CHECKING:
     from workbench.consequences import Consequences
+    from workbench.diagnose.judge import Judged
     from workbench.diagnose.search import Found
 
 Names = tuple[str, ...]
@@ -244,4 +245,5 @@ class Diagnosis:
     consequences: Consequences | None
     why_no_consequences: str
     found: Found = field(repr=False, compare=False)
+    judged: Judged = field(repr=False, compare=False)
     warnings: tuple[str, ...] = ()

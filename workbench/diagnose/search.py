@@ -40,8 +40,11 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Found:
-    """base: no effect; near: with every base parameter within TOLERANCES. fits: names -> the best fit. linear: names -> what a linear fit promises, for what was not
-    refitted. failures: names -> why a fit broke down. atoms: the signatures at the base."""
+    """base: no effect; near: the same with every base parameter within TOLERANCES. fits: names -> the best fit.
+
+    linear: names -> what a linear fit promises, also for what was not refitted. failures: names -> why a fit broke
+    down. atoms: the signatures at `near`.
+    """
 
     problem: Problem
     base: Fitted
@@ -82,13 +85,14 @@ class Search:
         knobs = list(self.base.values())
         self.tell("base parameters")
         base = fit_knobs(self.problem, (), knobs, np.zeros(len(knobs)), self.problem.noise, LAST_ROUND)
-        near = self._near(base)
+        within = self._near(base)
+        near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
         self.tell("signatures of all effects")
         signatures = atoms(self.problem, self.effects.values(), near.setting)
         self._singles(base, near, signatures)
         if most_effects > 1:
             self._pairs(base, near, signatures)
-        return Found(self.problem, base, near, self.fits, self.linear, signatures, self.failures)
+        return Found(self.problem, base, within, self.fits, self.linear, signatures, self.failures)
 
     def _near(self, base: Fitted) -> Fitted:
         """The base fit within TOLERANCES: where signatures are taken. One that a large effect has torn far off
@@ -97,8 +101,7 @@ class Search:
             return base
         held = [replace(k, furthest=TOLERANCES) if k.std <= 1.0 else k for k in self.base.values()]
         z = np.clip(base.z, -TOLERANCES, TOLERANCES)
-        found = fit_knobs(self.problem, (), held, z, base.sigma, LAST_ROUND)
-        return replace(found, knobs=base.knobs)
+        return fit_knobs(self.problem, (), held, z, base.sigma, LAST_ROUND)
 
     def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
         promised = self._promised(near, signatures)

@@ -1,0 +1,1 @@
+"""How well `workbench diagnose` names what is hidden in simulated machines: run, calibrate, score."""

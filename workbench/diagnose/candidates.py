@@ -1,0 +1,95 @@
+"""The candidates as rows of a report: fit, parameters, held-out score, and what speaks against each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from workbench.diagnose.estimates import estimates
+from workbench.diagnose.fits import Fitted
+from workbench.diagnose.held_out import folds_by_payload, folds_by_run, held_out
+from workbench.diagnose.judge import Judged, Weighed
+from workbench.diagnose.knobs import Value
+from workbench.diagnose.records import Candidate, Names
+from workbench.diagnose.search import Found
+
+SCORED = 6  # hypotheses whose held-out score is computed
+FAR = 3.0  # tolerances
+
+
+def candidates(found: Found, judged: Judged, keys: Mapping[str, Value]) -> tuple[Candidate, ...]:
+    """Every hypothesis weighed, the worthiest first; then what was only looked at linearly, then what broke down."""
+    problem = found.problem
+    gap = max(_energy(found, found.near) - problem.noise**2, 1e-300)
+    rows = []
+    for k, each in enumerate(judged.weighed):
+        scored = k < SCORED
+        out = held_out(problem, each.fit, folds_by_run(problem)).rms(problem.inputs) if scored else None
+        rows.append(
+            Candidate(
+                effects=each.names,
+                gain=each.gain,
+                merit=each.merit,
+                residual_rms=each.fit.rms(problem.inputs),
+                held_out_rms=out,
+                explained=float(np.clip((_energy(found, found.near) - _energy(found, each.fit)) / gap, 0.0, 1.0)),
+                parameters=estimates(problem, each.fit),
+                fitted=True,
+                against=tuple(_against(found, judged, each, keys, scored)),
+            )
+        )
+    known = {each.names for each in judged.weighed}
+    rows += [
+        Candidate(names, gain, -math.inf, None, None, None, {}, False)
+        for names, gain in sorted(found.linear.items(), key=lambda q: -q[1])
+        if names not in known and names not in found.failures
+    ]
+    rows += [
+        Candidate(names, 0.0, -math.inf, None, None, None, {}, False, failure=why)
+        for names, why in found.failures.items()
+        if names not in known
+    ]
+    return tuple(rows)
+
+
+def _energy(found: Found, fit: Fitted) -> float:
+    return fit.rms(found.problem.inputs) ** 2
+
+
+def _against(found: Found, judged: Judged, each: Weighed, keys: Mapping[str, Value], scored: bool) -> list[str]:
+    """Plain sentences."""
+    problem, fit = found.problem, each.fit
+    said = []
+    left = fit.rms(problem.inputs) / problem.noise
+    if left > 1.5:
+        said.append(f"leaves {left:.1f} times the noise")
+    best = judged.best
+    if best is not None and each.names != best.names:
+        said.append(f"gains {best.gain - each.gain:.0f} less in chi-squared than {' and '.join(best.names)}")
+    far = [
+        (abs(float(z)) / knob.std, key)
+        for (key, knob), z in zip(keys.items(), fit.z, strict=False)
+        if not knob.logarithmic and math.isfinite(knob.std)
+    ]
+    worst = max(far, default=(0.0, ""))
+    if worst[0] > FAR:
+        said.append(f"needs {worst[1]} {worst[0]:.1f} tolerances off")
+    if scored:
+        said += _unseen(found, each.names, fit)
+    return said
+
+
+def _unseen(found: Found, names: Names, fit: Fitted) -> list[str]:
+    """Whether runs, or payloads, that the fit has not seen are predicted worse than without the effect."""
+    problem = found.problem
+    said = []
+    for what, folds in (("run", folds_by_run(problem)), ("payload", folds_by_payload(problem))):
+        if folds is None:
+            continue
+        with_it = held_out(problem, fit, folds).rms(problem.inputs)
+        without = held_out(problem, found.near, folds).rms(problem.inputs)
+        if with_it > 1.02 * without:
+            said.append(f"predicts a {what} it has not seen worse than without it")
+    return said

@@ -1,0 +1,149 @@
+"""The diagnosis from first to last: condition, gap, candidates, verdict, where, shrink, and what it changes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from workbench.consequences import consequences_of
+from workbench.diagnose.candidates import candidates as candidate_rows
+from workbench.diagnose.checks import check_runs
+from workbench.diagnose.condition import condition
+from workbench.diagnose.gap import gap_of
+from workbench.diagnose.isolability import isolability
+from workbench.diagnose.judge import Judged, alike, judge
+from workbench.diagnose.machines import corrected_machine, of_first_run, refitted_machine
+from workbench.diagnose.motion_noise import motion_noise
+from workbench.diagnose.next_run import next_run
+from workbench.diagnose.problem import Problem
+from workbench.diagnose.records import Diagnosis, Names, Verdict
+from workbench.diagnose.search import Found, Search
+from workbench.diagnose.shrink import folds_of, shrink_of
+from workbench.diagnose.unknown import explain, explained_machine
+from workbench.diagnose.where import where_of
+from workbench.diagnose.words import sentence_of
+from workbench.effects import Effect, effects_for
+from workbench.errors import InputError, nearest
+from workbench.logs import Campaign
+from workbench.machine import Hoist
+
+STAGES = 8
+BASELINES = ("tolerances", "nominal")
+Tell = Callable[[str, int, int], None]
+
+
+def diagnose(
+    campaign: Campaign,
+    *,
+    baseline: str = "tolerances",
+    candidates: Sequence[str] | None = None,
+    most_effects: int = 2,
+    seed: int = 0,
+    band_hz: float | None = None,
+    tell: Tell | None = None,
+) -> Diagnosis:
+    """Where the gap between machine and runs lies, what causes it, and how far it shrinks.
+
+    baseline: "tolerances": the base parameters are refitted, each held by its tolerance; "nominal":
+    they stay. candidates: ids of effects to weigh, None for the listed ones of the machine's kind.
+    most_effects: at once, 1 or 2. tell(sentence, done, total) hears of each stage. The same seed
+    gives the same answer. InputError where the runs cannot be diagnosed.
+    """
+    say = tell or (lambda sentence, done, total: None)
+    say("reading the logs", 0, STAGES)
+    warnings = check_runs(campaign)
+    effects = chosen_effects(campaign, candidates)
+    problem = Problem(campaign.machine, campaign.runs, band_hz)
+    shaking = motion_noise(problem, seed)
+    problem.noise = math.hypot(problem.noise, shaking)
+    state = condition(campaign, problem, shaking)
+
+    search = Search(problem, effects, lambda sentence: say(sentence, 1, STAGES))
+    if baseline == "nominal":
+        search.base = {key: knob for key, knob in search.base.items() if knob.logarithmic}
+    elif baseline != "tolerances":
+        raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="--baseline")
+    found = search.run(most_effects)
+    keys = search.base
+
+    say("the verdict", 2, STAGES)
+    judged = judge(found)
+    rows = candidate_rows(found, judged, keys)
+    say("where the gap lies", 3, STAGES)
+    gap = gap_of(problem, found, campaign)
+    fit = found.fits[judged.names] if judged.names else None
+    named = [each for each in effects if each.id in judged.names]
+    where = where_of(problem, found.near, fit, named, seed) if judged.word != "no_gap" else None
+    say("what these runs can tell apart", 4, STAGES)
+    apart = isolability(problem, found)
+    also = alike(judged, problem.active.kind)
+    more = next_run(problem, found, _open(judged, also))
+    say("how far the gap shrinks", 5, STAGES)
+    unknown = explain(problem, found.near) if judged.word == "unknown" else None
+    if fit is not None:
+        corrected = corrected_machine(problem, keys, fit)
+        warnings = (*warnings, *of_first_run(problem, fit))
+    elif unknown is not None:
+        corrected = explained_machine(problem, unknown)
+    else:
+        corrected = refitted_machine(problem, keys, found.near)
+    shrink = shrink_of(found, keys, judged.names, folds_of(found, judged.names), seed)
+    say("what changes in the control study", 6, STAGES)
+    refitted = refitted_machine(problem, keys, found.near)
+    changes, why_not = _consequences(campaign, refitted, corrected, judged)
+    say("done", STAGES, STAGES)
+    verdict = Verdict(
+        judged.word, judged.names, judged.ranking, also, sentence_of(judged, gap, shrink, also), judged.reasons
+    )
+    return Diagnosis(
+        campaign=campaign,
+        seed=seed,
+        condition=state,
+        gap=gap,
+        where=where,
+        candidates=rows,
+        isolability=apart,
+        verdict=verdict,
+        next_run=more,
+        shrink=shrink,
+        corrected=corrected,
+        refitted=refitted,
+        unknown=unknown,
+        consequences=changes,
+        why_no_consequences=why_not,
+        found=found,
+        judged=judged,
+        warnings=tuple(warnings),
+    )
+
+
+def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effect]:
+    """The effects to weigh. InputError for a name that is none, with the nearest."""
+    from workbench.plants import plant_of
+
+    known = effects_for(plant_of(campaign.machine).kind)
+    if names is None:
+        return [each for each in known.values() if each.listed]
+    for name in names:
+        if name not in known:
+            raise InputError(f"unknown effect '{name}'; {nearest(name, known)}", place="--candidates")
+    return [known[name] for name in dict.fromkeys(names)]
+
+
+def _open(judged: Judged, also: Names) -> list[Names]:
+    """The hypotheses between which the campaign has not decided, the likeliest first."""
+    first: list[Names] = [judged.names] if judged.names else []
+    rest: list[Names] = [(name,) for name in also]
+    rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
+    return list(dict.fromkeys([*first, *rest]))
+
+
+def _consequences(campaign: Campaign, refitted: object, corrected: object, judged: Judged):  # type: ignore[no-untyped-def]
+    if judged.word == "no_gap":
+        return None, "No gap: the study's conclusions stand as they are."
+    if not isinstance(refitted, Hoist) or not isinstance(corrected, Hoist):
+        return None, "There are no studies of an axis."
+    return consequences_of(refitted, corrected, runs=campaign.runs)
+
+
+__all__ = ["BASELINES", "Found", "chosen_effects", "diagnose"]
