@@ -63,7 +63,7 @@ def made_diagnosis(kind: str, with_consequences: bool = False) -> Diagnosis:
     truth: Values = STEP if kind == "unknown" else effects
     campaign = _axis_campaign() if kind == "axis" else _hoist_campaign(truth)
     nominal = campaign.machine
-    corrected = cast(Hoist | Axis, nominal.model_copy(update={"effects": dict(effects)}))
+    corrected = nominal.model_copy(update={"effects": dict(effects)})
     curve = _curve() if kind == "unknown" else None
     if curve is not None:
         corrected = with_correction(nominal, curve.over, curve.acts_on, curve.at, curve.forward, curve.backward)
@@ -218,6 +218,7 @@ def _isolability(machine: Hoist | Axis) -> Isolability:
 
 
 def _verdict(kind: str, effects: tuple[str, ...]) -> Verdict:
+    ranking: tuple[Hypothesis, ...]
     unknown, no_gap = Hypothesis("unknown", (), 0.041), Hypothesis("no_gap", (), 0.0251)
     if kind == "no_gap":
         ranking = (Hypothesis("no_gap", (), 0.97), Hypothesis("named", ("friction_viscous",), 0.02), unknown)

@@ -141,7 +141,7 @@ def test_the_folder_holds_the_corrected_machine_the_numbers_and_the_page(kind: s
     assert machine.measured_correction == d.corrected.measured_correction
     assert (machine.measured_correction is not None) == (kind == "unknown")
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] == d.verdict.word
-    assert told == ["report"]
+    assert told == ["writing the report"]
 
 
 def test_the_same_diagnosis_is_written_as_the_same_bytes(tmp_path: Path):
@@ -293,3 +293,18 @@ def test_candidates_are_checked_by_name():
     ):
         with pytest.raises(InputError, match=problem):
             chosen_candidates(text, machine)
+
+
+def test_hypotheses_without_a_chance_share_one_bar():
+    rows = [Hypothesis("named", ("heave",), 0.99), Hypothesis("unknown", (), 0.0099), Hypothesis("no_gap", (), 0.0)]
+    rows += [Hypothesis("named", (name,), 2e-5) for name in ("torque_scale", "wire_mass", "torque_offset")]
+    shown = report.ranking_table(rows, 8)
+    assert [name for _, name, _ in shown] == ["heave", "unknown cause", "torque_scale", "3 others together"]
+    assert shown[-1][2] == pytest.approx(4e-5)
+
+
+def test_only_what_was_fitted_or_broke_down_is_in_the_table():
+    d = made_diagnosis("named")
+    assert [row[0] for row in report.candidates_table(d)] == ["friction_viscous", "heave", "backlash"]
+    assert [row[0] for row in report.candidates_table(d, brief=True)] == ["friction_viscous", "heave"]
+    assert [each["effects"] for each in to_json(d)["candidates"]][2] == ["friction_stribeck"]

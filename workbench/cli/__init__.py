@@ -19,6 +19,7 @@ from workbench.errors import InputError, nearest
 COMMANDS: dict[str, tuple[str, str]] = {
     "app": ("workbench.cli.app:command", "Open the dashboard in a browser."),
     "compare": ("workbench.cli.compare:command", "Compare two results, metric by metric; say what got worse."),
+    "diagnose": ("workbench.cli.diagnose:command", "Name what a machine lacks in its campaign; say how surely."),
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign; write the machine."),
     "loop": ("workbench.cli.loop:command", "Margins of the sampled speed loop over payloads and heights."),
     "replay": ("workbench.cli.replay:command", "Replay a campaign's measured torque; compare the speeds."),

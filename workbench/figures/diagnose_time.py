@@ -59,7 +59,7 @@ def inputs(runs: Sequence[RunSeries], unit: str) -> Figure:
 
 
 def residuals(runs: Sequence[RunSeries], unit: str, noise_rms: float) -> Figure:
-    """Measured minus predicted input, before and after; dashed: ± twice the noise. Rests are grey, windows yellow."""
+    """Measured minus predicted input while moving, before and after; dashed: ± twice the noise. Rests are grey."""
     quantity = _quantity(unit)
     panels, places, height = _grid(
         f"{quantity.capitalize()} residual: measured − predicted",
@@ -68,11 +68,11 @@ def residuals(runs: Sequence[RunSeries], unit: str, noise_rms: float) -> Figure:
     )
     largest = 4.0 * noise_rms
     for run, place in zip(runs, places, strict=True):
-        left = run.measured - run.before
-        largest = max(largest, 1.15 * float(np.max(np.abs(left[run.moving]), initial=0.0)))
+        left = _moving(run, run.before)
+        largest = max(largest, 1.15 * float(np.max(np.abs(left[np.isfinite(left)]), initial=0.0)))
         panels.line(*place, run.time_s, left, "before", LINE_BEFORE, unit)
         if run.after is not None:
-            panels.line(*place, run.time_s, run.measured - run.after, "after", LINE_AFTER, unit)
+            panels.line(*place, run.time_s, _moving(run, run.after), "after", LINE_AFTER, unit)
         for level in (2.0 * noise_rms, -2.0 * noise_rms):
             panels.level(*place, level, dash=NOISE_DASH)
         _shade(panels, place, run.windows, WINDOW)
@@ -91,6 +91,11 @@ def speeds(runs: Sequence[RunSeries], scale: str) -> Figure:
             panels.line(*place, run.time_s, run.speed_after, "replayed after", LINE_AFTER, "%")
     drawn = [[run.speed, run.speed_before, *([] if run.speed_after is None else [run.speed_after])] for run in runs]
     return _figure(panels, height, places, drawn)
+
+
+def _moving(run: RunSeries, predicted: Array) -> Array:
+    """The residual; at rest it says nothing, so nothing is drawn there."""
+    return np.where(run.moving, run.measured - predicted, np.nan)
 
 
 def _errors(run: RunSeries) -> str:

@@ -44,7 +44,7 @@ def ranking(rows: Sequence[tuple[str, str, float]]) -> Figure:
 
 def _percent(probability: float) -> str:
     percent = 100.0 * probability
-    if 0.0 < percent < 0.1:
+    if percent < 0.1:
         return "< 0.1 %"
     return f"{percent:.1f} %" if percent < 10.0 or percent > 99.0 else f"{percent:.0f} %"
 

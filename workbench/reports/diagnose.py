@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from workbench.diagnose.records import Candidate, Diagnosis, Estimate, Hypothesis
@@ -10,6 +11,7 @@ from workbench.reports.diagnose_words import hypothesis_name
 from workbench.reports.numbers import NOTHING, figures, with_error
 from workbench.reports.words import words_of
 
+WORTH_A_BAR = 1e-3  # of probability
 NBSP = "\u00a0"  # so that no unit is broken
 Row = list[str]
 Head = tuple[str, ...]
@@ -86,8 +88,9 @@ def where_table(d: Diagnosis) -> list[Row]:
 
 
 def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str, float]]:
-    """(verdict, name, probability) of the likeliest; all others as one, under an empty verdict."""
+    """(verdict, name, probability) of the likeliest, at least three; all others as one, under an empty verdict."""
     order = sorted(rows, key=lambda each: -each.probability)
+    most = min(most, max(sum(each.probability >= WORTH_A_BAR for each in order), 3))
     shown = [
         (str(each.verdict), hypothesis_name(each.verdict, each.effects), each.probability) for each in order[:most]
     ]
@@ -103,12 +106,15 @@ def candidates_head(d: Diagnosis, *, brief: bool = False) -> Head:
 
 
 def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = False) -> list[Row]:
-    """The hypotheses weighed, in the diagnosis' order; brief: the fitted ones, without parameters and objections."""
+    """The hypotheses that were fitted and those whose fit broke down, in the diagnosis' order.
+
+    most: so many at most. brief: the fitted ones only, without parameters and objections.
+    """
     probability = {
         frozenset(each.effects): each.probability for each in d.verdict.ranking if each.verdict == "named"
     }  # fmt: skip
     rows = []
-    for each in [each for each in d.candidates if each.fitted or not brief][:most]:
+    for each in [each for each in d.candidates if each.fitted or (each.failure and not brief)][:most]:
         p = probability.get(frozenset(each.effects))
         row = [
             hypothesis_name("named", each.effects),
@@ -133,7 +139,7 @@ def _known(value: float | None) -> str:
 
 
 def _merit(each: Candidate) -> str:
-    return NOTHING if each.failure else f"{each.merit:.0f}"
+    return f"{each.merit:.0f}" if each.fitted and math.isfinite(each.merit) else NOTHING
 
 
 def _parameters(each: Candidate) -> str:
@@ -159,8 +165,7 @@ def values_of(one: Estimate) -> list[tuple[float, float]]:
 def _against(each: Candidate) -> str:
     if each.failure:
         return f"its fit broke down: {each.failure}"
-    said = list(each.against) if each.fitted else [*each.against, "weighed linearly only: it promised too little"]
-    return "; ".join(said)
+    return "; ".join(each.against)
 
 
 def chosen_candidate(d: Diagnosis) -> Candidate | None:

@@ -100,7 +100,12 @@ def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
 def _candidates(d: Diagnosis) -> Section:
     shown = report.candidates_table(d, MOST_CANDIDATES)
     rest = len(d.candidates) - len(shown)
-    more = f" {rest} more stand in diagnosis.json." if rest > 0 else ""
+    more = (
+        f" {rest} more hypotheses were weighed, most of them linearly only, for they promised less than these; "
+        "diagnosis.json has them all."
+        if rest > 0
+        else ""
+    )
     note = (
         "Explains: the share of the gap's energy. Held out: residual rms of runs that the fit did not see. Merit: gain "
         "in the penalised likelihood, less what its parameters cost; below 0 it is not worth them. Names end in their "
@@ -147,8 +152,8 @@ def _shrink(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
         (shrink_bars(s.by_run, (s.before, s.after), s.noise, s.unit), "Each run predicted by a fit to the others."),
         (
             diagnose_time.residuals(runs, s.unit, d.gap.noise_rms),
-            "Dashed: ± twice the noise. Grey: at rest or at an end, left out. Yellow: the gap's windows. After: the "
-            "corrected machine, fitted to all runs.",
+            "Dashed: ± twice the noise. Grey: left out, at an end or at rest, where friction may hold any load. "
+            "Yellow: the gap's windows. After: the corrected machine, fitted to all runs.",
         ),
         (
             diagnose_time.speeds(runs, w.scale),

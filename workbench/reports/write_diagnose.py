@@ -21,7 +21,7 @@ def write_diagnosis(run: Callable[[], Diagnosis], folder: Path, say: Callable[[s
     with whole_folder(folder) as hidden:
         found = run()
         if say is not None:
-            say("report")
+            say("writing the report")
         write_json(hidden / "diagnosis.json", to_json(found))
         save_machine(found.corrected, hidden / "machine.yaml")
         save_diagnosis_page(found, hidden / "diagnose.html")

@@ -1,0 +1,83 @@
+"""`workbench diagnose`: where the sim-to-real gap lies, what causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from workbench.cli.options import effects_option
+
+if TYPE_CHECKING:
+    from workbench.diagnose.records import Diagnosis
+
+
+@click.command(name="diagnose")
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Folder to make: diagnosis.json, machine.yaml, report.")
+@click.option(
+    "--baseline",
+    type=click.Choice(["tolerances", "nominal"]),
+    default="tolerances",
+    show_default=True,
+    help="Base parameters: refitted within their tolerances, or held at their nominal values.",
+)
+@click.option("--candidates", help="Effects to weigh, with commas between; 'all' for the unlisted ones too.")
+@click.option(
+    "--max-effects", type=click.IntRange(1, 2), default=2, show_default=True, help="Missing at once, at most."
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The same seed, the same output."
+)
+@click.option("--runs", help="Names of the runs to take, with commas between; all without it.")
+@click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml to start from.")
+@click.option("--band", type=float, help="Band of the comparison, Hz (-3 dB); chosen by the machine without it.")
+@effects_option
+def command(
+    campaign: Path,
+    out: Path | None,
+    baseline: str,
+    candidates: str | None,
+    max_effects: int,
+    seed: int,
+    runs: str | None,
+    machine: Path | None,
+    band: float | None,
+) -> None:
+    """Say what the machine of CAMPAIGN lacks: the gap, its place, its cause, and how far it shrinks.
+
+    With --out a report is written, diagnosis.json, and a corrected machine.yaml that replay and study
+    accept. Exit status 0 whatever the verdict.
+    """
+    from workbench.cli.diagnose_progress import shown
+    from workbench.cli.diagnose_show import show
+    from workbench.reports.diagnose_candidates import chosen_candidates
+    from workbench.reports.load import load_campaign
+    from workbench.whole_folder import check_free
+
+    if out is not None:
+        check_free(out)
+    read = load_campaign(campaign, runs, machine, band)
+    names = chosen_candidates(candidates, read.machine)
+    with shown() as tell:
+        from workbench.diagnose.diagnose import diagnose
+
+        def run() -> Diagnosis:
+            return diagnose(
+                read,
+                baseline=baseline,
+                candidates=names,
+                most_effects=max_effects,
+                seed=seed,
+                band_hz=band,
+                tell=tell,
+            )
+
+        if out is None:
+            found = run()
+        else:
+            from workbench.reports.write_diagnose import write_diagnosis
+
+            found = write_diagnosis(run, out, lambda sentence: tell(sentence, 0, 0))
+    show(found, out)

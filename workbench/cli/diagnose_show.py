@@ -1,0 +1,62 @@
+"""A diagnosis in the terminal: the answer first, then small tables."""
+
+from __future__ import annotations
+
+import shutil
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from workbench.cli.show import WIDTH, print_table, print_text
+from workbench.diagnose.records import Diagnosis
+from workbench.reports import diagnose as report
+from workbench.reports import diagnose_words as words
+
+MOST_CANDIDATES = 5
+
+
+def show(d: Diagnosis, out: Path | None) -> None:
+    """Print it; out: where its files are, None where nothing was written."""
+    click.echo()
+    print_text([d.verdict.sentence, words.probability_sentence(d)])
+    if alike := words.alike_sentence(d):
+        print_text([alike])
+    if d.warnings:
+        _titled("To know first")
+        _listed(d.warnings)
+    _titled("The gap", report.gap_head(d), report.gap_table(d))
+    if d.where is not None:
+        print_text([words.where_sentence(d)])
+    if rows := report.parameters_table(d):
+        _titled("Found", report.PARAMETERS_HEAD, rows)
+    shown = report.candidates_table(d, MOST_CANDIDATES, brief=True)
+    _titled("Candidates, the best first", report.candidates_head(d, brief=True), shown)
+    if d.unknown is not None:
+        print_text(words.unknown_sentences(d))
+    _titled("How far it shrinks, on held-out runs", report.BRIEF_SHRINK_HEAD, report.brief_shrink_table(d))
+    _titled("What changes in the control study")
+    # The first sentence says what was run; the report has it.
+    _listed([d.why_no_consequences] if d.consequences is None else d.consequences.sentences[1:])
+    _titled("The next run")
+    print_text(words.next_run_sentences(d))
+    if out is None:
+        click.echo("\nNothing is written without --out.")
+    else:
+        click.echo(f"\nReport: {out / 'diagnose.html'}\nMachine: {out / 'machine.yaml'}")
+        click.echo(f"Numbers: {out / 'diagnosis.json'}")
+
+
+def _titled(title: str, head: Sequence[str] = (), rows: Sequence[Sequence[str]] = ()) -> None:
+    click.echo()
+    click.secho(title, bold=True)
+    if head:
+        print_table(head, rows)
+
+
+def _listed(sentences: Sequence[str]) -> None:
+    width = min(shutil.get_terminal_size((WIDTH, 24)).columns - 2, WIDTH)
+    for sentence in sentences:
+        whole = sentence.replace("N m", "N\u00a0m")  # a unit is not broken
+        click.echo(textwrap.fill(whole, width, initial_indent="- ", subsequent_indent="  ", break_long_words=False))
