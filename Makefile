@@ -1,12 +1,13 @@
 # `make demo` and `make test` do all the set-up on a fresh machine with Python 3.11 or newer and make.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench lint lock clean
+.PHONY: help demo test bench docs lint lock clean
 
 VENV := .venv
 PY := $(VENV)/bin/python
 STAMP := $(VENV)/.set-up
 BENCH_STAMP := $(VENV)/.set-up-bench
+DOCS_STAMP := $(VENV)/.set-up-docs
 PIP := $(PY) -m pip --disable-pip-version-check install -qq
 
 # Where the demo finds a recorded campaign; without one it shows the study only.
@@ -18,7 +19,7 @@ SOURCES = $(wildcard workbench tests benchmarks app.py)
 
 # An environment whose interpreter has gone (a system upgrade) is set up again.
 ifneq ($(shell [ -x $(PY) ] || echo gone),)
-$(shell rm -f $(STAMP) $(BENCH_STAMP))
+$(shell rm -f $(STAMP) $(BENCH_STAMP) $(DOCS_STAMP))
 endif
 
 help: ## this list
@@ -38,6 +39,10 @@ test: $(STAMP) ## run all tests
 
 bench: $(BENCH_STAMP) ## measure against the peers; writes benchmarks/results.json
 	$(PY) -m benchmarks.run
+
+docs: $(DOCS_STAMP) ## build the pages of docs/ as a site that needs no network; a warning is an error
+	$(PY) -m sphinx -W --keep-going -q -d build/docs-cache docs build/docs
+	@echo "open build/docs/index.html"
 
 lint: $(STAMP) ## ruff and mypy, all three whatever the first one says
 	@status=0; set -x; \
@@ -82,4 +87,9 @@ $(STAMP): requirements.lock pyproject.toml Makefile
 $(BENCH_STAMP): $(STAMP)
 	@echo "installing the peers to measure against"
 	@$(PIP) -c requirements.lock -e '.[bench]' --no-build-isolation
+	@touch $@
+
+$(DOCS_STAMP): $(STAMP)
+	@echo "installing what builds the docs"
+	@$(PIP) -c requirements.lock -e '.[docs]' --no-build-isolation
 	@touch $@

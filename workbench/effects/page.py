@@ -42,26 +42,39 @@ Effects marked *not listed* are there for simulation; a diagnosis weighs them on
 
 A function in a Python file, named with `--effects FILE` or by an entry point of the group `workbench.effects`:
 
-    from workbench.effects import Parameter, effect
-    from workbench.trace.expr import absolute
+```python
+from workbench.effects import Parameter, effect
+from workbench.trace.expr import absolute
 
-    @effect(
-        place={"hoist": "guide_force_n"},
-        subsystem="guide",
-        regime="speed",
-        parameters=[
-            Parameter("c", "wind_n_s2_per_m2", "drag over speed squared", "force/speed*speed", 0.0, 1.0, 0.02, 0.03,
-                      vanishes_at=0.0, domain="not_negative"),
-        ],
-        reads={"v": "carriage speed, m/s"},
-        equation="F = −c v |v|",
-        reference="drag in proportion to dynamic pressure",
-        shows="a residual that grows with the square of the speed",
-        dissipative=True,
-    )
-    def wind(s, e, p):
-        \"\"\"Drag of the air on the load.\"\"\"
-        return -(e.c * s.v * absolute(s.v))
+
+@effect(
+    place={"hoist": "guide_force_n"},
+    subsystem="guide",
+    regime="speed",
+    parameters=[
+        Parameter(
+            "c",
+            "wind_n_s2_per_m2",
+            "drag over speed squared",
+            "force/speed*speed",
+            lowest=0.0,
+            highest=1.0,
+            scale=0.02,
+            start=0.03,
+            vanishes_at=0.0,
+            domain="not_negative",
+        ),
+    ],
+    reads={"v": "carriage speed, m/s"},
+    equation="F = −c v |v|",
+    reference="drag in proportion to dynamic pressure",
+    shows="a residual that grows with the square of the speed",
+    dissipative=True,
+)
+def wind(s, e, p):
+    \"\"\"Drag of the air on the load.\"\"\"
+    return -(e.c * s.v * absolute(s.v))
+```
 
 s holds the signals at the place, e the effect's parameters, p the plant's. The function is traced, differentiated and
 compiled: arithmetic and the functions of `workbench.trace.expr` only, `where` instead of `if`, exactly zero at the
@@ -70,7 +83,9 @@ vanishing values. A state of its own is an `EffectMemory`; what a sensor does is
 
 The commands `study`, `replay`, `identify`, `loop`, `tune` and `diagnose` take the file; the option may be repeated:
 
-    workbench study windy.yaml --effects my_effects.py      # with effects: {wind: {wind_n_s2_per_m2: 40}} in it
+    workbench study windy.yaml --effects my_effects.py
+
+where windy.yaml holds `effects: {wind: {wind_n_s2_per_m2: 40}}`.
 
 The file is Python and is run: take it from people you trust. It is read before everything else; one that fails,
 declares nothing, takes a name that is taken, reads a signal that is not at its place or is not zero at its vanishing

@@ -1,0 +1,59 @@
+"""How `make docs` builds these pages: Sphinx, with MyST for the Markdown and furo for the looks."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE.parent), str(HERE / "site")]
+
+import workbench  # noqa: E402
+from workbench.effects.page import page as effects_page  # noqa: E402
+from workbench.reports.metric_docs import metrics_page  # noqa: E402
+
+project = "workbench"
+version = release = workbench.__version__
+html_title = f"workbench {version}"
+html_theme = "furo"
+html_static_path = ["site/site.css"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_copyright = False
+html_theme_options = {"top_of_page_buttons": []}
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml", "plain_docstrings", "offline"]
+html_math_renderer = "mathml"
+
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 4  # as far down as one page links to another
+suppress_warnings = ["myst.strikethrough"]
+highlight_language = "none"  # an indented block is a file, a screen or an equation; fenced ones say what they are
+
+autodoc_default_options = {"exclude-members": "model_config"}
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+autodoc_type_aliases = {"Array": "workbench.run.Array"}
+python_maximum_signature_line_length = 90
+toc_object_entries_show_parents = "hide"
+
+# Pages that are made from declarations: the page that a reader sees is what the code says.
+MADE = {
+    "effects.md": (effects_page, "python -m workbench.effects.page > docs/effects.md"),
+    "metrics.md": (metrics_page, "python -m workbench.reports.metric_docs > docs/metrics.md"),
+}
+
+
+def check_made_pages(app: Sphinx) -> None:
+    for name, (made, command) in MADE.items():
+        if (HERE / name).read_text(encoding="utf-8") != made():
+            raise ExtensionError(f"docs/{name} is not what the declarations say; make it anew: {command}")
+
+
+def setup(app: Sphinx) -> None:
+    app.connect("builder-inited", check_made_pages)

@@ -1,0 +1,224 @@
+"""What the pages say of the program is so: links, commands, code, names. `make docs` itself needs no part of this."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import importlib.util
+import re
+import shlex
+import tomllib
+from pathlib import Path
+from types import ModuleType
+
+import click
+import pytest
+
+from workbench.cli import COMMANDS
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+FENCE = re.compile(r"^```(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+INDENTED = re.compile(r"(?:^|(?<=\n\n))((?: {4}.*\n|\n(?= {4}))+)")
+LINK = re.compile(r"!?\[[^\]]*\]\(([^()\s]+)\)")
+TEMPLATES = {"COMMAND"}  # stands for any command
+
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+
+
+def prose(text: str) -> str:
+    """The page without its blocks of code."""
+    return FENCE.sub("", text)
+
+
+def anchors(text: str) -> set[str]:
+    """Of the headings, as a Git host and the site make them: lower case, hyphens for blanks, other signs dropped."""
+    found: dict[str, int] = {}
+    made = set()
+    for heading in re.findall(r"^#{1,6} +(.+?) *$", prose(text), re.MULTILINE):
+        words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()
+        slug = re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
+        made.add(f"{slug}-{found[slug]}" if slug in found else slug)
+        found[slug] = found.get(slug, 0) + 1
+    return made
+
+
+def command_lines(text: str) -> list[str]:
+    """Every `workbench …` that a reader may type: lines of code blocks, and code within the text."""
+    blocks = [body for _, body in FENCE.findall(text)] + INDENTED.findall(prose(text))
+    lines = [line.strip() for block in blocks for line in block.splitlines()]
+    lines += re.findall(r"`([^`\n]+)`", prose(text))
+    return [line for line in lines if re.match(r"workbench [\w-]", line)]
+
+
+def command_of(name: str) -> click.Command:
+    module, attribute = COMMANDS[name][0].split(":")
+    command = getattr(importlib.import_module(module), attribute)
+    assert isinstance(command, click.Command)
+    return command
+
+
+def fault_of(line: str) -> str:
+    """What is wrong with a command line, "" if nothing is."""
+    words = shlex.split(re.split(r"\s[|>]|\s#", line)[0].replace("…", ""))[1:]
+    if words[0].startswith("-"):
+        return "" if words[0] in ("--help", "--version") else f"no option {words[0]}"
+    if words[0] in TEMPLATES:
+        return ""
+    if words[0] not in COMMANDS:
+        return f"no command {words[0]}"
+    command = command_of(words[0])
+    context = click.Context(command, help_option_names=["-h", "--help"])
+    try:
+        given, _, _ = command.make_parser(context).parse_args(words[1:])
+        for param in command.params:
+            if param.name in given and isinstance(param.type, click.Choice):
+                param.type_cast_value(context, given[param.name])
+    except click.UsageError as error:
+        return error.format_message()
+    return ""
+
+
+def test_every_page_is_in_the_table_of_contents_once():
+    toc = re.search(r"^```\{toctree\}\n(.*?)^```$", (DOCS / "index.md").read_text(encoding="utf-8"), re.M | re.S)
+    assert toc
+    entries = [line for line in toc[1].splitlines() if line and not line.startswith(":")]
+    named = [re.sub(r".*<(.+)>$", r"\1", entry) for entry in entries]
+    assert sorted(named) == sorted(page.stem for page in DOCS.glob("*.md") if page.stem != "index")
+
+
+@each_page
+def test_every_link_leads_somewhere(page: Path):
+    text = page.read_text(encoding="utf-8")
+    broken = []
+    for target in LINK.findall(prose(text)):
+        if re.match(r"[a-z]+:", target):
+            continue
+        name, _, anchor = target.partition("#")
+        file = (page.parent / name).resolve() if name else page
+        if not file.exists() or (anchor and anchor not in anchors(file.read_text(encoding="utf-8"))):
+            broken.append(target)
+    assert broken == []
+
+
+@each_page
+def test_every_command_line_is_one_that_workbench_takes(page: Path):
+    lines = command_lines(page.read_text(encoding="utf-8"))
+    assert [f"{line}: {fault}" for line in lines if (fault := fault_of(line))] == []
+
+
+@each_page
+def test_every_option_named_in_the_text_is_one_of_some_command(page: Path):
+    options = {word for name in COMMANDS for param in command_of(name).params for word in param.opts}
+    named = set(re.findall(r"`(--[\w-]+)", prose(page.read_text(encoding="utf-8"))))
+    assert named - options - {"--help", "--version"} == set()
+
+
+def test_command_lines_are_found_in_fences_in_indented_blocks_and_in_the_text():
+    text = "a\n\n    workbench study x\n\n`workbench app` b\n\n```sh\nworkbench replay C\n```\n\nworkbench is no line\n"
+    assert sorted(command_lines(text)) == ["workbench app", "workbench replay C", "workbench study x"]
+    assert sum(len(command_lines(page.read_text(encoding="utf-8"))) for page in PAGES) > 30
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("workbench study FILE… --out DIR", ""),
+        ("workbench COMMAND --help", ""),
+        ("workbench identify C --list           # what --free takes", ""),
+        ("workbench schema machine > machine.json", ""),
+        ("workbench identfy C", "no command identfy"),
+        ("workbench identify C --fre x", "--free"),
+        ("workbench loop --motion sideways", "'sideways' is not one of"),
+    ],
+)
+def test_a_command_line_that_does_not_exist_is_seen(line: str, fault: str):
+    assert fault in fault_of(line) if fault else fault_of(line) == ""
+
+
+@each_page
+def test_every_other_command_names_a_make_target_or_a_module(page: Path):
+    text = page.read_text(encoding="utf-8")
+    code = "\n".join([*(body for _, body in FENCE.findall(text)), *INDENTED.findall(prose(text))])
+    code += "\n" + "\n".join(re.findall(r"`([^`\n]+)`", prose(text)))
+    targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    assert set(re.findall(r"^ *(?:\w+=\w+ )*make (\w+)", code, re.MULTILINE)) - targets == set()
+    modules = set(re.findall(r"python -m ((?:workbench|benchmarks)[\w.]*)", code))
+    assert [name for name in modules if importlib.util.find_spec(name) is None] == []
+
+
+@each_page
+def test_every_python_block_compiles_and_imports_what_there_is(page: Path):
+    for language, body in FENCE.findall(page.read_text(encoding="utf-8")):
+        if language != "python":
+            continue
+        for node in ast.walk(ast.parse(body, page.name)):
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("workbench"):
+                module = importlib.import_module(node.module)
+                assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == [], node.module
+
+
+def test_every_name_of_the_api_page_exists_and_says_what_it_is():
+    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    names = re.findall(r"^\.\. auto(?:class|function|exception):: ([\w.]+)", text, re.MULTILINE)
+    assert len(names) > 60
+    for name in names:
+        module, _, attribute = name.rpartition(".")
+        thing = getattr(importlib.import_module(module), attribute)
+        assert (getattr(thing, "__doc__", "") or "").strip(), name
+
+
+def test_the_first_what_if_of_the_start_page_is_a_study(tmp_path: Path):
+    from workbench.study.load import load_study
+
+    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    text = (DOCS / "start.md").read_text(encoding="utf-8")
+    blocks = [body for language, body in FENCE.findall(text) if language == "yaml"]
+    (tmp_path / "softer.yaml").write_text(blocks[0], encoding="utf-8")
+    study = load_study(tmp_path / "softer.yaml")
+    assert (study.scenario.name, study.scenario.limits.jerk_m_s3, len(study.specs)) == ("softer", 0.4, 9)
+
+
+def test_the_generator_is_pinned_where_it_is_named():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    pins = project["optional-dependencies"]["docs"]
+    assert len(pins) == 4
+    assert all(re.fullmatch(r"[\w-]+==[\d.]+", pin) for pin in pins)
+
+
+def of_the_site(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, DOCS / "site" / f"{name}.py")
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ('<script async src="https://cdn.example/x.js">', "https://cdn.example/x.js"),
+        ("<link rel=stylesheet href=//cdn.example/x.css>", "//cdn.example/x.css"),
+        ("src: url('http://fonts.example/a.woff2')", "http://fonts.example/a.woff2"),
+        ('@import "https://cdn.example/x.css";', "https://cdn.example/x.css"),
+    ],
+)
+def test_a_page_that_would_fetch_from_elsewhere_is_seen(text: str, address: str):
+    assert of_the_site("offline").loaded(text) == [address]
+
+
+@pytest.mark.parametrize(
+    "text", ['<a href="https://doi.org/1">', '<img src="_images/a.png">', '<link href="_static/a.css">', "url(#clip)"]
+)
+def test_a_link_to_follow_and_a_file_beside_the_page_are_no_fetch(text: str):
+    assert of_the_site("offline").loaded(text) == []
+
+
+def test_a_docstring_reaches_the_site_as_it_stands():
+    converted = of_the_site("plain_docstrings").converted
+    lines = ["`kp` times |L| and 2 * a_", "", "gain, offset: of it. by itself:", "", "    x = 1"]
+    assert converted(lines, ["gain", "offset"]) == [
+        r"``kp`` times \|L\| and 2 \* a\_", "", "``gain``, ``offset``: of it. by itself:", "",
+        "", ".. code-block:: none", "", "    x = 1",
+    ]  # fmt: skip
