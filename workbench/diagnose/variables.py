@@ -15,6 +15,7 @@ from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 
 TURN = 2.0 * math.pi
+TURNS = 1.5  # passed at least: within one turn an angle is a height and no more
 SPEED_EDGES = (0.0, 0.02, 0.05, 0.09, 0.14, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)  # of the fastest: finer where it creeps
 START_EDGES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)  # periods of the band since the start of a motion
 
@@ -44,8 +45,8 @@ def variables(problem: Problem) -> list[Variable]:
     found = [_direction(problem)]
     if hoist:
         found.append(_payload(problem))
-    found += [_speed(problem), _acceleration(problem), _since_start(problem), _position(problem)]
-    found += [*_turns(problem), _run_time(problem), _campaign_time(problem)]
+    found += [_speed(problem), _acceleration(problem), _since_start(problem), *_turns(problem), _position(problem)]
+    found += [_run_time(problem), _campaign_time(problem)]
     return [each for each in found if np.ptp(each.at) > 0.0]
 
 
@@ -147,13 +148,13 @@ def height(bench: Bench, j: int) -> Array:
 
 
 def _turns(problem: Problem) -> list[Variable]:
+    """Angles folded to one turn, of what turned often enough for a turn to come back."""
     machine = problem.machine
     if isinstance(machine, LinearAxis):
         return []
-    edges = np.linspace(0.0, TURN, 13)
     if not isinstance(machine, Hoist):
-        at = of_rows(problem, lambda b, j: b.motions[j].position) % TURN
-        return [Variable("angle", "angle within a turn", "rad", "periodic", at, edges, wraps=True)]
+        own = of_rows(problem, lambda b, j: b.motions[j].position)
+        return _folded("angle", "angle within a turn", own)
 
     def drum(b: Bench, j: int) -> Array:
         return 4.0 * height(b, j) / machine.winch.drum_diameter_m
@@ -162,12 +163,16 @@ def _turns(problem: Problem) -> list[Variable]:
         return b.motions[j].position - b.motions[j].position[0]
 
     return [
-        Variable("drum_angle", "drum's angle", "rad", "periodic", of_rows(problem, drum) % TURN, edges, wraps=True),
-        Variable(
-            "motor_angle", "motor's angle, from each run's start", "rad", "periodic",
-            of_rows(problem, motor) % TURN, edges, wraps=True, of_each_run=True,
-        ),
-    ]  # fmt: skip
+        *_folded("drum_angle", "drum's angle", of_rows(problem, drum)),
+        *_folded("motor_angle", "motor's angle, from each run's start", of_rows(problem, motor), of_each_run=True),
+    ]
+
+
+def _folded(name: str, label: str, angle: Array, of_each_run: bool = False) -> list[Variable]:
+    if np.ptp(angle) < TURNS * TURN:
+        return []
+    edges = np.linspace(0.0, TURN, 13)
+    return [Variable(name, label, "rad", "periodic", angle % TURN, edges, wraps=True, of_each_run=of_each_run)]
 
 
 def _run_time(problem: Problem) -> Variable:
