@@ -199,7 +199,6 @@ def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsy
     said = " ".join(capsys.readouterr().out.split())
     assert "These runs cannot tell it from carriage_mass_error" in said
     assert "A slow run tells friction_viscous from carriage_mass_error." in said
-    assert "with 9000 kg, logging tension_dead_line_n too" in said
     assert "- No run logs the dead line's tension." in said
     assert "- The torque peak per motor changes by" in said
     assert "viscous_n_s_per_m 4210 130" in said

@@ -16,11 +16,12 @@ from hypothesis import strategies as st
 
 from tests.effect_machines import rotary_axis
 from tests.made_diagnosis import KINDS, made_diagnosis
-from workbench.diagnose.records import Candidate, Diagnosis, Estimate, Hypothesis, Verdict
+from workbench.diagnose.records import Candidate, Diagnosis, Estimate, Hypothesis, Verdict, Window
 from workbench.effects import check
 from workbench.errors import InputError
 from workbench.machine import load_machine
 from workbench.reports import diagnose as report
+from workbench.reports import diagnose_hypotheses as hypotheses
 from workbench.reports import diagnose_words as words
 from workbench.reports import write_diagnose
 from workbench.reports.diagnose_candidates import chosen_candidates
@@ -211,7 +212,7 @@ def test_the_page_shows_what_changes_in_the_control_study(tmp_path: Path):
 
 
 def test_a_candidate_that_broke_down_is_a_row_with_its_reason():
-    row = next(row for row in report.candidates_table(made_diagnosis("named")) if row[0] == "backlash")
+    row = next(row for row in hypotheses.candidates_table(made_diagnosis("named")) if row[0] == "backlash")
     assert row[-1] == "its fit broke down: ValueError: the step size fell to zero"
     assert row[1:6] == ["–"] * 5
 
@@ -275,7 +276,7 @@ def test_a_phase_of_each_run_is_in_that_runs_prediction():
         alone = Bench(machine, [run], d.gap.band_hz).balances()[0]
         assert drawn.after is not None
         np.testing.assert_allclose(drawn.after, alone.predicted, atol=0.02)
-    assert ["heave", "phase_rad, run half", "2.00", "0.10"] in report.parameters_table(d)
+    assert ["heave", "phase_rad, run half", "2.00", "0.10"] in hypotheses.parameters_table(d)
     assert to_json(d)["parameters"]["heave"]["phase_rad"]["value"] == [0.3, 2.0, 4.5]
 
 
@@ -298,13 +299,42 @@ def test_candidates_are_checked_by_name():
 def test_hypotheses_without_a_chance_share_one_bar():
     rows = [Hypothesis("named", ("heave",), 0.99), Hypothesis("unknown", (), 0.0099), Hypothesis("no_gap", (), 0.0)]
     rows += [Hypothesis("named", (name,), 2e-5) for name in ("torque_scale", "wire_mass", "torque_offset")]
-    shown = report.ranking_table(rows, 8)
+    shown = hypotheses.ranking_table(rows, 8)
     assert [name for _, name, _ in shown] == ["heave", "unknown cause", "torque_scale", "3 others together"]
     assert shown[-1][2] == pytest.approx(4e-5)
 
 
 def test_only_what_was_fitted_or_broke_down_is_in_the_table():
     d = made_diagnosis("named")
-    assert [row[0] for row in report.candidates_table(d)] == ["friction_viscous", "heave", "backlash"]
-    assert [row[0] for row in report.candidates_table(d, brief=True)] == ["friction_viscous", "heave"]
+    assert [row[0] for row in hypotheses.candidates_table(d)] == ["friction_viscous", "heave", "backlash"]
+    assert [row[0] for row in hypotheses.candidates_table(d, brief=True)] == ["friction_viscous", "heave"]
     assert [each["effects"] for each in to_json(d)["candidates"]][2] == ["friction_stribeck"]
+
+
+def test_the_next_run_is_a_row_with_its_signals():
+    assert report.next_run_table(made_diagnosis("pair")) == [
+        ["half speed, two reversals", "9000", "tension_dead_line_n", "1.3", "7.4"]
+    ]
+    assert report.next_run_table(made_diagnosis("named")) == []
+
+
+def test_of_many_windows_the_longest_are_listed_in_order_of_time():
+    d = made_diagnosis("named")
+    assert d.where is not None
+    windows = [Window("half", float(k), k + (0.9 if k % 2 and k < 12 else 0.2)) for k in range(16)]
+    d = dataclasses.replace(d, where=dataclasses.replace(d.where, windows=tuple(windows)))
+    row = next(row for row in report.where_table(d) if row[0] == "half")
+    assert row[2] == "1.0 to 1.9, 3.0 to 3.9, 5.0 to 5.9, 7.0 to 7.9, 9.0 to 9.9, 11.0 to 11.9; 10 shorter ones"
+    assert len(to_json(d)["where"]["windows"]) == 16
+
+
+def test_a_name_less_likely_than_not_says_how_likely_any_name_is():
+    rows = (Hypothesis("named", ("heave",), 0.3), Hypothesis("named", ("wire_mass",), 0.25))
+    d = with_verdict(made_diagnosis("named"), effects=("heave",), ranking=(*rows, Hypothesis("no_gap", (), 0.45)))
+    assert words.probability_sentence(d).endswith("In about 55 some effect would be missing, this one or another.")
+
+
+def test_a_gap_that_stays_is_said_to_stay():
+    d = made_diagnosis("unknown")
+    d = dataclasses.replace(d, shrink=dataclasses.replace(d.shrink, after=d.shrink.before, factor=1.0))
+    assert words.shrink_sentence(d).startswith("It does not shrink: ")

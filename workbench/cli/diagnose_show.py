@@ -12,6 +12,7 @@ import click
 from workbench.cli.show import WIDTH, print_table, print_text
 from workbench.diagnose.records import Diagnosis
 from workbench.reports import diagnose as report
+from workbench.reports import diagnose_hypotheses as hypotheses
 from workbench.reports import diagnose_words as words
 
 MOST_CANDIDATES = 5
@@ -29,10 +30,10 @@ def show(d: Diagnosis, out: Path | None) -> None:
     _titled("The gap", report.gap_head(d), report.gap_table(d))
     if d.where is not None:
         print_text([words.where_sentence(d)])
-    if rows := report.parameters_table(d):
-        _titled("Found", report.PARAMETERS_HEAD, rows)
-    shown = report.candidates_table(d, MOST_CANDIDATES, brief=True)
-    _titled("Candidates, the best first", report.candidates_head(d, brief=True), shown)
+    if rows := hypotheses.parameters_table(d):
+        _titled("Found", hypotheses.PARAMETERS_HEAD, rows)
+    shown = hypotheses.candidates_table(d, MOST_CANDIDATES, brief=True)
+    _titled("Candidates, the best first", hypotheses.candidates_head(d, brief=True), shown)
     if d.unknown is not None:
         print_text(words.unknown_sentences(d))
     _titled("How far it shrinks, on held-out runs", report.BRIEF_SHRINK_HEAD, report.brief_shrink_table(d))
@@ -40,7 +41,7 @@ def show(d: Diagnosis, out: Path | None) -> None:
     # The first sentence says what was run; the report has it.
     _listed([d.why_no_consequences] if d.consequences is None else d.consequences.sentences[1:])
     _titled("The next run")
-    print_text(words.next_run_sentences(d))
+    print_text([words.next_run_sentence(d)])
     if out is None:
         click.echo("\nNothing is written without --out.")
     else:

@@ -46,6 +46,8 @@ def _percent(probability: float) -> str:
     percent = 100.0 * probability
     if percent < 0.1:
         return "< 0.1 %"
+    if percent > 99.9:
+        return "> 99.9 %"
     return f"{percent:.1f} %" if percent < 10.0 or percent > 99.0 else f"{percent:.0f} %"
 
 

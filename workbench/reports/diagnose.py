@@ -1,35 +1,27 @@
-"""A diagnosis as tables; a head that begins with a blank stands over words."""
+"""The steps of a diagnosis as tables; a head that begins with a blank stands over words."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-
-from workbench.diagnose.records import Candidate, Diagnosis, Estimate, Hypothesis
+from workbench.diagnose.records import Diagnosis
 from workbench.machine import Hoist
-from workbench.reports.diagnose_words import hypothesis_name
-from workbench.reports.numbers import NOTHING, figures, with_error
+from workbench.reports.diagnose_words import unit_of
+from workbench.reports.numbers import NOTHING, figures
 from workbench.reports.words import words_of
 
-WORTH_A_BAR = 1e-3  # of probability
-NBSP = "\u00a0"  # so that no unit is broken
+MOST_WINDOWS = 6  # of a run, that are listed
 Row = list[str]
 Head = tuple[str, ...]
 
-PARAMETERS_HEAD = (" effect", " parameter", "value", "± std\nerror")
 BRIEF_SHRINK_HEAD = (" ", "before", "after", "noise\nfloor", "factor", "95 %\ninterval")
 WHERE_HEAD = (" run", "of the gap's\nenergy, %", " windows, s")
+NEXT_RUN_HEAD = (" profile", "payload\nkg", " signals to log too", "apart\nnow", "apart\nwith it")
 VISIBLE_HEAD = (" effect", " parameter", "smallest\nvisible")
-
-
-def _unit(d: Diagnosis) -> str:
-    return words_of(d.campaign.machine).unit.replace(" ", NBSP)
 
 
 def condition_head(d: Diagnosis) -> Head:
     load = ("payload\nkg",) if isinstance(d.campaign.machine, Hoist) else ()
     return (
-        " run", *load, "length\ns", "samples", "step\nms", f"noise\n{_unit(d)}", "moving\n%",
+        " run", *load, "length\ns", "samples", "step\nms", f"noise\n{unit_of(d)}", "moving\n%",
         "clipped\n%", "outliers", "delay\nms",
     )  # fmt: skip
 
@@ -53,7 +45,13 @@ def condition_table(d: Diagnosis) -> list[Row]:
 def gap_head(d: Diagnosis) -> Head:
     w = words_of(d.campaign.machine)
     force = ("on the\ncarriage, N",) if d.gap.force_rms_n is not None else ()
-    return (" machine", f"{w.quantity}\nresidual\n{_unit(d)}", "times\nthe noise", *force, "speed error\nopen loop\n%")
+    return (
+        " machine",
+        f"{w.quantity}\nresidual\n{unit_of(d)}",
+        "times\nthe noise",
+        *force,
+        "speed error\nopen loop\n%",
+    )
 
 
 def gap_table(d: Diagnosis) -> list[Row]:
@@ -82,110 +80,11 @@ def where_table(d: Diagnosis) -> list[Row]:
         return []
     rows = []
     for name, share in d.where.energy_by_run.items():
-        windows = [f"{w.from_s:.1f} to {w.to_s:.1f}" for w in d.where.windows if w.run == name]
-        rows.append([name, f"{100.0 * share:.0f}", ", ".join(windows) or NOTHING])
-    return rows
-
-
-def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str, float]]:
-    """(verdict, name, probability) of the likeliest, at least three; all others as one, under an empty verdict."""
-    order = sorted(rows, key=lambda each: -each.probability)
-    most = min(most, max(sum(each.probability >= WORTH_A_BAR for each in order), 3))
-    shown = [
-        (str(each.verdict), hypothesis_name(each.verdict, each.effects), each.probability) for each in order[:most]
-    ]
-    if rest := order[most:]:
-        shown.append(("", f"{len(rest)} others together", sum(each.probability for each in rest)))
-    return shown
-
-
-def candidates_head(d: Diagnosis, *, brief: bool = False) -> Head:
-    unit = _unit(d)
-    head = (" hypothesis", "proba-\nbility", "explains\n%", f"residual\n{unit}", f"held out\n{unit}", "merit")
-    return head if brief else (*head, " parameters ± standard error", " what speaks against it")
-
-
-def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = False) -> list[Row]:
-    """The hypotheses that were fitted and those whose fit broke down, in the diagnosis' order.
-
-    most: so many at most. brief: the fitted ones only, without parameters and objections.
-    """
-    probability = {
-        frozenset(each.effects): each.probability for each in d.verdict.ranking if each.verdict == "named"
-    }  # fmt: skip
-    rows = []
-    for each in [each for each in d.candidates if each.fitted or (each.failure and not brief)][:most]:
-        p = probability.get(frozenset(each.effects))
-        row = [
-            hypothesis_name("named", each.effects),
-            NOTHING if p is None else percent(p),
-            NOTHING if each.explained is None else f"{100.0 * each.explained:.0f}",
-            _known(each.residual_rms), _known(each.held_out_rms), _merit(each),
-        ]  # fmt: skip
-        rows.append(row if brief else [*row, _parameters(each), _against(each)])
-    return rows
-
-
-def percent(probability: float) -> str:
-    """With a digit more near 0 and 1."""
-    p = 100.0 * probability
-    if p < 0.1:
-        return "< 0.1 %" if p > 0.0 else "0 %"
-    return f"{p:.1f} %" if p < 10.0 or p > 99.0 else f"{p:.0f} %"
-
-
-def _known(value: float | None) -> str:
-    return NOTHING if value is None else figures(value)
-
-
-def _merit(each: Candidate) -> str:
-    return f"{each.merit:.0f}" if each.fitted and math.isfinite(each.merit) else NOTHING
-
-
-def _parameters(each: Candidate) -> str:
-    return "; ".join(
-        f"{one.name} {said}" for estimates in each.parameters.values() for one in estimates for said in [_said(one)]
-    )
-
-
-def _said(one: Estimate) -> str:
-    pairs = [with_error(*pair) for pair in values_of(one)]
-    if len(pairs) == 1:
-        return f"{pairs[0][0]} ± {pairs[0][1]}"
-    return f"of each run: {', '.join(f'{value} ± {error}' for value, error in pairs)}"
-
-
-def values_of(one: Estimate) -> list[tuple[float, float]]:
-    """(value, standard error), of each run where it is each run's own."""
-    values = one.value if isinstance(one.value, tuple) else (one.value,)
-    errors = one.std_error if isinstance(one.std_error, tuple) else (one.std_error,)
-    return list(zip(values, errors, strict=True))
-
-
-def _against(each: Candidate) -> str:
-    if each.failure:
-        return f"its fit broke down: {each.failure}"
-    return "; ".join(each.against)
-
-
-def chosen_candidate(d: Diagnosis) -> Candidate | None:
-    """The one that the verdict names."""
-    if d.verdict.word != "named":
-        return None
-    return next((each for each in d.candidates if set(each.effects) == set(d.verdict.effects)), None)
-
-
-def parameters_table(d: Diagnosis) -> list[Row]:
-    """The named effects' numbers, a line a value."""
-    chosen = chosen_candidate(d)
-    if chosen is None:
-        return []
-    rows = []
-    for effect, estimates in chosen.parameters.items():
-        for one in estimates:
-            own = isinstance(one.value, tuple)
-            for run, pair in zip(d.campaign.runs if own else [None], values_of(one), strict=True):
-                rows.append([effect, one.name if run is None else f"{one.name}, run {run.name}", *with_error(*pair)])
+        mine = [w for w in d.where.windows if w.run == name]
+        longest = sorted(mine, key=lambda w: w.from_s - w.to_s)[:MOST_WINDOWS]
+        said = [f"{w.from_s:.1f} to {w.to_s:.1f}" for w in mine if w in longest]
+        more = f"; {len(mine) - len(said)} shorter ones" if len(said) < len(mine) else ""
+        rows.append([name, f"{100.0 * share:.0f}", (", ".join(said) or NOTHING) + more])
     return rows
 
 
@@ -195,7 +94,7 @@ def visible_table(d: Diagnosis) -> list[Row]:
 
 
 def shrink_head(d: Diagnosis) -> Head:
-    unit = _unit(d)
+    unit = unit_of(d)
     return (" held out", f"before\n{unit}", f"after\n{unit}", "factor", "after, times\nthe noise")
 
 
@@ -221,3 +120,12 @@ def brief_shrink_table(d: Diagnosis) -> list[Row]:
          figures(s.factor), f"{figures(low)} to {figures(high)}"],
         ["speed error, open loop, %", *(figures(each) for each in speed), "", "", ""],
     ]  # fmt: skip
+
+
+def next_run_table(d: Diagnosis) -> list[Row]:
+    """Under NEXT_RUN_HEAD: the run that decides what is open; none where nothing is."""
+    n = d.next_run
+    if n is None:
+        return []
+    load = f"{n.payload_kg:g}" if isinstance(d.campaign.machine, Hoist) else NOTHING
+    return [[n.profile, load, ", ".join(n.signals) or NOTHING, figures(n.now, 2), figures(n.separation, 2)]]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from workbench.diagnose.records import Diagnosis
-from workbench.reports.diagnose import chosen_candidate
+from workbench.reports.diagnose_hypotheses import chosen_candidate
 from workbench.reports.diagnose_more import estimates_json, more
 from workbench.reports.numbers import rounded
 from workbench.reports.words import words_of

@@ -13,6 +13,7 @@ from workbench.figures.diagnose_verdict import isolability, ranking
 from workbench.figures.save import Section, save_sections
 from workbench.reports import consequences as consequences_report
 from workbench.reports import diagnose as report
+from workbench.reports import diagnose_hypotheses as hypotheses
 from workbench.reports import diagnose_words as words
 from workbench.reports.diagnose_series import MOST_RUNS, own_values, series_of
 from workbench.reports.words import direction_names, words_of
@@ -44,14 +45,14 @@ def _answer(d: Diagnosis) -> Section:
     """What the rest of the page is the evidence for."""
     lead = [words.probability_sentence(d), words.alike_sentence(d), words.shrink_sentence(d)]
     lead += words.effect_sentences(d)
-    table = report.parameters_table(d)
+    table = hypotheses.parameters_table(d)
     held = "the first run's of what is each run's own" if own_values(d) else "the same values"
     note = f"What the fit found, with one standard error. A name's end is its unit. machine.yaml holds {held}."
     return Section(
         "",
         [sentence for sentence in lead if sentence],
         d.warnings,
-        [(report.PARAMETERS_HEAD, table, note)] if table else [],
+        [(hypotheses.PARAMETERS_HEAD, table, note)] if table else [],
     )
 
 
@@ -98,7 +99,7 @@ def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
 
 
 def _candidates(d: Diagnosis) -> Section:
-    shown = report.candidates_table(d, MOST_CANDIDATES)
+    shown = hypotheses.candidates_table(d, MOST_CANDIDATES)
     rest = len(d.candidates) - len(shown)
     more = (
         f" {rest} more hypotheses were weighed, most of them linearly only, for they promised less than these; "
@@ -111,7 +112,7 @@ def _candidates(d: Diagnosis) -> Section:
         "in the penalised likelihood, less what its parameters cost; below 0 it is not worth them. Names end in their "
         f"units.{more}"
     )
-    return Section("4. Candidates", (), (), [(report.candidates_head(d), shown, note)])
+    return Section("4. Candidates", (), (), [(hypotheses.candidates_head(d), shown, note)])
 
 
 def _isolability(d: Diagnosis) -> Section:
@@ -131,7 +132,7 @@ def _isolability(d: Diagnosis) -> Section:
 
 def _verdict(d: Diagnosis) -> Section:
     said = [d.verdict.sentence, words.alike_sentence(d)]
-    figure = ranking(report.ranking_table(d.verdict.ranking, MOST_RANKED))
+    figure = ranking(hypotheses.ranking_table(d.verdict.ranking, MOST_RANKED))
     return Section("6. Verdict", [s for s in said if s], d.verdict.reasons, (), [(figure, "")])
 
 
@@ -173,4 +174,8 @@ def _consequences(d: Diagnosis) -> Section:
 
 
 def _next_run(d: Diagnosis) -> Section:
-    return Section("9. The next run", words.next_run_sentences(d))
+    table = report.next_run_table(d)
+    note = "Apart: how many standard deviations lie between the predictions of the candidates that are still open."
+    return Section(
+        "9. The next run", [words.next_run_sentence(d)], (), [(report.NEXT_RUN_HEAD, table, note)] if table else []
+    )

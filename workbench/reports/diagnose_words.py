@@ -12,6 +12,7 @@ from workbench.plants import plant_of
 from workbench.reports.numbers import figures
 from workbench.reports.words import listed, words_of
 
+SHRINKS = 1.02  # factor: less is none
 NO_GAP, UNKNOWN = "no gap", "unknown cause"
 
 # What a measured correction may be over: what it is called, and its unit.
@@ -56,7 +57,11 @@ def probability_sentence(d: Diagnosis) -> str:
     }[word]
     count = round(100.0 * p)
     many = "more than 99" if p > 0.995 else "less than one" if p < 0.005 else f"about {count}"
-    return f"Probability {_percent(p)}: of a hundred campaigns judged like this one, in {many} {what}."
+    said = f"Probability {_percent(p)}: of a hundred campaigns judged like this one, in {many} {what}."
+    named = sum(each.probability for each in d.verdict.ranking if each.verdict == "named")
+    if word == "named" and p < 0.5 and named > p + 0.005:
+        return f"{said} In about {100.0 * named:.0f} some effect would be missing, this one or another."
+    return said
 
 
 def _percent(p: float) -> str:
@@ -118,6 +123,11 @@ def shrink_sentence(d: Diagnosis) -> str:
             f"Nothing to shrink: on held-out runs the {quantity} residual is {figures(s.after)} {s.unit} rms, the "
             f"noise {figures(s.noise)} {s.unit}."
         )
+    if s.factor < SHRINKS:
+        return (
+            f"It does not shrink: on held-out runs the {quantity} residual is {figures(s.before)} {s.unit} rms before "
+            f"and {figures(s.after)} {s.unit} after; the noise floor is {figures(s.noise)} {s.unit}."
+        )
     return (
         f"On runs that were held out of the fit the {quantity} residual falls from {figures(s.before)} to "
         f"{figures(s.after)} {s.unit} rms, by a factor of {figures(s.factor)} (95 % interval {figures(low)} to "
@@ -127,18 +137,9 @@ def shrink_sentence(d: Diagnosis) -> str:
     )
 
 
-def next_run_sentences(d: Diagnosis) -> list[str]:
+def next_run_sentence(d: Diagnosis) -> str:
     """The run that decides what is open, or that nothing is."""
-    n = d.next_run
-    if n is None:
-        return ["Nothing is open that another run would decide."]
-    load = f" with {n.payload_kg:g} kg" if isinstance(d.campaign.machine, Hoist) else ""
-    signals = f", logging {listed(n.signals)} too" if n.signals else ""
-    return [
-        n.why,
-        f"The run: {n.profile}{load}{signals}. On it the candidates' predictions lie {figures(n.separation, 2)} "
-        f"standard deviations apart; on the runs at hand {figures(n.now, 2)}.",
-    ]
+    return "Nothing is open that another run would decide." if d.next_run is None else d.next_run.why
 
 
 def unknown_sentences(d: Diagnosis) -> list[str]:
@@ -152,6 +153,11 @@ def unknown_sentences(d: Diagnosis) -> list[str]:
             "take into account. It is a measurement, no explanation, and holds within the runs it was measured in only."
         )
     return said
+
+
+def unit_of(d: Diagnosis) -> str:
+    """Of the input, with a space that does not break, for heads of tables."""
+    return words_of(d.campaign.machine).unit.replace(" ", "\u00a0")
 
 
 def curve_unit(machine: Hoist | Axis, acts_on: str) -> str:
