@@ -31,9 +31,9 @@ def _bar() -> Iterator[Tell]:
         task = bar.add_task("", total=None)
 
         def tell(sentence: str, done: int, total: int) -> None:
-            # A bar cannot be set back to an unknown end in an update: None there means no change.
-            bar.reset(task, total=total or None, completed=done, description=sentence, start=False)
-            bar.start_task(task)
+            if total:
+                bar.update(task, total=total, completed=done)
+            bar.update(task, description=sentence)
 
         yield tell
 
