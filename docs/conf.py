@@ -22,6 +22,7 @@ html_theme = "furo"
 html_static_path = ["site/site.css"]
 html_css_files = ["site.css"]
 html_copy_source = False
+html_show_search_summary = False  # fetched page by page, which a browser refuses for files
 html_show_copyright = False
 html_theme_options = {"top_of_page_buttons": []}
 

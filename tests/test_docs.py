@@ -103,6 +103,12 @@ def test_every_link_leads_somewhere(page: Path):
 
 
 @each_page
+def test_no_line_of_text_vanishes_as_a_comment(page: Path):
+    """To the site's generator a line that begins with % is one, and +++ a break."""
+    assert re.findall(r"^ *(?:%|\+\+\+).*", prose(page.read_text(encoding="utf-8")), re.MULTILINE) == []
+
+
+@each_page
 def test_every_command_line_is_one_that_workbench_takes(page: Path):
     lines = command_lines(page.read_text(encoding="utf-8"))
     assert [f"{line}: {fault}" for line in lines if (fault := fault_of(line))] == []
@@ -157,6 +163,20 @@ def test_every_python_block_compiles_and_imports_what_there_is(page: Path):
             if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("workbench"):
                 module = importlib.import_module(node.module)
                 assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == [], node.module
+
+
+def test_the_examples_of_the_api_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    monkeypatch.chdir(tmp_path)
+    blocks = [body for language, body in FENCE.findall((DOCS / "api.md").read_text(encoding="utf-8"))]
+    examples = [body for body in blocks if body.startswith("from workbench")]
+    assert len(examples) == 6
+    for body in examples:
+        if "diagnose(" not in body:  # half a minute; its own tests run it
+            exec(compile(body, "api.md", "exec"), {})
+    assert (tmp_path / "identified.yaml").is_file()
+    said = capsys.readouterr().out
+    assert "9000kg_ruckig_equal_time" in said and "OperatingPoint(payload_kg=" in said
 
 
 def test_every_name_of_the_api_page_exists_and_says_what_it_is():
