@@ -12,6 +12,7 @@ from workbench.diagnose.same_machine import check_machine, listed
 from workbench.diagnose.variety import variety
 from workbench.errors import InputError
 from workbench.logs import Campaign
+from workbench.machine import Hoist
 from workbench.simulate.band import LEAST_PERIODS
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass, noise_rms
@@ -39,8 +40,10 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
     _check_frozen(bench, going, file)
     _check_enough(bench, going, file)
     rigid = [rigid_of(bench, j) for j in going]
-    odd = check_machine(bench, rigid, file)
-    warnings = check_other_signals(bench, going, file)
+    if isinstance(bench.machine, Hoist):  # its load says which signal is upside down; an axis' signals have to say it
+        odd, warnings = check_machine(bench, rigid, file), check_other_signals(bench, going, file)
+    else:
+        warnings, odd = check_other_signals(bench, going, file), check_machine(bench, rigid, file)
     still = [run.name for j, run in enumerate(bench.runs) if j not in going]
     if still:
         one = len(still) == 1

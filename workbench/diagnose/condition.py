@@ -59,7 +59,8 @@ def _inputs(problem: Problem, run: Run) -> tuple[str, ...]:
 
 def clipped_share(time_s: Array, values: Array) -> float:
     """Of the samples, what rests at its largest or smallest value as a clipped signal does."""
-    if clipped(time_s, values) is None:
+    # Clipped alike both ways, a signal rests as long at the one end as at the other: only its size tells.
+    if clipped(time_s, values) is None and clipped(time_s, np.abs(values)) is None:
         return 0.0
     # Only extremes that are held count: a largest value of its own is in every signal.
     at = (values == values.max()) | (values == values.min())

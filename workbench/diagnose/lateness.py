@@ -7,7 +7,8 @@ import numpy as np
 from workbench.run import Array
 
 LONGEST_S = 2.0  # a signal that is later than that follows something else
-REFINEMENTS = 8
+REFINEMENTS = 20
+LARGEST_CHANGE_S = 0.02  # of one refinement: noise may put the correlation's peak some samples off
 
 
 def lateness(time_s: Array, reference: Array, signal: Array) -> float | None:
@@ -41,7 +42,7 @@ def lateness(time_s: Array, reference: Array, signal: Array) -> float | None:
         if abs(found[0]) < 1e-9:
             return None
         change = float(found[2] / found[0])
-        shift += float(np.clip(change, -step, step))
+        shift += float(np.clip(change, -LARGEST_CHANGE_S, LARGEST_CHANGE_S))
         if abs(change) < 1e-3 * step:
             break
     return shift if abs(shift) < LONGEST_S else None

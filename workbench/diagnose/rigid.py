@@ -55,7 +55,7 @@ def rigid_of(bench: Bench, j: int) -> Rigid:
         return Rigid(run.name, None, float("inf"), None, 0.0)
     found, std = _least_squares(x, y, independent)
     told = std[0] < np.inf and abs(found[0]) > SURE * std[0]
-    hold = found[1] / load if load and std[1] < 0.1 * load else None
+    hold = float(found[1]) / load if load and std[1] < 0.1 * load else None
     return Rigid(run.name, float(found[0]) if told else None, float(std[0]), hold, float(found[2]))
 
 

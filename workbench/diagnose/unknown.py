@@ -9,7 +9,7 @@ tolerances to cover what is missing, and the curve would show the rest.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -55,32 +55,42 @@ def explain(problem: Problem, fitted: Fitted) -> Explained:
     if fitted.effects:
         raise ValueError(f"expected the base parameters' fit, got one of {', '.join(fitted.effects)}")
     tables, before = Tables(problem, fitted), fitted.rms(problem.inputs)
+    alone = held_out(problem, fitted, folds_by_run(problem))
     tried = sorted((tables.linear(each) for each in variables_of(problem)), key=lambda each: each.left)
     if tried[0].fit.explains < USEFUL:
-        return _in_vain(problem, fitted, before, [each.curve() for each in tried])
+        return _in_vain(problem, fitted, alone, tried[0].curve())
     tried = [tables.refined(each) for each in tried[:REFINED]] + tried[REFINED:]
     tried.sort(key=lambda each: each.left)
     near = [each for each in tried[:DRIVEN] if tried[0].fit.explains - each.fit.explains < NEAR]
     best = min((tables.driven(each) for each in near), key=lambda each: each.rms)
-    others = [each.curve() for each in tried if each is not best.tried and each.fit.explains > SHOWN]
-    curves = (best.curve, *others)
     unseen, machines = tables.held_out(best)
+    # What the stiff machine promised, the driven one has to keep.
+    kept = _share(problem, alone.rms(problem.inputs), unseen.rms(problem.inputs))
+    first = replace(best.curve, explains=min(kept, _share(problem, before, best.rms)))
+    if first.explains < USEFUL:
+        return _in_vain(problem, fitted, alone, first)
+    others = [each.curve() for each in tried if each is not best.tried and each.fit.explains > SHOWN]
+    curves = (first, *others)
     sentences = _sentences(problem, curves, before, best.rms, unseen.rms(problem.inputs))
     return Explained(curves, sentences, best.fitted, before, best.rms, unseen, machines)
 
 
-def _in_vain(problem: Problem, fitted: Fitted, before: float, curves: Sequence[Curve]) -> Explained:
+def _share(problem: Problem, before: float, after: float) -> float:
+    """Of the gap's energy above the noise that is gone; before, after: rms."""
+    gap = before**2 - problem.noise**2
+    return (before**2 - after**2) / gap if gap > 0.0 else 0.0
+
+
+def _in_vain(problem: Problem, fitted: Fitted, alone: HeldOut, best: Curve) -> Explained:
     """No table is of use: the base parameters' fit stays as it is."""
-    keys = base_knobs(problem.machine, problem.runs)
-    unseen = held_out(problem, fitted, folds_by_run(problem))
-    machines = tuple(refitted_machine(problem, keys, setting) for setting in unseen.settings)
-    best = curves[0]
+    keys, before = base_knobs(problem.machine, problem.runs), fitted.rms(problem.inputs)
+    machines = tuple(refitted_machine(problem, keys, setting) for setting in alone.settings)
     sentence = (
         f"No force over speed, place, load or time explains what is left: the best, over {best.over}, takes "
         f"{100.0 * max(best.explains, 0.0):.0f} % of its energy away on {_left_out(problem)}. "
         "The corrected machine holds no table."
     )
-    return Explained((best,), (sentence,), fitted, before, before, unseen, machines)
+    return Explained((best,), (sentence,), fitted, before, before, alone, machines)
 
 
 def with_unknown(machine: AnyMachine, unknown: Unknown) -> AnyMachine:
