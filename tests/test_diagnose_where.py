@@ -13,11 +13,12 @@ from tests.found_campaign import found_in, simulated_found
 from workbench.diagnose.base import base_knobs
 from workbench.diagnose.gap import gap_of
 from workbench.diagnose.machines import corrected_machine, of_first_run, refitted_machine
+from workbench.diagnose.place import place_of
 from workbench.diagnose.problem import Problem
 from workbench.diagnose.profiles import Free, best_of, explain, held_out, share_of
 from workbench.diagnose.search import Found
-from workbench.diagnose.spectrum import wave_of
-from workbench.diagnose.variables import Variable, forward, spacing, times, variables
+from workbench.diagnose.spectrum import wave_along_the_way, wave_in_time
+from workbench.diagnose.variables import Variable, forward, spacing, times, variables, way
 from workbench.diagnose.where import parts_of, sum_of, where_of
 from workbench.diagnose.windows import HELD, windows_of
 from workbench.effects import find
@@ -87,10 +88,25 @@ def test_a_wave_in_time_with_a_phase_of_each_run_is_found_at_its_frequency(even:
     problem = even[1].problem
     phase = problem.run_of_row[: problem.inputs] * 2.0
     gap = 8.0 * problem.noise * np.sin(2.0 * np.pi * 0.31 * times(problem) + phase) + noise_of(problem)
-    wave, profile = wave_of(problem, gap, 0)
+    wave, profile = wave_in_time(problem, gap, 0)
     assert wave.variable.at[0] == pytest.approx(0.31, abs=0.01)
     assert wave.share > 0.9
     assert np.nansum(profile.share) == pytest.approx(1.0)
+
+
+def test_a_wave_along_the_way_is_found_at_its_length_and_given_to_what_turns_so(even: tuple[Campaign, Found]):
+    problem = even[1].problem
+    assert isinstance(problem.machine, Hoist)
+    turns = way(problem) / problem.machine.lift_m_per_rad / (2.0 * np.pi)
+    phase = problem.run_of_row[: problem.inputs] * 2.0
+    gap = 8.0 * problem.noise * np.sin(2.0 * np.pi * 1.0 * turns + phase) + noise_of(problem)
+    found = wave_along_the_way(problem, gap, 0)
+    assert found is not None
+    wave, profile = found
+    assert wave.variable.at[0] == pytest.approx(1.0 / (2.0 * np.pi * problem.machine.lift_m_per_rad), rel=0.01)
+    assert wave.share > 0.8
+    assert profile.regime == "periodic"
+    assert place_of(problem, gap, wave, windows_of(problem, gap**2), "unsaid").subsystem == "motor"
 
 
 def test_a_held_out_part_never_saw_its_own_fold():

@@ -15,7 +15,6 @@ from workbench.run import Array
 SMOOTH = 1e-2  # of the data's weight: bends between bins cost so much; what lies between is bridged
 BLOCKS = 8  # of a run's time, where runs cannot be held out against each other
 DRAWS = 400  # of the bootstrap
-HARMONICS = 2
 LEAST_RUNS = 3  # to hold out one
 
 
@@ -45,7 +44,7 @@ class Explained:
 def explain(problem: Problem, gap: Array, variable: Variable, free: Free, seed: int) -> Explained:
     """The best function of a variable, with the base parameters free within their tolerances."""
     columns, bend = _basis(problem, variable)
-    folds = blocks(problem) if variable.of_each_run or len(problem.runs) < LEAST_RUNS else run_of(problem)
+    folds = run_of(problem) if len(problem.runs) >= LEAST_RUNS else blocks(problem)
     part = held_out(gap, columns, bend, free, folds)
     share, interval = share_of(problem, gap, gap - part, seed)
     return Explained(variable, part, share, interval)
@@ -164,11 +163,6 @@ def _bounded(gram: Array, pull: Array, low: Array, high: Array) -> Array:
 def _basis(problem: Problem, v: Variable) -> tuple[Array, Array]:
     """(inputs, k) columns of a function of the variable for each direction, and what its bends cost."""
     ahead = forward(problem)
-    if v.of_each_run:
-        waves = [f(n * v.at) for n in range(1, HARMONICS + 1) for f in (np.sin, np.cos)]
-        runs = [run_of(problem) == j for j in range(len(problem.runs))]
-        columns = np.stack([np.where(mine, w, 0.0) for mine in runs for w in waves], axis=1)
-        return columns, np.zeros((columns.shape[1],) * 2)
     if v.name == "direction":
         return np.stack([ahead, ~ahead], axis=1).astype(float), np.zeros((2, 2))
     hats, bend = _hats(v)

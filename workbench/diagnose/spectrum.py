@@ -1,4 +1,4 @@
-"""The gap over frequency: how its energy is spread, and what one steady wave takes away."""
+"""The gap over frequency, in time and along the way: how it is spread, and what one steady wave takes away."""
 
 from __future__ import annotations
 
@@ -9,71 +9,91 @@ import numpy as np
 from workbench.diagnose.problem import Problem
 from workbench.diagnose.profiles import Explained, blocks, run_of, share_of
 from workbench.diagnose.records import Profile
-from workbench.diagnose.variables import Variable, times
+from workbench.diagnose.variables import Variable, forward, times, way
 from workbench.run import Array
 
-PER_RESOLUTION = 2.0  # frequencies tried within 1/(length of a run)
+PER_RESOLUTION = 3.0  # frequencies tried within 1/(length of a run)
 BINS = 16
-FEWEST_WAVES = 2.0  # of a wave in the longest run: a slower one is a trend
+FEWEST_WAVES = 2.0  # in the longest run: a slower wave is a trend
+MOST_WAVES = 600.0  # over the way of the longest run
 MOST_TRIED = 4000
+FEWEST_ROWS = 8  # of a run and way: fewer say nothing of a wave
 
 
-def wave_of(problem: Problem, gap: Array, seed: int) -> tuple[Explained, Profile]:
-    """The one frequency whose wave, with an amplitude and phase of each run, explains most of the gap.
+def wave_in_time(problem: Problem, gap: Array, seed: int) -> tuple[Explained, Profile]:
+    """The one frequency, Hz, whose wave in time explains most of the gap."""
+    longest = max(run.duration_s for run in problem.runs)
+    tried = _tried(longest, problem.band_hz)
+    return _wave(problem, gap, seed, times(problem), tried, ("frequency", "frequency", "Hz", "time"), False)
+
+
+def wave_along_the_way(problem: Problem, gap: Array, seed: int) -> tuple[Explained, Profile] | None:
+    """The one wave over the carriage's height (the axis' position) that explains most of the gap, each way its own.
+
+    What turns comes back so: motor, drum, a roller. The phase is each run's own, for a motor turns often
+    within what the height is known to.
+    """
+    at, runs = way(problem), run_of(problem)
+    longest = max(float(np.ptp(at[runs == j])) for j in np.unique(runs))
+    if longest <= 0.0:
+        return None
+    tried = _tried(longest, MOST_WAVES / longest)
+    unit = "1/rad" if problem.bench.plant.kind == "axis-rotary" else "1/m"
+    return _wave(problem, gap, seed, at, tried, ("wave", "frequency over the way", unit, "periodic"), True)
+
+
+def _wave(
+    problem: Problem, gap: Array, seed: int, at: Array, tried: Array, said: tuple[str, str, str, str], each_way: bool
+) -> tuple[Explained, Profile]:
+    """One frequency for all runs, amplitude and phase of each run (and way) its own.
 
     Fitted to every other piece of time, judged on the rest: a wave goes on, a burst does not.
     """
-    tried = _tried(problem)
-    power = np.zeros(len(tried))
-    pairs = _sums(problem, gap, tried)
-    for run_power in pairs:
-        power += run_power
+    groups = [run_of(problem) == j for j in range(len(problem.runs))]
+    if each_way:
+        ahead = forward(problem)
+        groups = [mine & side for mine in groups for side in (ahead, ~ahead)]
+    groups = [mine for mine in groups if np.sum(mine) >= FEWEST_ROWS]
+    power = sum((_taken(gap[mine], at[mine], tried) for mine in groups), np.zeros(len(tried)))
     best = float(tried[int(np.argmax(power))])
-    part = _held_out(problem, gap, best)
+    part = _held_out(problem, gap, best * at, groups)
     share, interval = share_of(problem, gap, gap - part, seed)
-    at = np.full(problem.inputs, best)
     edges = np.geomspace(tried[0], tried[-1], BINS + 1)
-    v = Variable("frequency", "frequency", "Hz", "time", at, edges, of_each_run=True)
-    found = Explained(v, part, share, interval)
+    name, label, unit, regime = said
+    found = Explained(Variable(name, label, unit, regime, np.full(problem.inputs, best), edges), part, share, interval)
     bins = np.clip(np.searchsorted(edges, tried, side="right") - 1, 0, BINS - 1)
     spread = np.bincount(bins, power, BINS)
     nothing = np.full(BINS, np.nan)
     profile = Profile(
-        "frequency", f"frequency (one wave of {best:.3g} Hz)", "Hz", "time", edges, nothing, nothing,
+        name, f"{label}, best at {best:.3g} {unit}", unit, regime, edges, nothing, nothing,
         spread / max(float(spread.sum()), 1e-300), share, interval,
     )  # fmt: skip
     return found, profile
 
 
-def _tried(problem: Problem) -> Array:
-    longest = max(run.duration_s for run in problem.runs)
+def _tried(longest: float, highest: float) -> Array:
     lowest = FEWEST_WAVES / longest
-    highest = max(problem.band_hz, 2.0 * lowest)
+    highest = max(highest, 2.0 * lowest)
     count = min(MOST_TRIED, math.ceil((highest - lowest) * longest * PER_RESOLUTION) + 2)
     return np.linspace(lowest, highest, count)
 
 
-def _sums(problem: Problem, gap: Array, tried: Array) -> list[Array]:
-    """Of each run, what a wave of every frequency takes away, least squares with two amounts."""
-    out, at = [], times(problem)
-    for j in range(len(problem.runs)):
-        mine = run_of(problem) == j
-        angle = 2.0 * math.pi * np.outer(tried, at[mine])
-        c, s, g = np.cos(angle), np.sin(angle), gap[mine]
-        cc, ss, cs = np.sum(c * c, 1), np.sum(s * s, 1), np.sum(c * s, 1)
-        a, b = c @ g, s @ g
-        det = np.maximum(cc * ss - cs * cs, 1e-12)
-        out.append((ss * a * a - 2.0 * cs * a * b + cc * b * b) / det)
-    return out
+def _taken(gap: Array, at: Array, tried: Array) -> Array:
+    """What a wave of every frequency takes of the energy, least squares with two amounts."""
+    angle = 2.0 * math.pi * np.outer(tried, at)
+    c, s = np.cos(angle), np.sin(angle)
+    cc, ss, cs = np.sum(c * c, 1), np.sum(s * s, 1), np.sum(c * s, 1)
+    a, b = c @ gap, s @ gap
+    det = np.maximum(cc * ss - cs * cs, 1e-6 * (cc + ss) ** 2)
+    return np.asarray((ss * a * a - 2.0 * cs * a * b + cc * b * b) / det, dtype=float)
 
 
-def _held_out(problem: Problem, gap: Array, frequency: float) -> Array:
-    out, at, halves = np.zeros_like(gap), times(problem), blocks(problem)
-    for j in range(len(problem.runs)):
-        mine = run_of(problem) == j
-        angle = 2.0 * math.pi * frequency * at
-        waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+def _held_out(problem: Problem, gap: Array, turns: Array, groups: list[np.ndarray]) -> Array:
+    out, halves = np.zeros_like(gap), blocks(problem)
+    waves = np.stack([np.cos(2.0 * math.pi * turns), np.sin(2.0 * math.pi * turns)], axis=1)
+    for mine in groups:
         for half in (0, 1):
             test, train = mine & (halves == half), mine & (halves != half)
-            out[test] = waves[test] @ np.linalg.lstsq(waves[train], gap[train], rcond=1e-9)[0]
+            if np.sum(train) >= FEWEST_ROWS // 2:
+                out[test] = waves[test] @ np.linalg.lstsq(waves[train], gap[train], rcond=1e-9)[0]
     return out

@@ -24,8 +24,7 @@ START_EDGES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)  # periods of the b
 class Variable:
     """at: (inputs,) its value at every residual of the input. edges: (k + 1,) of its bins.
 
-    wraps: the last bin joins the first, a turn. of_each_run: its zero is each run's own, so that runs
-    cannot be laid over one another. straight: few values only, between which nothing but a line is known.
+    wraps: the last bin joins the first, a turn. straight: few values only, between which nothing but a line is known.
     """
 
     name: str
@@ -35,7 +34,6 @@ class Variable:
     at: Array
     edges: Array
     wraps: bool = False
-    of_each_run: bool = False
     straight: bool = False
 
 
@@ -133,8 +131,13 @@ def _since_start(problem: Problem) -> Variable:
     return Variable("since_start", "time since the start of the motion", "s", "start", at, np.array([*edges, longest]))
 
 
+def way(problem: Problem) -> Array:
+    """(inputs,) height of the carriage or position of the axis, m or rad."""
+    return of_rows(problem, height if isinstance(problem.machine, Hoist) else lambda b, j: b.motions[j].position)
+
+
 def _position(problem: Problem) -> Variable:
-    at = of_rows(problem, height if isinstance(problem.machine, Hoist) else lambda b, j: b.motions[j].position)
+    at = way(problem)
     what, unit, _ = _moved(problem.machine)
     label = "height of the carriage" if what == "carriage" else f"position of the {what}"
     return Variable("position", label, unit, "position", at, _even(at, 24))
@@ -159,20 +162,14 @@ def _turns(problem: Problem) -> list[Variable]:
     def drum(b: Bench, j: int) -> Array:
         return 4.0 * height(b, j) / machine.winch.drum_diameter_m
 
-    def motor(b: Bench, j: int) -> Array:
-        return b.motions[j].position - b.motions[j].position[0]
-
-    return [
-        *_folded("drum_angle", "drum's angle", of_rows(problem, drum)),
-        *_folded("motor_angle", "motor's angle, from each run's start", of_rows(problem, motor), of_each_run=True),
-    ]
+    return _folded("drum_angle", "drum's angle", of_rows(problem, drum))
 
 
-def _folded(name: str, label: str, angle: Array, of_each_run: bool = False) -> list[Variable]:
+def _folded(name: str, label: str, angle: Array) -> list[Variable]:
     if np.ptp(angle) < TURNS * TURN:
         return []
     edges = np.linspace(0.0, TURN, 13)
-    return [Variable(name, label, "rad", "periodic", angle % TURN, edges, wraps=True, of_each_run=of_each_run)]
+    return [Variable(name, label, "rad", "periodic", angle % TURN, edges, wraps=True)]
 
 
 def _run_time(problem: Problem) -> Variable:

@@ -14,7 +14,7 @@ from workbench.diagnose.problem import Problem
 from workbench.diagnose.profiles import Explained, Free, best_of, explain, profile_of, run_of, share_in_time
 from workbench.diagnose.records import Profile, Where
 from workbench.diagnose.search import TOLERANCES
-from workbench.diagnose.spectrum import wave_of
+from workbench.diagnose.spectrum import wave_along_the_way, wave_in_time
 from workbench.diagnose.variables import spacing, variables
 from workbench.diagnose.windows import Windows, windows_of
 from workbench.effects import Effect, ranges_of
@@ -49,8 +49,7 @@ def where_of(
         gap, own = near.residual, best.part
         windows = windows_of(problem, gap[: problem.inputs] ** 2 - problem.noise**2)
         place = place_of(problem, gap[: problem.inputs], best, windows, side_of(problem, gap))
-    torque = gap[: problem.inputs]
-    side = side_of(problem, gap)
+    torque, side = gap[: problem.inputs], side_of(problem, gap)
     left = np.where(windows.inside, torque - own, torque)
     if place.regime == "event":  # nothing but its time explains it: all within the windows is of that regime
         left = np.where(windows.inside, 0.0, torque)
@@ -94,8 +93,9 @@ def _profiles(problem: Problem, near: Fitted, seed: int) -> tuple[list[Profile],
     gap, free = near.residual[: problem.inputs], free_of(problem, near)
     found = [explain(problem, gap, v, free, seed) for v in variables(problem)]
     profiles = [profile_of(problem, gap, each, _regime(problem, gap, each)) for each in found]
-    wave, spectrum = wave_of(problem, gap, seed)
-    found, profiles = [*found, wave], [*profiles, spectrum]
+    for wave in (wave_in_time(problem, gap, seed), wave_along_the_way(problem, gap, seed)):
+        if wave is not None:
+            found, profiles = [*found, wave[0]], [*profiles, wave[1]]
     best = best_of(found)
     order = sorted(range(len(found)), key=lambda k: (found[k] is not best, -found[k].share))
     rest = [found[k] for k in order[1:]]
