@@ -89,8 +89,9 @@ def test_the_lock_pins_everything_that_pyproject_names():
     assert "streamlit" in pins()
 
 
-def test_the_peers_of_the_benchmark_are_pinned_where_they_are_named():
-    assert all(re.fullmatch(r"[\w-]+==[\d.]+", peer) for peer in PROJECT["optional-dependencies"]["bench"])
+@pytest.mark.parametrize("extra", ["bench", "docs"])
+def test_what_the_lock_leaves_out_is_pinned_where_it_is_named(extra: str):
+    assert all(re.fullmatch(r"[\w-]+==[\d.]+", named) for named in PROJECT["optional-dependencies"][extra])
 
 
 def test_the_environment_is_the_one_of_the_lock():
