@@ -64,7 +64,10 @@ def _kept(d: Diagnosis, folder: Path, label: Path, withheld: tuple[str, ...], cp
         names=d.verdict.effects,
         alike=d.verdict.alike,
         ranking=[(row.verdict, list(row.effects), row.probability) for row in d.verdict.ranking[:8]],
-        weighed=[{"names": list(w.names), "merit": w.merit, "earned": w.earned} for w in d.judged.weighed],
+        weighed=[
+            {"names": [] if w.rival else list(w.names), "merit": w.merit, "earned": w.earned, "fit": list(w.names)}
+            for w in d.judged.weighed
+        ],
         evidence=dict(d.judged.evidence),
         estimates={
             name: {e.name: (e.value, e.std_error) for e in rows}

@@ -66,7 +66,9 @@ def _against(found: Found, judged: Judged, each: Weighed, keys: Mapping[str, Val
     if left > 1.5:
         said.append(f"leaves {left:.1f} times the noise")
     best = judged.best
-    if best is not None and each.names != best.names:
+    if each.rival:
+        said.append("is none of the causes that are named unasked")
+    if best is not None and each.names != best.names and best.gain > each.gain:
         said.append(f"gains {best.gain - each.gain:.0f} less in chi-squared than {' and '.join(best.names)}")
     far = [
         (abs(float(z)) / knob.std, key)

@@ -58,7 +58,9 @@ def diagnose(
     problem.noise = math.hypot(problem.noise, shaking)
     state = condition(campaign, problem, shaking)
 
-    search = Search(problem, effects, lambda sentence: say(sentence, 1, STAGES))
+    others = [each for each in effects_for(problem.active.kind).values() if not each.listed]
+    rivals = others if candidates is None else []
+    search = Search(problem, effects, lambda sentence: say(sentence, 1, STAGES), rivals)
     if baseline == "nominal":
         search.base = {key: knob for key, knob in search.base.items() if knob.logarithmic}
     elif baseline != "tolerances":
@@ -67,7 +69,8 @@ def diagnose(
     keys = search.base
 
     say("the verdict", 2, STAGES)
-    judged = judge(found)
+    judged = judge(found, seed)
+    problem.noise = judged.floor
     rows = candidate_rows(found, judged, keys)
     say("where the gap lies", 3, STAGES)
     gap = gap_of(problem, found, campaign)
@@ -87,7 +90,7 @@ def diagnose(
         corrected = explained_machine(problem, unknown)
     else:
         corrected = refitted_machine(problem, keys, found.near)
-    shrink = shrink_of(found, keys, judged.names, folds_of(found, judged.names), seed)
+    shrink = shrink_of(found, keys, judged.names, folds_of(found, judged.names, unknown), seed, unknown)
     say("what changes in the control study", 6, STAGES)
     refitted = refitted_machine(problem, keys, found.near)
     changes, why_not = _consequences(campaign, refitted, corrected, judged)

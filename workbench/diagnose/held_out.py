@@ -13,6 +13,7 @@ from workbench.diagnose.problem import Problem
 from workbench.run import Array
 
 BLOCKS = 4  # that a single run is cut into
+PARTS = (1.0, 0.3, 0.0)  # of the step that takes a fold out
 
 
 @dataclass(frozen=True)
@@ -51,23 +52,36 @@ def folds_by_payload(problem: Problem) -> np.ndarray | None:
 def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
     """One Gauss-Newton step from the joint fit takes a fold out; the model is then run anew at that point.
 
+    The step is taken as far as it serves the runs that are left: all of it, a part, or not at all.
+
     What is each run's own (a phase) is taken from that run itself: another run cannot know it.
     """
     lowest, highest, std = bounds_of(fitted.knobs)
     weight2 = problem.share / fitted.sigma**2
     prior = np.diag(1.0 / std**2)
     folds = int(np.max(fold_of_row)) + 1 if len(fold_of_row) else 0
-    settings: list[Setting] = []
+    points: list[Array] = []
     for fold in range(folds):
         rest = fold_of_row != fold
         j, r = fitted.jacobian[rest], fitted.residual[rest]
         hessian = weight2 * (j.T @ j) + prior
         gradient = weight2 * (j.T @ r) + fitted.z / std**2
         step = _step(hessian, gradient, (fitted.z > lowest) | (gradient < 0.0), (fitted.z < highest) | (gradient > 0.0))
-        step += _own(fitted, ~rest, step)
-        settings.append(setting_of(fitted.knobs, np.clip(fitted.z + step, lowest, highest)))
-    out = problem.residuals(settings)
-    return HeldOut(out[fold_of_row, np.arange(problem.samples)], fold_of_row, tuple(settings))
+        for part in PARTS:
+            points.append(np.clip(fitted.z + part * step + _own(fitted, ~rest, part * step), lowest, highest))
+    out = problem.residuals([setting_of(fitted.knobs, z) for z in points])
+    residual, settings = np.empty(problem.samples), []
+    for fold in range(folds):
+        mine = fold_of_row == fold
+        tried = range(fold * len(PARTS), (fold + 1) * len(PARTS))
+        best = min(tried, key=lambda k: weight2 * float(out[k][~mine] @ out[k][~mine]) + _pull(points[k], std))
+        residual[mine] = out[best][mine]
+        settings.append(setting_of(fitted.knobs, points[best]))
+    return HeldOut(residual, fold_of_row, tuple(settings))
+
+
+def _pull(z: Array, std: Array) -> float:
+    return float(np.sum((z / std) ** 2))
 
 
 def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> Array:

@@ -21,8 +21,10 @@ from workbench.diagnose.misfit import Misfit, misfit_of
 from workbench.diagnose.records import Hypothesis, Names, VerdictWord
 from workbench.diagnose.score import Scale, merit
 from workbench.diagnose.search import Found
+from workbench.diagnose.structure import floor_of, reducible
 from workbench.effects import find
 
+MUCH = 0.5  # of the gap's energy
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
 
@@ -35,13 +37,17 @@ def calibration() -> Mapping[str, float]:
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis with what speaks for it. earned: of a pair, what the weaker effect earns beside the other."""
+    """A hypothesis with what speaks for it. earned: of a pair, what the second effect earns beside the better one.
+
+    rival: an effect that no answer may name unasked; what speaks for it speaks for an unknown cause.
+    """
 
     names: Names
     fit: Fitted
     gain: float
     merit: float
     earned: float
+    rival: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,7 @@ class Judged:
     best: Weighed | None
     misfit: Misfit
     evidence: Mapping[str, float]
+    floor: float
     unknown_probability: float
     reasons: tuple[str, ...]
 
@@ -70,7 +77,8 @@ def weigh(found: Found) -> tuple[Weighed, ...]:
     for names, fit in found.fits.items():
         if len(names) == 1:
             singles[names] = _merit(base, fit, scale)
-            weighed.append(Weighed(names, fit, found.gain(names), singles[names], singles[names]))
+            worth = singles[names]
+            weighed.append(Weighed(names, fit, found.gain(names), worth, worth, names[0] in found.rivals))
     for names, fit in found.fits.items():
         if len(names) != 2:
             continue
@@ -90,17 +98,19 @@ def _merit(before: Fitted, after: Fitted, scale: Scale, explained: float = 0.0) 
     return merit(before.chi2 - after.chi2, before.prior - after.prior, more, scale, explained)
 
 
-def judge(found: Found) -> Judged:
+def judge(found: Found, seed: int = 0) -> Judged:
     """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1."""
     weighed = weigh(found)
-    best = weighed[0] if weighed else None
+    best = next((each for each in weighed if not each.rival), None)
     held = best.fit if best is not None and best.merit > calibration()["threshold"] else found.near
-    left = misfit_of(found.problem, held, found.problem.noise)
-    evidence = evidence_of(found, held, left)
-    rows = rank([(each.names, each.merit) for each in weighed], evidence, calibration())
+    share = reducible(found.problem, held, seed)
+    floor = floor_of(found.problem, held, share)
+    left = misfit_of(found.problem, held, floor)
+    evidence = evidence_of(found, held, left, share, floor)
+    rows = rank([(() if each.rival else each.names, each.merit) for each in weighed], evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
-    reasons = _reasons(left, evidence)
-    return Judged(rows[0].verdict, rows[0].effects, rows, weighed, best, left, evidence, unknown, reasons)
+    reasons = _reasons(left, evidence, weighed)
+    return Judged(rows[0].verdict, rows[0].effects, rows, weighed, best, left, evidence, floor, unknown, reasons)
 
 
 def rank(
@@ -109,15 +119,18 @@ def rank(
     """The ranking, the answer first, from merits and the evidence for an unknown cause.
 
     Named hypotheses share what no unknown cause takes with no gap, whose merit is the threshold;
-    merits count divided by the temperature. The answer is the likeliest of the three words.
+    merits count divided by the temperature. A merit without names speaks for an unknown cause. The answer is the
+    likeliest of the three words.
     """
     x = numbers["unknown_bias"] + sum(numbers[f"unknown_{name}"] * value for name, value in evidence.items())
     unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
     exponents = np.array([numbers["threshold"], *(m for _, m in merits)]) / (2.0 * numbers["temperature"])
+    exponents[1:] -= math.log(max(len(merits), 1))  # before the data, no gap is as likely as all causes together
     shares = np.exp(exponents - np.max(exponents))
     shares *= (1.0 - unknown) / np.sum(shares)
+    unknown += sum(float(p) for (names, _), p in zip(merits, shares[1:], strict=True) if not names)
     rows = [Hypothesis("no_gap", (), float(shares[0])), Hypothesis("unknown", (), unknown)]
-    rows += [Hypothesis("named", names, float(p)) for (names, _), p in zip(merits, shares[1:], strict=True)]
+    rows += [Hypothesis("named", names, float(p)) for (names, _), p in zip(merits, shares[1:], strict=True) if names]
     total = {row.verdict: 0.0 for row in rows}
     for row in rows:
         total[row.verdict] += row.probability
@@ -127,25 +140,36 @@ def rank(
     return (first, *rest)
 
 
-def evidence_of(found: Found, held: Fitted, left: Misfit) -> dict[str, float]:
+def evidence_of(found: Found, held: Fitted, left: Misfit, share: float, floor: float) -> dict[str, float]:
     """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
 
-    clear, slow: logarithms of the misfit. prior: how far beyond chance the base parameters are off their
-    tolerances, in standard deviations above 2 (R. A. Fisher's sqrt(2 chi^2) - sqrt(2 k - 1)). bound: an effect's
-    value at its limit.
+    clear, slow: logarithms of the misfit, in full where much of the gap is left or a variable
+    explains what is left, less where neither is so: no model of a large effect is exact.
+    prior: how far beyond chance the base parameters are off their tolerances, in standard
+    deviations above 2 (R. A. Fisher's sqrt(2 chi^2) - sqrt(2 k - 1)). bound: an effect's value at
+    its limit.
     """
     dof = sum(1 for knob in found.base.knobs if all(math.isfinite(s) for s in knob.prior_std))
     beyond = math.sqrt(2.0 * held.prior) - math.sqrt(max(2.0 * dof - 1.0, 0.0))
+    inputs = found.problem.inputs
+    gap = found.near.rms(inputs) ** 2 - floor**2
+    open_share = (held.rms(inputs) ** 2 - floor**2) / gap if gap > floor**2 else 1.0
+    weight = min(max(share, open_share / MUCH, 0.0), 1.0)
     return {
-        "clear": math.log(max(left.clear, 1.0)),
-        "slow": math.log(max(left.slow, 1.0)),
+        "clear": weight * math.log(max(left.clear, 1.0)),
+        "slow": weight * math.log(max(left.slow, 1.0)),
         "prior": max(beyond - 2.0, 0.0),
         "bound": float(_on_bound(held, len(found.base.z))),
     }
 
 
-def _reasons(left: Misfit, evidence: Mapping[str, float]) -> tuple[str, ...]:
+def _reasons(left: Misfit, evidence: Mapping[str, float], weighed: Sequence[Weighed]) -> tuple[str, ...]:
     reasons = []
+    if weighed and weighed[0].rival:
+        name = weighed[0].names[0]
+        reasons.append(
+            f"{name}, which is not among the causes named unasked, explains more; weigh it with --candidates"
+        )
     if left.clear > 1.3:
         reasons.append(f"the best hypothesis leaves {left.clear:.1f} times the noise away from standstill")
     if left.slow > 1.5:
@@ -178,6 +202,7 @@ def alike(judged: Judged, kind: str, kept: float = 0.85, within: float = 30.0) -
         each.names[0]
         for each in judged.weighed
         if len(each.names) == 1
+        and not each.rival
         and each.names != best.names
         and each.merit > calibration()["threshold"]
         and (each.gain > kept * best.gain and best.gain - each.gain < within)

@@ -41,6 +41,7 @@ USUAL = {
     "run_time": ("platform", "what time alone governs comes from outside the machine"),
     "frequency": ("platform", "a wave in time, standing or moving, comes from outside the machine"),
     "drum_angle": ("drum", "it comes back with every turn of the drum"),
+    "input": ("torque_sensor", "it follows the torque itself, whatever moves"),
     "angle": ("motor", "it comes back with every turn"),
 }
 

@@ -28,6 +28,7 @@ HOPELESS = -10.0  # merit, linearly
 PAIRS_REFITTED = 8
 LEADS = 0.4  # of the best single effect's gain
 TOLERANCES = 3.0  # within which signatures are taken
+TURNED = 1.5  # the same, of the logarithm of what nobody knows: how friction turns over
 DROPPED = 2  # pairs
 IN_REACH = 0.3  # of the best gain: what is followed to its end
 PARTNERS = 4  # of each leading effect, that are refitted with it
@@ -43,7 +44,7 @@ class Found:
     """base: no effect; near: the same with every base parameter within TOLERANCES. fits: names -> the best fit.
 
     linear: names -> what a linear fit promises, also for what was not refitted. failures: names -> why a fit broke
-    down. atoms: the signatures at `near`.
+    down. atoms: the signatures at `near`. rivals: effects weighed alone that no answer may name.
     """
 
     problem: Problem
@@ -53,6 +54,7 @@ class Found:
     linear: Mapping[Names, float]
     atoms: Sequence[Atom]
     failures: Mapping[Names, str] = field(default_factory=dict)
+    rivals: frozenset[str] = frozenset()
 
     def gain(self, names: Names) -> float:
         """What the objective falls by, against no effect."""
@@ -72,9 +74,13 @@ class Promise:
 class Search:
     """One campaign's search; `base` keeps the base parameters' knobs, in the order of every fit."""
 
-    def __init__(self, problem: Problem, effects: Iterable[Effect], tell: Tell | None = None) -> None:
+    def __init__(
+        self, problem: Problem, effects: Iterable[Effect], tell: Tell | None = None, rivals: Iterable[Effect] = ()
+    ) -> None:
+        """rivals: effects that are weighed alone beside the others, so that no pair passes for one of them."""
         self.problem = problem
         self.effects = {each.id: each for each in effects}
+        self.rivals = {each.id: each for each in rivals if each.id not in self.effects}
         self.base: dict[str, Value] = base_knobs(problem.machine, problem.runs)
         self.tell = tell or (lambda sentence: None)
         self.fits: dict[Names, Fitted] = {}
@@ -88,19 +94,23 @@ class Search:
         within = self._near(base)
         near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
         self.tell("signatures of all effects")
-        signatures = atoms(self.problem, self.effects.values(), near.setting)
+        signatures = atoms(self.problem, [*self.effects.values(), *self.rivals.values()], near.setting)
         self._singles(base, near, signatures)
         if most_effects > 1:
-            self._pairs(base, near, signatures)
-        return Found(self.problem, base, within, self.fits, self.linear, signatures, self.failures)
+            self._pairs(base, near, [atom for atom in signatures if atom.effect.id in self.effects])
+        return Found(
+            self.problem, base, within, self.fits, self.linear, signatures, self.failures, frozenset(self.rivals)
+        )
 
     def _near(self, base: Fitted) -> Fitted:
         """The base fit within TOLERANCES: where signatures are taken. One that a large effect has torn far off
         is no place to linearise."""
         if np.all(np.abs(base.z) <= TOLERANCES):
             return base
-        held = [replace(k, furthest=TOLERANCES) if k.std <= 1.0 else k for k in self.base.values()]
-        z = np.clip(base.z, -TOLERANCES, TOLERANCES)
+        # What happens at standstill must not stand in for the gap either.
+        far = [TURNED if k.logarithmic else TOLERANCES for k in self.base.values()]
+        held = [replace(k, furthest=limit) for k, limit in zip(self.base.values(), far, strict=True)]
+        z = np.clip(base.z, [-limit for limit in far], far)
         return fit_knobs(self.problem, (), held, z, base.sigma, LAST_ROUND)
 
     def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
@@ -111,7 +121,18 @@ class Search:
         for k, name in enumerate(order):
             self.tell(f"effect {k + 1} of {len(order)}: {name}")
             self._try((name,), lambda each=promised[name]: self._fit_with(near, each))  # type: ignore[misc]
+        if np.any(near.z != base.z):
+            self._from_base(base, order)
         self._finish(base, [(name,) for name in order])
+
+    def _from_base(self, base: Fitted, names: Sequence[str]) -> None:
+        """From the stretched base too, where that promises more than was found: a fit may be stuck on the way."""
+        known = {**self.effects, **self.rivals}
+        signatures = atoms(self.problem, [known[name] for name in names], base.setting)
+        for name, each in self._promised(base, signatures).items():
+            fit = self.fits.get((name,))
+            if fit is None or base.objective - fit.objective < 0.8 * each.gain:
+                self._try((name,), lambda e=each: self._fit_with(base, e))  # type: ignore[misc]
 
     def _finish(self, base: Fitted, tried: Sequence[Names]) -> None:
         """Follow to their end the fits that are in reach of the best."""
@@ -125,7 +146,9 @@ class Search:
         return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, fit.sigma, LAST_ROUND, len(self.base))
 
     def _pairs(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
-        singles = sorted((n for n in self.fits if len(n) == 1), key=lambda n: self.fits[n].objective)
+        singles = sorted(
+            (n for n in self.fits if len(n) == 1 and n[0] in self.effects), key=lambda n: self.fits[n].objective
+        )
         if not singles:
             return
         best = base.objective - self.fits[singles[0]].objective

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +14,9 @@ from workbench.diagnose.machines import machine_of
 from workbench.diagnose.problem import Problem
 from workbench.diagnose.records import Names, Shrink
 from workbench.diagnose.search import Found
+from workbench.diagnose.unknown import Explained
 from workbench.errors import InputError
-from workbench.machine import Axis, LinearAxis
+from workbench.machine import Axis, Hoist, LinearAxis
 from workbench.simulate.replay import replay_runs
 
 DRAWS = 2000  # of the bootstrap
@@ -29,18 +30,30 @@ class Folds:
     after: HeldOut
 
 
-def folds_of(found: Found, names: Names) -> Folds:
+def folds_of(found: Found, names: Names, unknown: Explained | None = None) -> Folds:
+    """`unknown`: the table that stands in for an unknown cause, where one was found."""
     folds = folds_by_run(found.problem)
     before = held_out(found.problem, found.near, folds)
+    if unknown is not None:
+        return Folds(before, unknown.held_out)
     after = held_out(found.problem, found.fits[names], folds) if names else before
     return Folds(before, after)
 
 
-def shrink_of(found: Found, keys: Mapping[str, Value], names: Names, folds: Folds, seed: int) -> Shrink:
+def shrink_of(
+    found: Found,
+    keys: Mapping[str, Value],
+    names: Names,
+    folds: Folds,
+    seed: int,
+    unknown: Explained | None = None,
+) -> Shrink:
     """`names`: the effects of the verdict; none for no gap, and the gap does not shrink then."""
     problem = found.problem
     before, after = folds.before.rms(problem.inputs), folds.after.rms(problem.inputs)
-    speed = [_speed(problem, keys, names if k else (), (folds.after if k else folds.before).settings) for k in range(2)]
+    plain = _machines(problem, keys, (), folds.before.settings)
+    better = unknown.machines if unknown is not None else _machines(problem, keys, names, folds.after.settings)
+    speed = _speed(problem, plain), _speed(problem, better)
     sentences = []
     if len(problem.runs) == 1:
         sentences.append(
@@ -89,19 +102,30 @@ def _interval(folds: Folds, inputs: int, seed: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _speed(problem: Problem, keys: Mapping[str, Value], names: Names, settings: tuple[Setting, ...]) -> float:
-    """Open-loop replay of each held-out run on the machine fitted to the others, rms, per cent; NaN if none runs."""
-    runs = list(problem.runs)
-    squares: list[tuple[float, int]] = []
-    for j, run in enumerate(runs):
-        setting = settings[j] if len(settings) == len(runs) else settings[0]
+def _machines(
+    problem: Problem, keys: Mapping[str, Value], names: Names, settings: Sequence[Setting]
+) -> list[Hoist | Axis | None]:
+    """Of each run, the machine fitted to the others; None where that is no machine."""
+    found: list[Hoist | Axis | None] = []
+    for j in range(len(problem.runs)):
+        setting = settings[j] if len(settings) == len(problem.runs) else settings[0]
         try:
-            machine = machine_of(problem, keys, names, for_run(setting, j))
-            replay = replay_runs(machine, [run], problem.band_hz)
+            found.append(machine_of(problem, keys, names, for_run(setting, j)))
         except InputError:
+            found.append(None)
+    return found
+
+
+def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:
+    """Open-loop replay of each held-out run on its machine, rms, per cent; NaN if none runs."""
+    squares: list[tuple[float, int]] = []
+    for j, run in enumerate(problem.runs):
+        machine = machines[j] if len(machines) == len(problem.runs) else machines[0]
+        if machine is None:
             continue
-        if math.isfinite(replay.speed_rmse_percent):
-            squares.append((replay.speed_rmse_percent**2 * len(run.time_s), len(run.time_s)))
+        error = replay_runs(machine, [run], problem.band_hz).speed_rmse_percent
+        if math.isfinite(error):
+            squares.append((error**2 * len(run.time_s), len(run.time_s)))
     total = sum(n for _, n in squares)
     return math.sqrt(sum(s for s, _ in squares) / total) if total else math.nan
 

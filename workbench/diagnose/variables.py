@@ -37,14 +37,19 @@ class Variable:
     straight: bool = False
 
 
-def variables(problem: Problem) -> list[Variable]:
-    """All that these runs vary, the simpler explanation first."""
+def variables(problem: Problem, gap: Array | None = None) -> list[Variable]:
+    """All that these runs vary, the simpler explanation first.
+
+    gap: (inputs,) measured less predicted input; with it the predicted one is among them.
+    """
     hoist = isinstance(problem.machine, Hoist)
     found = [_direction(problem)]
     if hoist:
         found.append(_payload(problem))
     found += [_speed(problem), _acceleration(problem), _since_start(problem), *_turns(problem), _position(problem)]
     found += [_run_time(problem), _campaign_time(problem)]
+    if gap is not None:
+        found.append(_input(problem, gap))
     return [each for each in found if np.ptp(each.at) > 0.0]
 
 
@@ -170,6 +175,14 @@ def _folded(name: str, label: str, angle: Array) -> list[Variable]:
         return []
     edges = np.linspace(0.0, TURN, 13)
     return [Variable(name, label, "rad", "periodic", angle % TURN, edges, wraps=True)]
+
+
+def _input(problem: Problem, gap: Array) -> Variable:
+    """The input that the motion takes as predicted: the measured one holds the gap itself."""
+    force = isinstance(problem.machine, LinearAxis)
+    at = of_rows(problem, lambda b, j: b.measured[j]) - gap
+    label = "force that the motion takes" if force else "torque that the motion takes"
+    return Variable("input", label, "N" if force else "N m", "load", at, _even(at, 10))
 
 
 def _run_time(problem: Problem) -> Variable:

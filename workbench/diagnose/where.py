@@ -91,7 +91,7 @@ def _energy(problem: Problem, rows: Array) -> float:
 def _profiles(problem: Problem, near: Fitted, seed: int) -> tuple[list[Profile], Explained, Explained | None]:
     """All profiles, the best first; what explains best, and next best."""
     gap, free = near.residual[: problem.inputs], free_of(problem, near)
-    found = [explain(problem, gap, v, free, seed) for v in variables(problem)]
+    found = [explain(problem, gap, v, free, seed) for v in variables(problem, gap)]
     profiles = [profile_of(problem, gap, each, _regime(problem, gap, each)) for each in found]
     for wave in (wave_in_time(problem, gap, seed), wave_along_the_way(problem, gap, seed)):
         if wave is not None:
