@@ -17,7 +17,7 @@ from workbench.diagnose.place import place_of
 from workbench.diagnose.problem import Problem
 from workbench.diagnose.profiles import Free, best_of, explain, held_out, share_of
 from workbench.diagnose.search import Found
-from workbench.diagnose.spectrum import wave_along_the_way, wave_in_time
+from workbench.diagnose.spectrum import _taken, wave_along_the_way, wave_in_time
 from workbench.diagnose.variables import Variable, forward, spacing, times, variables, way
 from workbench.diagnose.where import parts_of, sum_of, where_of
 from workbench.diagnose.windows import HELD, windows_of
@@ -77,6 +77,17 @@ def test_a_gap_made_of_one_variable_is_explained_by_it_on_runs_that_were_held_ou
     assert best.interval[0] <= best.share <= best.interval[1]
 
 
+def test_a_sensor_that_saturates_is_found_by_the_torque_that_the_motion_takes(even: tuple[Campaign, Found]):
+    problem = even[1].problem
+    plain = next(v for v in variables(problem, np.zeros(problem.inputs)) if v.name == "input").at
+    square = plain**2 / np.max(np.abs(plain)) - 0.6 * plain
+    gap = 10.0 * problem.noise * square / np.sqrt(np.mean(square**2)) + noise_of(problem)
+    found = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem, even[1].near.residual)]
+    best = best_of(found)
+    assert best.variable.name == "input"
+    assert place_of(problem, gap, best, windows_of(problem, gap**2), "unsaid").subsystem == "torque_sensor"
+
+
 def test_noise_alone_is_explained_by_nothing_however_many_bins_there_are(even: tuple[Campaign, Found]):
     problem = even[1].problem
     gap = 3.0 * noise_of(problem)
@@ -92,6 +103,17 @@ def test_a_wave_in_time_with_a_phase_of_each_run_is_found_at_its_frequency(even:
     assert wave.variable.at[0] == pytest.approx(0.31, abs=0.01)
     assert wave.share > 0.9
     assert np.nansum(profile.share) == pytest.approx(1.0)
+
+
+def test_a_wave_takes_what_a_fit_of_sine_and_cosine_takes():
+    rng = np.random.default_rng(2)
+    at, tried = np.sort(rng.uniform(0.0, 20.0, 300)), np.linspace(0.1, 1.0, 37)
+    gap = np.sin(2.0 * np.pi * 0.4 * at) + 0.3 * rng.normal(size=300)
+    taken = _taken(gap, at, tried)
+    for k in (0, 12, 30):
+        a = np.stack([np.cos(2.0 * np.pi * tried[k] * at), np.sin(2.0 * np.pi * tried[k] * at)], axis=1)
+        left = gap - a @ np.linalg.lstsq(a, gap, rcond=None)[0]
+        assert taken[k] == pytest.approx(float(gap @ gap - left @ left), abs=0.02 * float(gap @ gap))
 
 
 def test_a_wave_along_the_way_is_found_at_its_length_and_given_to_what_turns_so(even: tuple[Campaign, Found]):
@@ -266,3 +288,34 @@ def test_recorded_campaigns_show_where_their_effect_is_without_its_name(campaign
     assert {"subsystem": where.subsystem, "regime": where.regime} in label["where"]
     assert where.profiles[0].explains > 0.9
     assert where.side == ("carriage" if label["signals"] == "full" else "unsaid")
+
+
+EMPS_MACHINE = """\
+kind: axis
+motion: linear
+mass_kg: 95.1089
+gravity: {constant_n: 0.0}
+friction: {coulomb_forward_n: 20.3935, coulomb_backward_n: 20.3935, viscous_n_s_per_m: 80.0}
+sensors: {force_offset_n: -3.1648}
+tolerances: {viscous: 0.0}
+"""
+EMPS_RUNS = """\
+columns: {time_s: t, position_m: qm, position_reference_m: qg, force_n: {column: vir, scale: 35.1507}}
+runs:
+- {name: train, file: runs/DATA_EMPS.mat, start_time_s: 0.0}
+- {name: pulses, file: runs/DATA_EMPS_PULSES.mat, start_time_s: 60.0}
+"""
+
+
+def test_an_axis_whose_viscous_friction_was_taken_out_shows_its_gap_over_the_speed(shared_data: Path, tmp_path: Path):
+    (tmp_path / "machine.yaml").write_text(EMPS_MACHINE)
+    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
+    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    campaign, found = found_in(tmp_path, [])
+    where = where_of(found.problem, found.near)
+    assert (where.subsystem, where.regime, where.side) == ("axis", "speed", "unsaid")
+    assert where.profiles[0].explains > where.profiles[1].explains
+    gap = gap_of(found.problem, found, campaign)
+    assert gap.significant
+    assert gap.force_rms_n is None
+    assert " N rms" in gap.sentences[0]

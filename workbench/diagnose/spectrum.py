@@ -16,7 +16,7 @@ PER_RESOLUTION = 3.0  # frequencies tried within 1/(length of a run)
 BINS = 16
 FEWEST_WAVES = 2.0  # in the longest run: a slower wave is a trend
 MOST_WAVES = 600.0  # over the way of the longest run
-MOST_TRIED = 4000
+FINE = 16.0  # cells of the grid to a wave
 FEWEST_ROWS = 8  # of a run and way: fewer say nothing of a wave
 
 
@@ -72,18 +72,28 @@ def _wave(
 
 
 def _tried(longest: float, highest: float) -> Array:
-    lowest = FEWEST_WAVES / longest
-    highest = max(highest, 2.0 * lowest)
-    count = min(MOST_TRIED, math.ceil((highest - lowest) * longest * PER_RESOLUTION) + 2)
-    return np.linspace(lowest, highest, count)
+    """Even frequencies, whole multiples of their distance, from FEWEST_WAVES on."""
+    distance = 1.0 / (PER_RESOLUTION * longest)
+    first = math.ceil(FEWEST_WAVES * PER_RESOLUTION)
+    last = max(math.ceil(highest / distance), 2 * first)
+    return np.asarray(distance * np.arange(first, last + 1), dtype=float)
 
 
 def _taken(gap: Array, at: Array, tried: Array) -> Array:
-    """What a wave of every frequency takes of the energy, least squares with two amounts."""
-    angle = 2.0 * math.pi * np.outer(tried, at)
-    c, s = np.cos(angle), np.sin(angle)
-    cc, ss, cs = np.sum(c * c, 1), np.sum(s * s, 1), np.sum(c * s, 1)
-    a, b = c @ gap, s @ gap
+    """What a wave of every frequency takes of the energy: least squares with two amounts, at times of any spacing.
+
+    The sums over all samples are Fourier transforms, of the samples put on a fine grid.
+    """
+    distance, highest = float(tried[1] - tried[0]), float(tried[-1])
+    n = math.ceil(FINE * highest / distance)
+    step = 1.0 / (n * distance)
+    cell = np.round((at - at.min()) / step).astype(int)
+    cell %= n  # what lies a whole period of all frequencies further on is in phase
+    order = np.round(tried / distance).astype(int)
+    sums = np.conj(np.fft.fft(np.bincount(cell, gap, n)))
+    twice = np.conj(np.fft.fft(np.bincount(cell, minlength=n)))[2 * order]
+    a, b = sums[order].real, sums[order].imag
+    cc, ss, cs = 0.5 * (len(gap) + twice.real), 0.5 * (len(gap) - twice.real), 0.5 * twice.imag
     det = np.maximum(cc * ss - cs * cs, 1e-6 * (cc + ss) ** 2)
     return np.asarray((ss * a * a - 2.0 * cs * a * b + cc * b * b) / det, dtype=float)
 
