@@ -1,7 +1,7 @@
 # `make demo` and `make test` do all the set-up on a fresh machine with Python 3.11 or newer and make.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench docs lint lock clean
+.PHONY: help demo app test bench docs lint lock clean
 
 VENV := .venv
 PY := $(VENV)/bin/python
@@ -10,7 +10,7 @@ BENCH_STAMP := $(VENV)/.set-up-bench
 DOCS_STAMP := $(VENV)/.set-up-docs
 PIP := $(PY) -m pip --disable-pip-version-check install -qq
 
-# Where the demo finds a recorded campaign; without one it shows the study only.
+# Where the demo finds a recorded campaign; without one, replay and identification are left out.
 DEMO_CAMPAIGN ?= ../shared/data/campaigns/01
 DEMO_OUT := results/demo
 # More words for pytest: make test ARGS="-k replay -x"
@@ -25,14 +25,19 @@ endif
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 8
 
-demo: $(STAMP) ## run the first study and, where data are there, a replay and an identification
+demo: $(STAMP) ## a study, a recorded campaign where there is one, and the diagnosis of a synthetic one
 	@rm -rf $(DEMO_OUT)
 	$(PY) -m workbench study scenarios/payloads.yaml --out $(DEMO_OUT)/study
 	@if [ -d "$(DEMO_CAMPAIGN)" ]; then set -ex; \
 	  $(PY) -m workbench replay "$(DEMO_CAMPAIGN)" --out $(DEMO_OUT)/replay; \
 	  $(PY) -m workbench identify "$(DEMO_CAMPAIGN)" --out $(DEMO_OUT)/identify; \
 	else echo "no recorded campaign at $(DEMO_CAMPAIGN): replay and identification are left out"; fi
-	@echo "tables and figures lie in $(DEMO_OUT)"
+	$(PY) -m workbench diagnose scenarios/demo_campaign --out $(DEMO_OUT)/diagnosis
+	@echo; echo "Figures, each a page that needs no network:"; \
+	find $(DEMO_OUT) -name '*.html' | sort | sed 's/^/  /'
+
+app: $(STAMP) ## open the dashboard in a browser; Ctrl-C ends it
+	@$(PY) -m workbench app
 
 test: $(STAMP) ## run all tests
 	$(PY) -m pytest -n 2 $(ARGS)

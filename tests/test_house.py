@@ -89,9 +89,8 @@ def test_the_lock_pins_everything_that_pyproject_names():
     assert "streamlit" in pins()
 
 
-@pytest.mark.parametrize("extra", ["bench", "docs"])
-def test_what_the_lock_leaves_out_is_pinned_where_it_is_named(extra: str):
-    assert all(re.fullmatch(r"[\w-]+==[\d.]+", named) for named in PROJECT["optional-dependencies"][extra])
+def test_what_the_benchmarks_need_is_pinned_where_it_is_named():
+    assert all(re.fullmatch(r"[\w-]+==[\d.]+", peer) for peer in PROJECT["optional-dependencies"]["bench"])
 
 
 def test_the_environment_is_the_one_of_the_lock():
@@ -141,6 +140,11 @@ def test_a_host_is_seen(text: str):
 @pytest.mark.parametrize("text", ["import plotly.io", "scipy.io.loadmat", "a.common_b", "run.commands"])
 def test_a_python_module_is_no_host(text: str):
     assert not HOST.search(text)
+
+
+def test_the_readme_has_a_row_for_every_command():
+    rows = re.findall(r"^\| `workbench (\w+)\b", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(rows) == sorted(COMMANDS)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -243,13 +247,13 @@ def test_a_reader_that_leaves_early_is_no_error():
     assert program.wait(10) == 1
 
 
-def test_the_wheel_carries_every_module_and_yaml_file(tmp_path: Path):
+def test_the_wheel_carries_every_module_and_every_file_beside_them(tmp_path: Path):
     builders = pytest.importorskip("hatchling.builders.wheel", reason="hatchling is not installed")
     (built,) = builders.WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
     inside = set(zipfile.ZipFile(built).namelist())
     ours = {
         str(p.relative_to(ROOT))
         for p in (ROOT / "workbench").rglob("*")
-        if p.suffix in {".py", ".yaml"} and p.is_file()
+        if p.is_file() and "__pycache__" not in p.parts
     }
     assert ours - inside == set()
