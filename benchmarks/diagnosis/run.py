@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import os
 import traceback
 from pathlib import Path
 
@@ -20,6 +21,7 @@ def main() -> None:
     parser.add_argument("--max-effects", type=int, default=2)
     parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read by the processes as they start
     jobs = []
     for label in sorted((given.campaigns / "labels").glob("*.json"))[: given.count]:
         target = given.out / f"{label.stem}.json"

@@ -90,6 +90,8 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
     its traceback. Any other exception is a defect of workbench and always shows where it arose.
     """
     words = list(sys.argv[1:] if args is None else args)
+    # Matrices here are small, and runs are what is spread over the cores: threads of BLAS only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _speak()
     try:
         status = cli.main(words, prog_name="workbench", standalone_mode=False)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,10 +13,10 @@ from workbench.diagnose.fits import Fitted
 from workbench.diagnose.held_out import folds_by_payload, folds_by_run, held_out
 from workbench.diagnose.judge import Judged, Weighed
 from workbench.diagnose.knobs import Value
-from workbench.diagnose.records import Candidate, Names
+from workbench.diagnose.records import Candidate
 from workbench.diagnose.search import Found
 
-SCORED = 6  # hypotheses whose held-out score is computed
+SCORED = 5  # hypotheses whose held-out score is computed
 FAR = 3.0  # tolerances
 
 
@@ -23,21 +24,20 @@ def candidates(found: Found, judged: Judged, keys: Mapping[str, Value]) -> tuple
     """Every hypothesis weighed, the worthiest first; then what was only looked at linearly, then what broke down."""
     problem = found.problem
     gap = max(_energy(found, found.near) - problem.noise**2, 1e-300)
-    rows = []
+    rows, folds = [], _folds(found)
     for k, each in enumerate(judged.weighed):
-        scored = k < SCORED
-        out = held_out(problem, each.fit, folds_by_run(problem)).rms(problem.inputs) if scored else None
+        unseen = [held_out(problem, each.fit, f.fold_of_row).rms(problem.inputs) for f in folds] if k < SCORED else []
         rows.append(
             Candidate(
                 effects=each.names,
                 gain=each.gain,
                 merit=each.merit,
                 residual_rms=each.fit.rms(problem.inputs),
-                held_out_rms=out,
+                held_out_rms=unseen[0] if unseen else None,
                 explained=float(np.clip((_energy(found, found.near) - _energy(found, each.fit)) / gap, 0.0, 1.0)),
                 parameters=estimates(problem, each.fit),
                 fitted=True,
-                against=tuple(_against(found, judged, each, keys, scored)),
+                against=tuple(_against(found, judged, each, keys, list(zip(folds, unseen, strict=False)))),
             )
         )
     known = {each.names for each in judged.weighed}
@@ -58,7 +58,9 @@ def _energy(found: Found, fit: Fitted) -> float:
     return fit.rms(found.problem.inputs) ** 2
 
 
-def _against(found: Found, judged: Judged, each: Weighed, keys: Mapping[str, Value], scored: bool) -> list[str]:
+def _against(
+    found: Found, judged: Judged, each: Weighed, keys: Mapping[str, Value], unseen: Sequence[tuple[_Folds, float]]
+) -> list[str]:
     """Plain sentences."""
     problem, fit = found.problem, each.fit
     said = []
@@ -78,20 +80,26 @@ def _against(found: Found, judged: Judged, each: Weighed, keys: Mapping[str, Val
     worst = max(far, default=(0.0, ""))
     if worst[0] > FAR:
         said.append(f"needs {worst[1]} {worst[0]:.1f} tolerances off")
-    if scored:
-        said += _unseen(found, each.names, fit)
+    said += [
+        f"predicts a {f.what} it has not seen worse than without it" for f, left in unseen if left > 1.02 * f.without
+    ]
     return said
 
 
-def _unseen(found: Found, names: Names, fit: Fitted) -> list[str]:
-    """Whether runs, or payloads, that the fit has not seen are predicted worse than without the effect."""
+@dataclass(frozen=True)
+class _Folds:
+    """A way to hold out: what is left out at a time, and the residual without any effect."""
+
+    what: str
+    fold_of_row: np.ndarray
+    without: float
+
+
+def _folds(found: Found) -> list[_Folds]:
     problem = found.problem
-    said = []
-    for what, folds in (("run", folds_by_run(problem)), ("payload", folds_by_payload(problem))):
-        if folds is None:
-            continue
-        with_it = held_out(problem, fit, folds).rms(problem.inputs)
-        without = held_out(problem, found.near, folds).rms(problem.inputs)
-        if with_it > 1.02 * without:
-            said.append(f"predicts a {what} it has not seen worse than without it")
-    return said
+    ways = (("run", folds_by_run(problem)), ("payload", folds_by_payload(problem)))
+    return [
+        _Folds(what, folds, held_out(problem, found.near, folds).rms(problem.inputs))
+        for what, folds in ways
+        if folds is not None
+    ]

@@ -137,20 +137,29 @@ def linear_gain(columns: Array, residual: Array, signs: Sequence[bool], priors: 
 
     signs: which amounts may be negative.
     """
-    from scipy.optimize import lsq_linear
-
     if columns.shape[1] == 0:
         return 0.0, 0.0, np.zeros(0)
-    if all(signs):
-        amounts = np.linalg.lstsq(columns, residual, rcond=1e-10)[0]
-    else:
-        # Normal equations by a small QR: bounded least squares of k unknowns only.
-        q, r = np.linalg.qr(columns)
-        low = np.where(signs, -np.inf, 0.0)
-        amounts = lsq_linear(r, q.T @ residual, (low, np.inf), method="bvls").x
+    gram, pull = columns.T @ columns, columns.T @ residual
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    amounts = _normal(gram, pull, scale)
+    held = np.zeros(len(pull), dtype=bool)
+    # What comes out negative and must not be is left out, one after the other: few columns have signs.
+    while np.any(wrong := ~np.array(signs) & ~held & (amounts < 0.0)):
+        held[int(np.argmin(np.where(wrong, amounts * scale, 0.0)))] = True
+        free = np.flatnonzero(~held)
+        amounts = np.zeros(len(pull))
+        if len(free):
+            amounts[free] = _normal(gram[np.ix_(free, free)], pull[free], scale[free])
     left = residual - columns @ amounts
     gained = residual**2 - left**2
     return float(np.sum(gained[:-priors])), float(np.sum(gained[-priors:])), np.asarray(amounts, dtype=float)
+
+
+def _normal(gram: Array, pull: Array, scale: Array) -> Array:
+    """Least squares by the normal equations, columns on their own scale; nearly alike columns share."""
+    unit = gram / np.outer(scale, scale)
+    unit[np.diag_indices_from(unit)] += 1e-9
+    return np.asarray(np.linalg.solve(unit, pull / scale) / scale)
 
 
 def start_of(problem: Problem, atom: Atom, amounts: Array) -> tuple[list[Knob], list[float]]:

@@ -19,7 +19,7 @@ import numpy as np
 from workbench.diagnose.fits import Fitted
 from workbench.diagnose.misfit import Misfit, misfit_of
 from workbench.diagnose.records import Hypothesis, Names, VerdictWord
-from workbench.diagnose.score import Scale, merit
+from workbench.diagnose.score import Scale, merit, scale_of
 from workbench.diagnose.search import Found
 from workbench.diagnose.structure import floor_of, reducible
 from workbench.effects import find
@@ -70,8 +70,7 @@ def weigh(found: Found) -> tuple[Weighed, ...]:
     """All fitted hypotheses, the worthiest first. A pair is worth its better single and what the other adds."""
     base, problem = found.base, found.problem
     floor = min([base.chi2, *(fit.chi2 for fit in found.fits.values())])
-    n = problem.share * problem.inputs
-    scale = Scale(n, max(1.0, floor / max(problem.share * problem.samples, 1.0)))
+    scale = scale_of(problem, max(1.0, floor / max(problem.share * problem.samples, 1.0)))
     singles: dict[Names, float] = {}
     weighed = []
     for names, fit in found.fits.items():

@@ -12,17 +12,27 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from workbench.diagnose.problem import Problem
+from workbench.machine import Axis
+
 LEAST = 0.35  # of the noise: the smallest effect worth a name
+LEAST_OF_FLOOR = 0.6  # the same where the floor is what the machine itself leaves, which has structure too
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 
 
 @dataclass(frozen=True)
 class Scale:
     """n: independent samples of the input's residual. inflation: chi^2 in independent values over its expectation,
-    for a machine whose floor lies above its sensor's noise."""
+    for a machine whose floor lies above its sensor's noise. least: the smallest effect, of the noise, rms."""
 
     n: float
     inflation: float = 1.0
+    least: float = LEAST
+
+
+def scale_of(problem: Problem, inflation: float = 1.0) -> Scale:
+    least = LEAST_OF_FLOOR if isinstance(problem.machine, Axis) else LEAST
+    return Scale(problem.share * problem.inputs, inflation, least)
 
 
 def merit(data: float, prior: float, parameters: int, scale: Scale, explained: float = 0.0) -> float:
@@ -31,6 +41,6 @@ def merit(data: float, prior: float, parameters: int, scale: Scale, explained: f
     explained: by how much chi^2 fell through the effects before it.
     """
     data /= scale.inflation
-    least = max(LEAST**2 * scale.n, SECOND**2 * explained / scale.inflation)
+    least = max(scale.least**2 * scale.n, SECOND**2 * explained / scale.inflation)
     net = data - least if data > least else min(data, 0.0)
     return net + prior - parameters * math.log(max(scale.n, 2.0))

@@ -16,7 +16,7 @@ from workbench.diagnose.fits import Fitted, Projection, columns_signed, fit_knob
 from workbench.diagnose.knobs import Knob, Value
 from workbench.diagnose.problem import Problem
 from workbench.diagnose.scan import Atom, atoms
-from workbench.diagnose.score import Scale, merit
+from workbench.diagnose.score import Scale, merit, scale_of
 from workbench.effects import Effect
 from workbench.run import Array
 
@@ -25,13 +25,14 @@ FIRST_ROUND = 6  # evaluations each, before the field is narrowed
 LAST_ROUND = 40
 ALWAYS = 2  # effects refitted whatever they promise
 HOPELESS = -10.0  # merit, linearly
-PAIRS_REFITTED = 8
+PAIRS_REFITTED = 6
 LEADS = 0.4  # of the best single effect's gain
 TOLERANCES = 3.0  # within which signatures are taken
 TURNED = 1.5  # the same, of the logarithm of what nobody knows: how friction turns over
-DROPPED = 2  # pairs
+DROPPED = 1  # pairs
+PAIR_IN_REACH = 0.9
 IN_REACH = 0.3  # of the best gain: what is followed to its end
-PARTNERS = 4  # of each leading effect, that are refitted with it
+PARTNERS = 3  # of each leading effect, that are refitted with it
 LEADERS = 3
 SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
 
@@ -134,12 +135,12 @@ class Search:
             if fit is None or base.objective - fit.objective < 0.8 * each.gain:
                 self._try((name,), lambda e=each: self._fit_with(base, e))  # type: ignore[misc]
 
-    def _finish(self, base: Fitted, tried: Sequence[Names]) -> None:
+    def _finish(self, base: Fitted, tried: Sequence[Names], reach: float = IN_REACH) -> None:
         """Follow to their end the fits that are in reach of the best."""
         done = {names: self.fits[names] for names in tried if names in self.fits}
         best = max((base.objective - fit.objective for fit in done.values()), default=0.0)
         for names, fit in done.items():
-            if not fit.settled and base.objective - fit.objective >= IN_REACH * best:
+            if not fit.settled and base.objective - fit.objective >= reach * best:
                 self._try(names, lambda f=fit: self._again(f))  # type: ignore[misc]
 
     def _again(self, fit: Fitted) -> Fitted:
@@ -172,7 +173,7 @@ class Search:
             self.linear[pair] = total
             self._try(pair, lambda f=leader, e=each: self._fit_with(f, e))  # type: ignore[misc]
         self._joint(near, signatures, near.objective - base.objective + best)
-        self._finish(base, [n for n in self.fits if len(n) == 2])
+        self._finish(base, [n for n in self.fits if len(n) == 2], PAIR_IN_REACH)
         self._drop(base)
 
     def _drop(self, base: Fitted) -> None:
@@ -221,7 +222,7 @@ class Search:
 
     @property
     def scale(self) -> Scale:
-        return Scale(self.problem.share * self.problem.inputs)
+        return scale_of(self.problem)
 
     def merit_of(self, base: Fitted, fit: Fitted) -> float:
         """Of one effect, against none."""
