@@ -259,7 +259,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     """The state of a session whose Validate page shows a campaign."""
 
     def at(folder: Path) -> Any:
-        monkeypatch.setattr(campaigns, "SHIPPED", tmp_path / "none")
+        monkeypatch.setattr(campaigns, "SHIPPED", ())
         monkeypatch.setenv(campaigns.VARIABLE, str(folder))
         validate = page("Validate").run()
         app = page("Machine")

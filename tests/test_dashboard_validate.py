@@ -31,16 +31,16 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def offered(simulated: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+def offered(simulated: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The server's owner lets people see the folder that holds `spring`."""
-    monkeypatch.setattr(campaigns, "SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
     monkeypatch.setenv(campaigns.VARIABLE, str(simulated.parent))
     return simulated
 
 
 @pytest.fixture
-def nothing_offered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(campaigns, "SHIPPED", tmp_path / "none")
+def nothing_offered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
     monkeypatch.delenv(campaigns.VARIABLE, raising=False)
 
 
@@ -68,7 +68,7 @@ def test_the_owners_campaigns_are_offered_by_name_never_by_path(offered):
 
 def test_a_folder_that_is_itself_a_campaign_and_names_that_meet_are_listed_once_each(simulated, monkeypatch, tmp_path):
     other = write_campaign(tmp_path / "spring", hoist_columns())
-    monkeypatch.setattr(campaigns, "SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
     monkeypatch.setenv(campaigns.VARIABLE, f"{simulated}:{simulated.parent}:{other}:{tmp_path / 'gone'}")
     assert campaigns.offered() == {"spring": simulated, "spring (2)": other}
 
@@ -201,7 +201,7 @@ def test_a_fault_in_an_uploaded_log_names_file_and_line_but_no_folder(nothing_of
 
 def test_a_broken_campaign_of_the_server_is_told_without_its_folder(monkeypatch, tmp_path):
     folder = write_campaign(tmp_path / "broken", hoist_columns(), runs="runs:\n- {name: lift, fiel: runs/lift.csv}\n")
-    monkeypatch.setattr(campaigns, "SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
     monkeypatch.setenv(campaigns.VARIABLE, str(folder))
     (shown,) = errors(page("Validate").run())
     assert shown.startswith("runs.yaml:2: runs[0].fiel: unknown key 'fiel'; did you mean 'file'?")
@@ -212,7 +212,7 @@ def test_a_log_outside_an_owners_campaign_is_not_read(monkeypatch, tmp_path):
     runs = "runs:\n- {name: lift, file: ../secret.csv, payload_kg: 0.0, start_position_m: 9.0}\n"
     folder = write_campaign(tmp_path / "broken", hoist_columns(), runs=runs)
     (tmp_path / "secret.csv").write_text("time_s,secret\n")
-    monkeypatch.setattr(campaigns, "SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
     monkeypatch.setenv(campaigns.VARIABLE, str(folder))
     (shown,) = errors(page("Validate").run())
     assert "lies outside the campaign's folder" in shown
@@ -221,7 +221,7 @@ def test_a_log_outside_an_owners_campaign_is_not_read(monkeypatch, tmp_path):
 def test_an_axis_is_replayed_and_identified_too(monkeypatch, tmp_path):
     runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
     folder = write_campaign(tmp_path / "axis", axis_columns(3000), runs=runs, machine=AXIS)
-    monkeypatch.setattr(campaigns, "SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
     monkeypatch.setenv(campaigns.VARIABLE, str(folder))
     app = page("Validate").run()
     assert not app.exception and errors(app) == []

@@ -11,13 +11,11 @@ import streamlit as st
 from workbench.dashboard import session
 from workbench.dashboard.batches_work import CSV, REPORT
 from workbench.dashboard.jobs import Job, result_folder
-from workbench.dashboard.widgets import Number, chart, numbers, plain
-from workbench.study import arrow
+from workbench.dashboard.widgets import Number, chart, numbers, plain, table
 from workbench.study.finished import Finished, read_finished
 from workbench.study.index import INDEX, read_table
 
 if TYPE_CHECKING:
-    from workbench.figures.save import Table
     from workbench.reports.study_figures import Noted
 
 MOST_LINES = 1_000
@@ -43,7 +41,7 @@ def show_results(job: Job) -> None:
     with how:
         from workbench.reports.study_tables import what_was_run
 
-        _table(what_was_run(result))
+        table(what_was_run(result))
         st.code((folder / "scenario.yaml").read_text(encoding="utf-8"), language="yaml")
 
 
@@ -114,11 +112,11 @@ def _runs(folder: Path, count: int) -> None:
     from workbench.reports.study_tables import run_tables
     from workbench.study.index import rows_of
 
-    table = read_table(folder / INDEX)
-    for each in run_tables(rows_of(table)):
-        _table(each)
+    index = read_table(folder / INDEX)
+    for each in run_tables(rows_of(index)):
+        table(each)
     st.markdown("**Index**")
-    shown = table.drop_columns(["scenario"]).slice(0, MOST_LINES)
+    shown = index.drop_columns(["scenario"]).slice(0, MOST_LINES)
     st.dataframe(
         shown,
         hide_index=True,
@@ -130,17 +128,3 @@ def _runs(folder: Path, count: int) -> None:
     )
     if count > MOST_LINES:
         st.caption(f"The first {MOST_LINES} of {count} runs; the downloads hold all.")
-
-
-def _table(shown: Table) -> None:
-    """A report's table: heads with their unit, columns whose head starts with a blank are words."""
-    head, rows, caption = shown
-    names = [" ".join(name.split()) for name in head]
-    columns = {name: arrow.texts([row[i].strip() for row in rows]) for i, name in enumerate(names)}
-    align = {
-        name: st.column_config.TextColumn(alignment="left" if original.startswith(" ") else "right")
-        for name, original in zip(names, head, strict=True)
-    }
-    st.dataframe(arrow.table(columns), hide_index=True, column_config=align)
-    if caption:
-        st.caption(plain(caption))

@@ -3,9 +3,13 @@
 chosen_campaign(key)   a select box: the server's own campaigns, those this session has uploaded, and
                        an upload; returns the campaign. Call inside `guarded()`. The choice is the
                        same on every page.
+campaign_or_none(key)  the same, None as long as files are to be uploaded
 last_campaign()        the campaign chosen last on any page, None before
+last_name()            what the select box calls it, "" before
+prefer(name)           which campaign a session that has chosen none begins with
 offered()              the server's campaigns: those in the folders that the environment variable
-                       WORKBENCH_CAMPAIGNS lists, and in `campaigns/` beside app.py
+                       WORKBENCH_CAMPAIGNS lists, those in `campaigns/` beside app.py, and the
+                       demonstration that ships
 
 A browser chooses among names; no path that it sends is ever opened.
 """
@@ -23,7 +27,8 @@ from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
 
 VARIABLE = "WORKBENCH_CAMPAIGNS"
-SHIPPED = Path(__file__).parents[2] / "campaigns"
+ROOT = Path(__file__).parents[2]
+SHIPPED = (ROOT / "campaigns", ROOT / "scenarios" / "demo_campaign")
 UPLOAD = "upload a campaign"
 TYPES = ["zip", "yaml", "csv", "parquet", "pq", "mat"]
 _UPLOADED, _LAST, _READ = "campaigns uploaded", "campaign chosen", "campaigns read"
@@ -33,7 +38,7 @@ def offered() -> dict[str, Path]:
     """Name -> folder of each campaign that the server's owner lets people see."""
     listed = [Path(part) for part in os.environ.get(VARIABLE, "").split(os.pathsep) if part]
     found: dict[str, Path] = {}
-    for root in [*listed, SHIPPED]:
+    for root in [*listed, *SHIPPED]:
         for folder in [root, *(sorted(root.iterdir()) if root.is_dir() else [])]:
             if (folder / "runs.yaml").is_file() and folder not in found.values():
                 name, number = folder.resolve().name, 2
@@ -45,18 +50,39 @@ def offered() -> dict[str, Path]:
 
 def last_campaign() -> Campaign | None:
     known = session.get(_READ, dict, {})
-    campaign = known.get(session.get(_LAST, str, ""))
+    campaign = known.get(last_name())
     return campaign if isinstance(campaign, Campaign) else None
+
+
+def last_name() -> str:
+    return session.get(_LAST, str, "")
+
+
+def prefer(name: str) -> None:
+    if not last_name():
+        session.put(_LAST, name)
 
 
 def chosen_campaign(key: str) -> Campaign:
     """The campaign that the select box `key` names. InputError for files that are not one."""
+    campaign = campaign_or_none(key)
+    if campaign is None:
+        st.stop()
+    return campaign
+
+
+def campaign_or_none(key: str) -> Campaign | None:
+    """The same; None, which the page says, as long as files are to be uploaded."""
     here, uploaded = offered(), session.get(_UPLOADED, dict, {})
     options = [*here, *(f"{name} (uploaded)" for name in uploaded), UPLOAD]
-    last = session.get(_LAST, str, "")
+    last = last_name()
     choice = st.selectbox("Campaign", options, index=options.index(last) if last in options else 0, key=key)
+    campaign: Campaign
     if choice == UPLOAD:
-        choice, campaign = _from_browser(key)
+        sent = _from_browser(key)
+        if sent is None:
+            return None
+        choice, campaign = sent
     elif choice in here:
         campaign = _from_server(choice, here[choice])
     else:
@@ -74,14 +100,14 @@ def _from_server(name: str, folder: Path) -> Campaign:
         return read_campaign(folder, confined=True, check_effects=check)
 
 
-def _from_browser(key: str) -> tuple[str, Campaign]:
+def _from_browser(key: str) -> tuple[str, Campaign] | None:
     files = st.file_uploader(
         "A zip of the campaign's folder, or machine.yaml, runs.yaml and the logs",
         type=TYPES, accept_multiple_files=True, key=f"{key} files",
     )  # fmt: skip
     if not files:
         st.info("A campaign is machine.yaml, runs.yaml and the logs that it names.", icon=":material/upload:")
-        st.stop()
+        return None
     token, uploaded = tuple(file.file_id for file in files), session.get(_UPLOADED, dict, {})
     before = session.get("campaign upload", tuple, ())
     if before[:1] == (token,) and before[1] in uploaded:

@@ -46,7 +46,7 @@ def _uploaded(key: str) -> Hoist | Axis:
 
 def chosen_machine(key: str) -> Hoist:
     """The hoist that the select box `key` names. InputError for a file that is not one."""
-    kept = kept_machines()
+    kept = {name: each for name, each in kept_machines().items() if isinstance(each, Hoist)}
     choice = st.selectbox("Machine", [DEFAULT, *kept, UPLOADED], key=key)
     machine = default_hoist() if choice == DEFAULT else _uploaded(key) if choice == UPLOADED else kept[choice]
     if not isinstance(machine, Hoist):

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import streamlit as st
 
+from workbench.dashboard.jobs_place import jobs_workspace
+
 if TYPE_CHECKING:
     from streamlit.navigation.page import StreamlitPage
 
@@ -62,6 +64,7 @@ def run() -> None:
     """The whole app: called once per rerun by the script that streamlit runs."""
     st.set_page_config(page_title="workbench", page_icon=_ICON, layout="wide")
     st.html(_STYLE)
+    jobs_workspace()  # a page's link drops what names this session's jobs from the address; here it comes back
     pages: list[StreamlitPage] = []
     for title in present():
         page = st.Page(

@@ -2,6 +2,7 @@
 
 chart(figure, key)      a plotly figure over the page's width, light or dark as the page is
 numbers([Number(...)])  a row of the numbers that decide, with deltas green or red
+table(shown)            a report's table
 problem(error)          the reader's one clear error
 with guarded(): ...     an InputError inside ends the page with `problem`
 text(value, digits)     a number with sane digits
@@ -21,6 +22,8 @@ from workbench.errors import InputError
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+    from workbench.figures.save import Table
 
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader
 Better = Literal["lower", "higher"]
@@ -71,6 +74,7 @@ def numbers(row: Sequence[Number]) -> None:
             delta_color=colour,
             help=number.help,
             border=True,
+            height="stretch",  # a number without a delta is as tall as its neighbours
         )
 
 
@@ -92,6 +96,22 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
     }
     shown = for_dark(figure) if is_dark() else figure
     st.plotly_chart(shown, width="stretch", theme=None, key=key, config=config, alt=alt)
+
+
+def table(shown: Table) -> None:
+    """A report's table: heads with their unit; columns whose head starts with a blank are words."""
+    from workbench.study import arrow
+
+    head, rows, caption = shown
+    names = [" ".join(name.split()) for name in head]
+    columns = {name: arrow.texts([row[i].strip() for row in rows]) for i, name in enumerate(names)}
+    align = {
+        name: st.column_config.TextColumn(alignment="left" if original.startswith(" ") else "right")
+        for name, original in zip(names, head, strict=True)
+    }
+    st.dataframe(arrow.table(columns), hide_index=True, column_config=align)
+    if caption:
+        st.caption(plain(caption))
 
 
 def problem(error: InputError) -> None:

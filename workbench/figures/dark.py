@@ -19,6 +19,7 @@ _LIGHT_TO_DARK = {
     GREY: LESS,
     FAINT: GRID,
     "#BDBDBD": ZERO,
+    "#F8E6C0": "#4A3A1C",  # half-way in the scale of angles
 }
 _GLASS, _DARK_GLASS = "rgba(255,255,255,", "rgba(14,17,23,"  # behind words that stand on lines
 _DARK = {light.lower(): dark for light, dark in _LIGHT_TO_DARK.items()}
@@ -30,6 +31,8 @@ def _turned(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _turned(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
+        if len(value) == 2 and isinstance(value[1], str):  # a stop of a colour scale
+            return [_turned(part) for part in value]
         return [_turned(part) for part in value] if value and not isinstance(value[0], int | float) else value
     return value
 

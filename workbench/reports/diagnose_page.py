@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.records import Diagnosis, Unknown
 from workbench.figures import diagnose_time, diagnose_where
 from workbench.figures.consequences import before_and_after
 from workbench.figures.diagnose_shrink import shrink_bars
@@ -21,24 +21,28 @@ from workbench.reports.words import direction_names, words_of
 MOST_RANKED, MOST_CANDIDATES, MOST_PROFILES = 8, 24, 9
 
 
-def save_diagnosis_page(d: Diagnosis, path: Path) -> None:
-    """Write the page of a diagnosis; it needs no network. The runs are replayed for its figures."""
+def sections_of(d: Diagnosis) -> dict[str, Section]:
+    """The page's parts by what they are about, in their order. The runs are replayed for the figures."""
     runs = series_of(d)
-    sections = [
-        _answer(d),
-        _condition(d),
-        _gap(d),
-        _where(d, runs),
-        _candidates(d),
-        _isolability(d),
-        _verdict(d),
-        *_unknown(d),
-        _shrink(d, runs),
-        _consequences(d),
-        _next_run(d),
-    ]
+    return {
+        "answer": _answer(d),
+        "condition": _condition(d),
+        "gap": _gap(d),
+        "where": _where(d, runs),
+        "candidates": _candidates(d),
+        "isolability": _isolability(d),
+        "verdict": _verdict(d),
+        **({} if d.unknown is None else {"unknown": _unknown(d, d.unknown)}),
+        "shrink": _shrink(d, runs),
+        "consequences": _consequences(d),
+        "next_run": _next_run(d),
+    }
+
+
+def save_diagnosis_page(d: Diagnosis, path: Path) -> None:
+    """Write the page of a diagnosis; it needs no network."""
     title = f"Diagnosis of {d.campaign.machine.name} from campaign {d.campaign.name}"
-    save_sections(sections, path, title, answer=d.verdict.sentence)
+    save_sections(list(sections_of(d).values()), path, title, answer=d.verdict.sentence)
 
 
 def _answer(d: Diagnosis) -> Section:
@@ -136,14 +140,12 @@ def _verdict(d: Diagnosis) -> Section:
     return Section("6. Verdict", [s for s in said if s], d.verdict.reasons, (), [(figure, "")])
 
 
-def _unknown(d: Diagnosis) -> list[Section]:
-    if d.unknown is None:
-        return []
+def _unknown(d: Diagnosis, unknown: Unknown) -> Section:
     note = "A level for each direction, with a band of two standard errors; positive opposes the motion."
-    units = [words.curve_unit(d.campaign.machine, each.acts_on) for each in d.unknown.curves]
-    figure = diagnose_where.curves(d.unknown.curves, direction_names(d.campaign.machine), words.OVER, units)
-    drawn = [(figure, note)] if d.unknown.curves else []
-    return [Section("What is known of the unknown cause", words.unknown_sentences(d), (), (), drawn)]
+    units = [words.curve_unit(d.campaign.machine, each.acts_on) for each in unknown.curves]
+    figure = diagnose_where.curves(unknown.curves, direction_names(d.campaign.machine), words.OVER, units)
+    drawn = [(figure, note)] if unknown.curves else []
+    return Section("What is known of the unknown cause", words.unknown_sentences(d), (), (), drawn)
 
 
 def _shrink(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
