@@ -85,8 +85,11 @@ def _pull(z: Array, std: Array) -> float:
 
 
 def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> Array:
-    """The Newton step of what is not held at a bound that it wants to cross."""
-    free = np.flatnonzero(down & up)
+    """The Newton step of what is not held at a bound that it wants to cross.
+
+    What these rows do not show stays: rounding over a curvature of zero would throw it anywhere.
+    """
+    free = np.flatnonzero(down & up & (np.diag(hessian) > 0.0))
     h = hessian[np.ix_(free, free)]
     scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
     step = np.zeros(len(gradient))
