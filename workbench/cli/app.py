@@ -25,8 +25,9 @@ EXIT_TERMINATED = 143
 @click.option(
     "--address", default="127.0.0.1", show_default=True, help="Address to listen on; this computer's own only."
 )
+@click.option("--host", "hosts", multiple=True, help="Name that a proxy passes on; one an option. Others are refused.")
 @click.option("--no-browser", is_flag=True, help="Open no browser window.")
-def command(port: int | None, address: str, no_browser: bool) -> int:
+def command(port: int | None, address: str, hosts: tuple[str, ...], no_browser: bool) -> int:
     """Open the dashboard: studies by slider, comparison, loops, validation, diagnosis, batches.
 
     Ends with Ctrl-C. Who else may reach the address may use the dashboard: it has no login of its own.
@@ -37,7 +38,7 @@ def command(port: int | None, address: str, no_browser: bool) -> int:
     if port is not None and not _is_free(address, port):
         raise InputError(f"port {port} of {address} is taken or not ours to use; choose another", place="--port")
     url = f"http://{_shown(address)}:{chosen}"
-    with _server(chosen, address) as server:
+    with _server(chosen, address, hosts) as server:
         _wait_for(f"http://{_reached(address)}:{chosen}/_stcore/health", server)
         click.echo(f"The dashboard runs at {url}; Ctrl-C ends it.")
         if not no_browser:
@@ -46,10 +47,10 @@ def command(port: int | None, address: str, no_browser: bool) -> int:
 
 
 @contextmanager
-def _server(port: int, address: str) -> Iterator[subprocess.Popen[bytes]]:
+def _server(port: int, address: str, hosts: tuple[str, ...]) -> Iterator[subprocess.Popen[bytes]]:
     """The server as a child, ended with the block: politely, and then for certain."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(EXIT_TERMINATED))  # so that the block ends then too
-    words = [sys.executable, "-m", "workbench.dashboard.serve", str(port), address]
+    words = [sys.executable, "-m", "workbench.dashboard.serve", str(port), address, *hosts]
     server = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     try:
         yield server

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-OPTIONS: dict[str, str | int | bool] = {
+from collections.abc import Sequence
+
+Value = str | int | bool | list[str]
+
+OPTIONS: dict[str, Value] = {
     "server.address": "127.0.0.1",
+    # A page from elsewhere whose name is made to mean this computer (DNS rebinding) is refused.
+    "server.allowedHosts": ["localhost", "127.0.0.1", "::1"],
     "server.headless": True,  # the command opens the browser itself; streamlit would ask for an e-mail address
     "server.maxUploadSize": 64,
     "server.enableXsrfProtection": True,
@@ -21,7 +27,20 @@ OPTIONS: dict[str, str | int | bool] = {
 }
 
 
-def flags(changes: dict[str, str | int | bool]) -> list[str]:
+def flags(changes: dict[str, Value]) -> list[str]:
     """The options, with changes, as streamlit's command line takes them."""
-    return [f"--{key}={str(value).lower() if isinstance(value, bool) else value}"
-            for key, value in (OPTIONS | changes).items()]  # fmt: skip
+    return [
+        f"--{key}={str(each).lower() if isinstance(each, bool) else each}"
+        for key, value in (OPTIONS | changes).items()
+        for each in (value if isinstance(value, list) else [value])
+    ]
+
+
+def hosts_allowed(address: str, names: Sequence[str]) -> list[str]:
+    """The hosts that a browser may call the server by. names: those that its owner gives it, as behind a proxy.
+
+    Who lets others reach it without naming it has it reached by any name: which ones there are, nobody can know.
+    """
+    own = OPTIONS["server.allowedHosts"]
+    assert isinstance(own, list)
+    return [*own, *(names or ([] if address in own else ["*"]))]

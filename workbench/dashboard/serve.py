@@ -1,23 +1,25 @@
-"""`python -m workbench.dashboard.serve PORT ADDRESS`: the dashboard's server in this process, until it is stopped."""
+"""`python -m workbench.dashboard.serve PORT ADDRESS [HOST ...]`: the server in this process, until it is stopped."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
-from workbench.dashboard.options import flags
+from workbench.dashboard.options import flags, hosts_allowed
 from workbench.dashboard.warm import warm
 
 
-def main(port: str, address: str) -> None:
+def main(port: str, address: str, *hosts: str) -> None:
     """Runs streamlit; does not return."""
     from streamlit.web import cli
 
     warm()
     script = Path(__file__).with_name("main.py")
-    sys.argv = ["streamlit", "run", str(script), *flags({"server.port": int(port), "server.address": address})]
+    allowed = hosts_allowed(address, hosts)
+    own = flags({"server.port": int(port), "server.address": address, "server.allowedHosts": allowed})
+    sys.argv = ["streamlit", "run", str(script), *own]
     cli.main()
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3])
+    main(*sys.argv[1:])

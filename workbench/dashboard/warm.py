@@ -24,19 +24,42 @@ def wait() -> None:
 
 
 def _load() -> None:
-    """The imports and kernels of the first page. What fails here fails again, and is shown, where it is used."""
-    try:
-        from workbench.dashboard import compare, study  # noqa: F401
-        from workbench.dashboard.study_controls import Desk, scenario_of
-        from workbench.figures.study_page import study_figures
-        from workbench.machine import default_hoist
-        from workbench.study.beside import over_ramps
-        from workbench.study.load import plan_study
-        from workbench.study.run import run_study
+    """The first page, then the others. What fails here fails again, and is shown, where it is used."""
+    for load in (_study, _loop, _others):
+        try:
+            load()
+        except Exception:
+            logging.getLogger(__name__).exception("loading ahead of time failed")
 
-        machine = default_hoist()
-        scenario = scenario_of(Desk(), machine)
-        study_figures(run_study(plan_study(scenario, machine)))
-        run_study(over_ramps(scenario, machine, [0.5], [0.8]))  # keeps no signals, which is a kernel of its own
-    except Exception:
-        logging.getLogger(__name__).exception("loading ahead of time failed")
+
+def _study() -> None:
+    """Imports and kernels."""
+    from workbench.dashboard import compare, study  # noqa: F401
+    from workbench.dashboard.study_controls import Desk, scenario_of
+    from workbench.figures.study_page import study_figures
+    from workbench.machine import default_hoist
+    from workbench.study.beside import over_ramps
+    from workbench.study.load import plan_study
+    from workbench.study.run import run_study
+
+    machine = default_hoist()
+    scenario = scenario_of(Desk(), machine)
+    study_figures(run_study(plan_study(scenario, machine)))
+    run_study(over_ramps(scenario, machine, [0.5], [0.8]))  # keeps no signals, which is a kernel of its own
+
+
+def _loop() -> None:
+    """A loop of the default machine: its plant is linearised by kernels of their own."""
+    from workbench.analysis.family import family, operating_points
+    from workbench.dashboard import loop  # noqa: F401
+    from workbench.figures.loop import steps
+    from workbench.machine import default_hoist
+    from workbench.reports.loop_case import usual_controller, usual_heights
+
+    machine = default_hoist()
+    points = operating_points(machine, (0.0,), usual_heights(machine)[:1], "hoisting")
+    steps(family(machine, usual_controller(machine), points))
+
+
+def _others() -> None:
+    from workbench.dashboard import batches, gap, machine_view, validate  # noqa: F401
