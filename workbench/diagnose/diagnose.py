@@ -19,13 +19,14 @@ from workbench.diagnose.problem import Problem
 from workbench.diagnose.records import Diagnosis, Names, Verdict
 from workbench.diagnose.search import Found, Search
 from workbench.diagnose.shrink import folds_of, shrink_of
+from workbench.diagnose.structure import floor_before
 from workbench.diagnose.unknown import explain, explained_machine
 from workbench.diagnose.where import where_of
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest
 from workbench.logs import Campaign
-from workbench.machine import Hoist
+from workbench.machine import Axis, Hoist
 
 STAGES = 8
 BASELINES = ("tolerances", "nominal")
@@ -65,6 +66,8 @@ def diagnose(
         search.base = {key: knob for key, knob in search.base.items() if knob.logarithmic}
     elif baseline != "tolerances":
         raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="--baseline")
+    if isinstance(campaign.machine, Axis):  # its floor is what it leaves itself: tolerances weigh against that
+        problem.noise = floor_before(problem, list(search.base.values()), seed)
     found = search.run(most_effects)
     keys = search.base
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -78,6 +78,8 @@ def weigh(found: Found) -> tuple[Weighed, ...]:
             singles[names] = _merit(base, fit, scale)
             worth = singles[names]
             weighed.append(Weighed(names, fit, found.gain(names), worth, worth, names[0] in found.rivals))
+    weighed = _freer(found, _rivals(found, weighed, scale), scale)
+    singles = {each.names: each.merit for each in weighed}
     for names, fit in found.fits.items():
         if len(names) != 2:
             continue
@@ -90,6 +92,34 @@ def weigh(found: Found) -> tuple[Weighed, ...]:
         added = _merit(found.fits[first], fit, scale, explained)
         weighed.append(Weighed(names, fit, found.gain(names), worth + added - calibration()["pair"], added))
     return tuple(sorted(weighed, key=lambda each: -each.merit))
+
+
+def _rivals(found: Found, singles: list[Weighed], scale: Scale) -> list[Weighed]:
+    """A rival counts by what it explains beyond the best effect that may be named: some hold that within them."""
+    own = max((each for each in singles if not each.rival), key=lambda each: each.merit, default=None)
+    kept = []
+    for each in singles:
+        if each.rival and own is not None:
+            explained = max(found.base.chi2 - own.fit.chi2, 0.0)
+            data = own.fit.chi2 - each.fit.chi2
+            more = merit(data, own.fit.prior - each.fit.prior, len(each.fit.z) - len(found.base.z), scale, explained)
+            each = replace(each, merit=min(each.merit, own.merit + more), earned=more)
+        kept.append(each)
+    return kept
+
+
+def _freer(found: Found, singles: list[Weighed], scale: Scale) -> list[Weighed]:
+    """A law of more freedom counts by what it explains beyond the simpler law of the same place and regime."""
+    kind = found.problem.active.kind
+    kept = []
+    for each in singles:
+        for simpler in singles:
+            if not each.rival and not simpler.rival and same_but_freer(each.names[0], simpler.names[0], kind):
+                explained = max(found.base.chi2 - simpler.fit.chi2, 0.0)
+                more = _merit(simpler.fit, each.fit, scale, explained)
+                each = replace(each, merit=min(each.merit, simpler.merit + more))
+        kept.append(each)
+    return kept
 
 
 def _merit(before: Fitted, after: Fitted, scale: Scale, explained: float = 0.0) -> float:
@@ -124,7 +154,8 @@ def rank(
     x = numbers["unknown_bias"] + sum(numbers[f"unknown_{name}"] * value for name, value in evidence.items())
     unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
     exponents = np.array([numbers["threshold"], *(m for _, m in merits)]) / (2.0 * numbers["temperature"])
-    exponents[1:] -= math.log(max(len(merits), 1))  # before the data, no gap is as likely as all causes together
+    # Of many causes weighed one looks good by chance.
+    exponents[1:] -= numbers["elsewhere"] * math.log(max(len(merits), 1))
     shares = np.exp(exponents - np.max(exponents))
     shares *= (1.0 - unknown) / np.sum(shares)
     unknown += sum(float(p) for (names, _), p in zip(merits, shares[1:], strict=True) if not names)
@@ -205,11 +236,11 @@ def alike(judged: Judged, kind: str, kept: float = 0.85, within: float = 30.0) -
         and each.names != best.names
         and each.merit > calibration()["threshold"]
         and (each.gain > kept * best.gain and best.gain - each.gain < within)
-        and not _same_but_freer(each, best, kind)
+        and not same_but_freer(each.names[0], best.names[0], kind)
     )
 
 
-def _same_but_freer(each: Weighed, best: Weighed, kind: str) -> bool:
-    """A law of the same place and regime with more freedom holds the answer within it: that is no other cause."""
-    a, b = find(each.names[0], kind), find(best.names[0], kind)
+def same_but_freer(freer: str, simpler: str, kind: str) -> bool:
+    """Whether an effect is of the same place and regime as another, with more freedom: no other cause."""
+    a, b = find(freer, kind), find(simpler, kind)
     return len(a.parameters) > len(b.parameters) and (a.subsystem(kind), a.regime) == (b.subsystem(kind), b.regime)

@@ -16,8 +16,10 @@ from workbench.diagnose.problem import Problem
 from workbench.machine import Axis
 
 LEAST = 0.35  # of the noise: the smallest effect worth a name
-LEAST_OF_FLOOR = 0.6  # the same where the floor is what the machine itself leaves, which has structure too
+LEAST_OF_FLOOR = 0.8  # the same where the floor is what the machine itself leaves, which has structure too
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
+
+MOST = 500.0  # independent samples that a parameter pays for: what many more would say, the discount is for
 
 
 @dataclass(frozen=True)
@@ -43,4 +45,4 @@ def merit(data: float, prior: float, parameters: int, scale: Scale, explained: f
     data /= scale.inflation
     least = max(scale.least**2 * scale.n, SECOND**2 * explained / scale.inflation)
     net = data - least if data > least else min(data, 0.0)
-    return net + prior - parameters * math.log(max(scale.n, 2.0))
+    return net + prior - parameters * math.log(min(max(scale.n, 2.0), MOST))

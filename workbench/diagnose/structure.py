@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from workbench.diagnose.base import base_knobs
-from workbench.diagnose.fits import Fitted
+from workbench.diagnose.fits import Fitted, fit_knobs
+from workbench.diagnose.knobs import Knob
 from workbench.diagnose.problem import Problem
 from workbench.diagnose.profiles import best_of, explain
 from workbench.diagnose.variables import variables
@@ -34,3 +38,9 @@ def floor_of(problem: Problem, fit: Fitted, share: float) -> float:
     if not isinstance(problem.machine, Axis):
         return problem.noise
     return max(problem.noise, fit.rms(problem.inputs) * math.sqrt(1.0 - share))
+
+
+def floor_before(problem: Problem, base: Sequence[Knob], seed: int) -> float:
+    """The same before any effect was weighed: what base parameters and a function of one variable leave."""
+    fit = fit_knobs(problem, (), base, np.zeros(len(base)), problem.noise)
+    return floor_of(problem, fit, reducible(problem, fit, seed))
