@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 MOVES = 9
 # No targets: on a computer that others use too a time says little. These tell a page that hangs from one that works.
 FIRST_PAGE_WITHIN_S, FIGURES_WITHIN_S = 60.0, 20.0
+DIAGNOSED_WITHIN_MS = 600_000.0
+# Of the page Gap: the tabs with the figures that each shows; the downloads and what they are called.
+TABS = {"Where it lies": 2, "Before and after": 3, "Told apart, next run": 1, "Control study": 1}
+DOWNLOADS = {"Report": "diagnose.html", "diagnosis.json": "diagnosis.json", "machine.yaml": "machine.yaml"}
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +56,7 @@ def test_a_visitor_walks_the_whole_story(chromium: Browser, shots: Path, tmp_pat
         measured["slider_to_figures_median_s"] = statistics.median(moves)
         compare(visit)
         validate(visit, simulated_campaign(tmp_path / "campaign"), tmp_path)
+        gap(visit, tmp_path)
         batches(visit, tmp_path)
         assert visit.complaints == []
         assert visit.asked == []
@@ -115,6 +120,41 @@ def validate(visit: Visit, campaign: Path, tmp_path: Path) -> None:
     assert isinstance(found, Hoist)
     truth = true_machine().guide.coulomb_hoisting_n
     assert found.guide.coulomb_hoisting_n == pytest.approx(truth, rel=0.1)
+
+
+def gap(visit: Visit, tmp_path: Path) -> None:
+    """The campaign that ships is diagnosed, the page reloaded meanwhile; all is looked at, kept and downloaded."""
+    page = visit.page
+    visit.turn_to("Gap")
+    visit.choose("Campaign", "demo_campaign")
+    visit.shot("6 gap before")
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_text("Search the effects").wait_for(timeout=browser.DRAWN_WITHIN_MS)
+    visit.shot("6 gap running")
+    page.reload()
+    page.get_by_text("The gap comes from friction_load_dependent").wait_for(timeout=DIAGNOSED_WITHIN_MS)
+    visit.drawn(figures=2)
+    visit.shot("7 gap verdict")
+    for tab, figures in TABS.items():
+        page.get_by_role("tab", name=tab).click()
+        visit.drawn(figures)
+        visit.shot(f"7 gap {tab.partition(',')[0].lower()}")
+    page.get_by_role("button", name="Keep the machine").click()
+    page.get_by_text("Kept as corrected by demo_campaign").wait_for()
+    for button, name in DOWNLOADS.items():
+        with page.expect_download() as file:
+            page.get_by_role("button", name=button).click()
+        assert file.value.suggested_filename == name
+        file.value.save_as(tmp_path / "diagnosis" / name)
+    said = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert (said["verdict"], said["effects"]) == ("named", ["friction_load_dependent"])
+    assert "Diagnosis of" in (tmp_path / "diagnosis" / "diagnose.html").read_text(encoding="utf-8")
+    corrected = load_machine(tmp_path / "diagnosis" / "machine.yaml", check_effects=check)
+    assert list(corrected.effects) == ["friction_load_dependent"]
+    visit.turn_to("Study")
+    visit.choose("Machine", "corrected by demo_campaign")
+    visit.drawn(figures=4)
+    visit.shot("8 study corrected")
 
 
 def batches(visit: Visit, tmp_path: Path) -> None:
