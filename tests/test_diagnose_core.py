@@ -18,6 +18,7 @@ from workbench.diagnose.base import base_knobs
 from workbench.diagnose.fits import Projection, fit_knobs, linear_gain, start_of
 from workbench.diagnose.knobs import (
     GAIN,
+    LOG_TIMING,
     OFFSET,
     Knob,
     PhaseOfEachRun,
@@ -148,6 +149,15 @@ def test_a_shape_that_no_fit_turns_is_tried_as_it_is_declared(machine: Hoist | A
             assert r.tries[0] == r.start
 
 
+@pytest.mark.parametrize("kind", ["hoist", "axis"])
+def test_no_base_parameter_turns_what_an_effect_turns(kind: str, request: pytest.FixtureRequest):
+    """Else a signature would be measured from where the base stands, not from where the effect is off."""
+    problem: Problem = request.getfixturevalue(kind)
+    own = {knob.symbol for knob in base_knobs(problem.machine, problem.runs).values()}
+    for effect in effects_for(problem.active.kind).values():
+        assert not own & {r.symbol for r in ranges_of(effect, problem.machine)}, effect.id
+
+
 # The problem
 
 
@@ -192,6 +202,14 @@ def test_a_value_for_each_run_reaches_that_run_only(hoist: Problem):
     assert np.array_equal(change[0][second], change[1][second])
     assert not np.any(change[0][~second])
     assert np.any(change[1][~second])
+
+
+def test_a_logs_timing_comes_on_top_of_an_effects_delay(axis: Problem):
+    late = "speed_delay__delay_s"
+    both, one, other = axis.residuals([{LOG_TIMING: 0.01, late: 0.05}, {late: 0.06}, {LOG_TIMING: 0.06}])
+    assert both == pytest.approx(one, abs=1e-6)
+    assert other == pytest.approx(one, abs=1e-6)
+    assert rms(one) > 5.0 * axis.noise
 
 
 def test_the_jacobian_is_the_slope(hoist: Problem):

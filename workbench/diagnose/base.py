@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.diagnose.knobs import GAIN, OFFSET, TENSION_GAIN, Value
-from workbench.effects import find, ranges_of
+from workbench.diagnose.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Value
 from workbench.identify.parameters import free_parameters
 from workbench.machine import Axis, Hoist, get_value
 from workbench.plants import plant_of
@@ -16,7 +15,6 @@ from workbench.run import Run
 
 STANDSTILL_STD = math.log(10.0)  # nobody knows how friction turns over at standstill: a factor of ten either way
 
-LOG_TIMING = "log timing"  # motion behind force, s: one sampling step is no gap
 LOAD_CELL_STD = 0.005  # of a dead line's load cell: its gain
 
 
@@ -64,17 +62,9 @@ def _axis(machine: Axis, runs: Sequence[Run]) -> dict[str, Value]:
     if offset > 0.0:
         key = machine.value_of["offset"]
         found[key] = Value(OFFSET, get_value(machine, key), offset, std=1.0)
-    late = next(
-        (
-            r.symbol
-            for r in ranges_of(find("speed_delay", plant_of(machine).kind), machine, runs)
-            if r.name == "delay_s"
-        ),
-        None,
-    )
-    if late is not None:  # the channels of one log are rarely sampled at one instant
-        step = float(np.median([run.sample_time_s for run in runs]))
-        found[LOG_TIMING] = Value(late, 0.0, step, 0.0, std=1.0)
+    # The channels of one log are rarely sampled at one instant: one sampling step is no gap.
+    step = float(np.median([run.sample_time_s for run in runs]))
+    found[LOG_TIMING] = Value(LOG_TIMING, 0.0, step, 0.0, std=1.0)
     standstill = next(key for key in symbols if "standstill" in key)
     found[standstill] = Value(
         symbols[standstill], get_value(machine, standstill), 1.0, 0.0, std=STANDSTILL_STD, logarithmic=True

@@ -13,6 +13,7 @@ from workbench.effects import Effect, Ranged
 from workbench.run import Array
 
 GAIN, OFFSET, TENSION_GAIN = "sensor gain", "sensor offset", "tension gain"  # of the log, beside the plant's symbols
+LOG_TIMING = "log timing"  # of the log: its motion behind its force, s, beside what an effect delays
 Setting = Mapping[str, "float | tuple[float, ...]"]  # symbol -> value, or one value for each run
 
 

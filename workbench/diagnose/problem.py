@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from workbench.diagnose.knobs import GAIN, OFFSET, TENSION_GAIN, Knob, Setting, setting_of
-from workbench.effects import logged_input, searchable
+from workbench.diagnose.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Setting, setting_of
+from workbench.effects import find, logged_input, ranges_of, searchable
 from workbench.machine import Axis, Hoist
 from workbench.plants.hoist import dead_line_tension
 from workbench.run import Array, Run
@@ -50,6 +50,7 @@ class Problem:
         self.inputs = sum(self.run_lengths)
         self.run_of_row = np.tile(np.repeat(np.arange(len(self.runs)), self.run_lengths), 1 + self.has_tension)
         self.share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
+        self.late = ranges_of(find("speed_delay", self.active.kind), machine, self.runs)[0].symbol
         self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
         self.evaluations = 0
         if self.has_tension:
@@ -121,4 +122,7 @@ class Problem:
 
     def _of_run(self, setting: Setting, j: int) -> SimpleNamespace:
         plain = {k: v[j] if isinstance(v, tuple) else v for k, v in setting.items() if k not in SENSOR_KEYS}
+        timing = plain.pop(LOG_TIMING, 0.0)
+        if timing:  # added, so that an effect's delay is weighed from none at all
+            plain[self.late] = plain.get(self.late, getattr(self.bench.base[j], self.late)) + timing
         return changed(self.bench.base[j], plain)
