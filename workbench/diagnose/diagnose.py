@@ -98,9 +98,8 @@ def diagnose(
     refitted = refitted_machine(problem, keys, found.near)
     changes, why_not = _consequences(campaign, refitted, corrected, judged)
     say("done", STAGES, STAGES)
-    verdict = Verdict(
-        judged.word, judged.names, judged.ranking, also, sentence_of(judged, gap, shrink, also), judged.reasons
-    )
+    sentence = sentence_of(judged, gap, shrink, also, corrected.measured_correction is not None)
+    verdict = Verdict(judged.word, judged.names, judged.ranking, also, sentence, judged.reasons)
     return Diagnosis(
         campaign=campaign,
         seed=seed,

@@ -59,24 +59,26 @@ def fit_knobs(
     """The least of chi^2 and prior from z on, in at most about `most` evaluations.
 
     base: how many of the first z are the base parameters'. Their signatures hardly change on
-    the way, so they are differenced anew only every few steps.
+    the way, so they are differenced anew only every few steps; all but that of friction near standstill.
     """
     lowest, highest, std = bounds_of(knobs)
     z = np.clip(z, lowest, highest)
     weight = math.sqrt(problem.share) / sigma
-    reach = np.where([_careful(k) for k in knobs for _ in k.lowest], 0.5, np.inf)
+    careful = np.array([_careful(k) for k in knobs for _ in k.lowest], dtype=bool)
+    reach = np.where(careful, 0.5, np.inf)
+    anew = np.flatnonzero(careful | (np.arange(len(z)) >= base))
     prior = np.diag(1.0 / std)
     residual, jacobian = problem.evaluate(knobs, z)
     evaluations, settled = 1, False
     before = _objective(weight, residual, z, std)
     while evaluations < most:
-        kept = jacobian[:, :base]
+        kept = jacobian
 
         def evaluate(at: Array, kept: Array = kept) -> tuple[Array, Array]:
-            if not base:
-                return problem.evaluate(knobs, at)
-            r, own = problem.evaluate(knobs, at, only=range(base, len(at)))
-            return r, np.hstack([kept, own])
+            r, own = problem.evaluate(knobs, at, only=anew)
+            full = kept.copy()
+            full[:, anew] = own
+            return r, full
 
         allowed = min(ROUND, most - evaluations) if base else most - evaluations
         found = minimise(evaluate, (z, residual, jacobian), lowest, reach, weight, prior, highest, allowed)

@@ -72,12 +72,12 @@ def unit_of(machine: Hoist | Axis) -> str:
 
 def _sentences(gap: Gap, unit: str) -> list[str]:
     times = gap.residual_rms / gap.noise_rms
-    force = "" if gap.force_rms_n is None else f", {gap.force_rms_n:.3g} N on the carriage"
+    force = "" if gap.force_rms_n is None else f", {gap.force_rms_n:.0f} N on the carriage"
     found = [
         f"As the machine is written down, measured and predicted input differ by {gap.nominal_residual_rms:.3g} {unit} "
         f"rms below {gap.band_hz:.3g} Hz.",
         f"With the base parameters refitted within {TOLERANCES:g} tolerances {gap.residual_rms:.3g} {unit} rms remain"
-        f"{force}: {times:.1f} times the sensors' noise of {gap.noise_rms:.2g} {unit}.",
+        f"{force}: {times:.1f} times the noise floor of {gap.noise_rms:.2g} {unit}.",
         f"Replayed in open loop, the speed is off by {gap.speed_rmse_percent:.3g} % "
         f"({gap.nominal_speed_rmse_percent:.3g} % before the refit).",
     ]
