@@ -15,7 +15,7 @@ from workbench.figures.replay import friction_law, speed_comparison, torque_prof
 from workbench.figures.save import save
 from workbench.figures.study import harder_worked_nm, overview, peak_torque_over_payload, slack_stretches
 from workbench.figures.style import LINES
-from workbench.figures.thin import thin
+from workbench.figures.thin import PASSES, STRAIGHT, straightened, thin
 from workbench.references import KINDS
 from workbench.run import Run
 
@@ -66,6 +66,34 @@ def test_thinning_keeps_one_sample_wide_peaks_beside_gaps() -> None:
     assert np.nanmax(kept) == 5.0
     assert np.nanmin(kept) == -7.0
     assert np.isnan(kept).any()
+
+
+@given(n=st.integers(0, 400), seed=st.integers(0, 99), noise=st.sampled_from([0.0, 1e-5, 1e-2]))
+def test_a_straightened_line_runs_within_its_tolerance_of_every_point(n: int, seed: int, noise: float) -> None:
+    rng = np.random.default_rng(seed)
+    x, y = np.linspace(0.0, 40.0, n), 300.0 * np.tanh(3.0 * np.sin(np.linspace(0.0, 9.0, n)))
+    y = y + 300.0 * noise * rng.normal(size=n)
+    kept_x, kept_y = straightened(x, y)
+    assert len(kept_x) <= n and np.all(np.diff(kept_x) > 0.0)
+    if n:
+        assert (kept_x[0], kept_x[-1], kept_y[0], kept_y[-1]) == (x[0], x[-1], y[0], y[-1])
+    if n > 1:
+        scale = np.array([np.ptp(x), np.ptp(y) or 1.0])
+        fine = np.linspace(0.0, 40.0, 20001)
+        line = np.stack([fine, np.interp(fine, kept_x, kept_y)], axis=1) / scale
+        off = [np.min(np.linalg.norm(line - point / scale, axis=1)) for point in np.stack([x, y], axis=1)]
+        assert max(off) < PASSES * STRAIGHT + 0.5 * np.max(np.linalg.norm(np.diff(line, axis=0), axis=1))
+
+
+def test_straight_stretches_lose_points_and_corners_gaps_and_noise_keep_them() -> None:
+    x = np.linspace(0.0, 1.0, 1601)
+    assert len(straightened(x, 2.0 * x)[0]) == 101
+    corner = np.abs(x - 0.5)
+    assert 0.0 in straightened(x, corner)[1]
+    gap = np.where((x > 0.4) & (x < 0.6), np.nan, x)
+    assert np.isnan(straightened(x, gap)[1]).sum() == np.isnan(gap).sum()
+    noisy = np.random.default_rng(1).normal(size=1601)
+    assert len(straightened(x, noisy)[0]) > 1500
 
 
 def test_overview_has_a_column_a_payload_with_error_limits_and_nominal() -> None:

@@ -115,23 +115,15 @@ def _answer(job: Job, view: View) -> None:
 
 
 def _unknown(job: Job, view: View) -> None:
-    part = view.sections["unknown"]
-    _figures(job, "unknown", part)
-    _points(part.sentences)
+    _section(job, "unknown", view)
 
 
 def _where(job: Job, view: View) -> None:
-    part = view.sections["where"]
-    _said(part)
-    _figures(job, "where", part)
-    _tables(part)
+    _section(job, "where", view)
 
 
 def _before_and_after(job: Job, view: View) -> None:
-    part = view.sections["shrink"]
-    _said(part)
-    _figures(job, "shrink", part)
-    _tables(part)
+    _section(job, "shrink", view)
 
 
 def _apart(job: Job, view: View) -> None:
@@ -146,16 +138,12 @@ def _apart(job: Job, view: View) -> None:
 
 
 def _study(job: Job, view: View) -> None:
-    part = view.sections["consequences"]
-    _figures(job, "consequences", part)
-    _said(part)
-    _tables(part)
+    _section(job, "consequences", view)
 
 
 def _logs(job: Job, view: View) -> None:
     for name in ("gap", "condition"):
-        _said(view.sections[name])
-        _tables(view.sections[name])
+        _section(job, name, view)
 
 
 # title -> (the section it needs to be there, what draws it)
@@ -170,12 +158,14 @@ _PARTS: Mapping[str, tuple[str | None, Callable[[Job, View], None]]] = {
 }
 
 
-def _said(section: Section) -> None:
-    """The first sentence leads, the others are points."""
-    first, *rest = [*section.sentences, ""]
-    if first:
-        st.markdown(plain(first))
-    _points([*rest[:-1], *section.points])
+def _section(job: Job, name: str, view: View) -> None:
+    """The first sentence, what there is to look at, and then the rest of the words."""
+    section = view.sections[name]
+    if section.sentences:
+        st.markdown(plain(section.sentences[0]))
+    _figures(job, name, section)
+    _points([*section.sentences[1:], *section.points])
+    _tables(section)
 
 
 def _points(points: Sequence[str]) -> None:

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.figures.style import GREY, TEMPLATE
-from workbench.figures.thin import thin
+from workbench.figures.thin import straightened, thin
 from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
+FEW_POINTS = 200  # a line of fewer costs nothing, and the pointer finds each
 PAPER, LEGEND_LINE = 640, 20  # px: what a legend's line has room for on paper, and its height
 TITLE_LINE = 36  # px that a figure without a title does without
 
@@ -57,6 +58,8 @@ class Panels:
     ) -> None:
         """A line, thinned; lines of one name stand in the legend once and are switched together."""
         x, y = thin(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+        if len(x) > FEW_POINTS and "mode" not in more:  # markers stand for points, each of which is meant
+            x, y = straightened(x, y)
         number = self._number(row, column)
         self.traces.append(
             {
@@ -127,6 +130,7 @@ class Panels:
             "legend": {"y": 1.0 - ((68.0 if headed else 72.0) + more) / height, "traceorder": "normal"},
             "shapes": self.shapes,
             "margin": {"t": (100 if headed else 80) + more},
+            "hoverdistance": 100,  # px: on a straight stretch points are far apart
         }
         annotations = list(self.annotations)
         top = 1.0
