@@ -36,6 +36,8 @@ PARTNERS = 3  # of each leading effect, that are refitted with it
 LEADERS = 3
 SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
 
+BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
+
 Names = tuple[str, ...]
 Tell = Callable[[str], None]
 
@@ -95,7 +97,7 @@ class Search:
         within = self._near(base)
         near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
         self.tell("signatures of all effects")
-        signatures = atoms(self.problem, [*self.effects.values(), *self.rivals.values()], near.setting)
+        signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
         self._singles(base, near, signatures)
         if most_effects > 1:
             self._pairs(base, near, [atom for atom in signatures if atom.effect.id in self.effects])
@@ -114,6 +116,19 @@ class Search:
         z = np.clip(base.z, [-limit for limit in far], far)
         return fit_knobs(self.problem, (), held, z, base.sigma, LAST_ROUND)
 
+    def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Atom]:
+        """The signatures of all that can be simulated; what breaks down there is a row in the report."""
+        try:
+            found = atoms(self.problem, effects, at.setting)
+        except BREAKDOWNS as error:
+            if len(effects) == 1:
+                self.failures[(effects[0].id,)] = f"{type(error).__name__}: {error}"
+                return []
+            found = [atom for each in effects for atom in self._signatures([each], at)]
+        broken = {atom.effect.id for atom in found if not np.all(np.isfinite(atom.columns))}
+        self.failures |= {(name,): "the simulation breaks down at the values tried first" for name in broken}
+        return [atom for atom in found if atom.effect.id not in broken]
+
     def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
         promised = self._promised(near, signatures)
         self.linear |= {(name,): each.gain for name, each in promised.items()}
@@ -129,7 +144,7 @@ class Search:
     def _from_base(self, base: Fitted, names: Sequence[str]) -> None:
         """From the stretched base too, where that promises more than was found: a fit may be stuck on the way."""
         known = {**self.effects, **self.rivals}
-        signatures = atoms(self.problem, [known[name] for name in names], base.setting)
+        signatures = self._signatures([known[name] for name in names], base)
         for name, each in self._promised(base, signatures).items():
             fit = self.fits.get((name,))
             if fit is None or base.objective - fit.objective < 0.8 * each.gain:
@@ -160,7 +175,7 @@ class Search:
             if self.merit_of(base, leader) <= 0.0:
                 continue
             self.tell(f"pairs with {names[0]}")
-            again = atoms(self.problem, [e for e in self.effects.values() if e.id not in names], leader.setting)
+            again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
             promised = self._promised(leader, again, base.chi2 - leader.chi2)
             for name in sorted(promised, key=lambda n: -promised[n].merit)[:PARTNERS]:
                 if promised[name].merit <= 0.0:
@@ -260,7 +275,7 @@ class Search:
         """A candidate that breaks down is a row in the report, not the end."""
         try:
             found = fit()
-        except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        except BREAKDOWNS as error:
             self.failures[names] = f"{type(error).__name__}: {error}"
             return
         if not np.isfinite(found.objective):
