@@ -9,8 +9,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from workbench.diagnose.diagnose import Diagnosis, diagnose
+from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
+from workbench.diagnose.judge import same_but_freer
 from workbench.logs import read_campaign
+from workbench.plants import plant_of
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,15 @@ class Answer:
 
 
 def answer(folder: Path, label: Path, withheld: Sequence[str] = (), most_effects: int = 2) -> Answer:
-    """Diagnose one campaign; `withheld` effects are taken out of the library first."""
-    from workbench.diagnose.diagnose import chosen_effects
-
+    """Diagnose one campaign; `withheld` effects are taken out of the library first, and laws that hold them."""
     campaign = read_campaign(folder)
-    listed = [each.id for each in chosen_effects(campaign, None) if each.id not in withheld]
+    kind = plant_of(campaign.machine).kind
+    gone = set(withheld) | {
+        each.id
+        for each in chosen_effects(campaign, None)
+        if any(same_but_freer(each.id, one, kind) for one in withheld)
+    }
+    listed = [each.id for each in chosen_effects(campaign, None) if each.id not in gone]
     cpu, wall = time.process_time(), time.monotonic()
     found = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects)
     return _kept(found, folder, label, tuple(withheld), time.process_time() - cpu, time.monotonic() - wall)

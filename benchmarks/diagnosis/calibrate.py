@@ -64,6 +64,8 @@ def _unknown(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Weights none of which is negative: a feature that comes out so is left out, and the rest fitted anew."""
     from sklearn.linear_model import LogisticRegression
 
+    # Where a rival leads the answer is unknown whatever the evidence: such campaigns say nothing of its weights.
+    rows = [row for row in rows if not row["weighed"] or row["weighed"][0]["names"]]
     x = np.array([[row["evidence"][name] for name in EVIDENCE] for row in rows])
     y = np.array([right_word(row) == "unknown" for row in rows])
     used = list(range(len(EVIDENCE)))
