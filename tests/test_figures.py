@@ -155,6 +155,8 @@ def test_slack_is_shaded_from_its_start_to_its_end() -> None:
     figure = overview([("ruckig", run)], 480.0, 768.0)
     (shade,) = [shape for shape in figure.layout.shapes if shape.type == "rect"]
     assert (shade.x0, shade.x1) == (pytest.approx(12.0), pytest.approx(13.5))
+    assert shade.line.width > 0.0  # a moment of a few samples is seen too
+    assert [note.text for note in figure.layout.annotations].count("slack") == 1
 
 
 def test_harder_worked_motor_is_the_one_with_more_torque_either_way() -> None:

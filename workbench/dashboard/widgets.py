@@ -72,6 +72,7 @@ def numbers(row: Sequence[Number]) -> None:
             f"{text(number.value, number.digits)} {number.unit}".strip(),
             delta,
             delta_color=colour,
+            delta_arrow="off" if delta and delta.startswith("±") else "auto",
             help=number.help,
             border=True,
             height="stretch",  # a number without a delta is as tall as its neighbours

@@ -93,13 +93,21 @@ class Panels:
                 | {"font": {"size": 11, "color": GREY}, "bgcolor": "rgba(255,255,255,0.6)", "borderpad": 1}
             )
 
-    def shade(self, row: int, column: int, start: float, end: float, colour: str) -> None:
-        """A stretch of the horizontal axis."""
+    def shade(
+        self, row: int, column: int, start: float, end: float, colour: str, edge: float = 0.0, text: str = ""
+    ) -> None:
+        """A stretch of the horizontal axis. edge: px, so that the shortest is seen; text: at its top, once a panel."""
         number = self._number(row, column)
+        place = {"xref": f"x{number}", "yref": f"y{number} domain"}
         self.shapes.append(
-            {"type": "rect", "x0": start, "x1": end, "y0": 0, "y1": 1, "layer": "below", "line": {"width": 0}}
-            | {"xref": f"x{number}", "yref": f"y{number} domain", "fillcolor": colour, "opacity": 0.3}
+            {"type": "rect", "x0": start, "x1": end, "y0": 0, "y1": 1, "layer": "below", **place}
+            | {"line": {"width": edge, "color": colour}, "fillcolor": colour, "opacity": 0.6 if edge else 0.3}
         )
+        if text and not any(note["text"] == text and note["xref"] == place["xref"] for note in self.annotations):
+            self.annotations.append(
+                {"text": text, "x": end, "y": 1, "xanchor": "left", "yanchor": "top", "showarrow": False, **place}
+                | {"font": {"size": 11, "color": colour}}
+            )
 
     def _legend_lines(self) -> int:
         """How many lines the legend takes on paper, the narrowest that figures are drawn for."""

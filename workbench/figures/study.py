@@ -84,7 +84,7 @@ def _draw(panels: Panels, column: int, run: Run, quantities: Sequence[str], name
         else:
             panels.line(row, column, t, run["tension_drum_n"] / 1000.0, name, look, "kN")
             for start, end in slack_stretches(run):
-                panels.shade(row, column, start, end, PURPLE)
+                panels.shade(row, column, start, end, PURPLE, edge=2.0, text="slack")
 
 
 def _within(run: Run, start_s: float, end_s: float) -> Run:
