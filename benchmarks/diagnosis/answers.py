@@ -71,7 +71,15 @@ def _kept(d: Diagnosis, folder: Path, label: Path, withheld: tuple[str, ...], cp
         alike=d.verdict.alike,
         ranking=[(row.verdict, list(row.effects), row.probability) for row in d.verdict.ranking[:8]],
         weighed=[
-            {"names": [] if w.rival else list(w.names), "merit": w.merit, "earned": w.earned, "fit": list(w.names)}
+            {
+                "names": [] if w.rival else list(w.names),
+                "merit": w.merit,
+                "earned": w.earned,
+                "fit": list(w.names),
+                "chi2": w.fit.chi2,
+                "prior": w.fit.prior,
+                "parameters": len(w.fit.z) - len(d.found.base.z),
+            }
             for w in d.judged.weighed
         ],
         evidence=dict(d.judged.evidence),

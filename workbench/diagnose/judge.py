@@ -75,7 +75,7 @@ def weigh(found: Found) -> tuple[Weighed, ...]:
     weighed = []
     for names, fit in found.fits.items():
         if len(names) == 1:
-            singles[names] = _merit(base, fit, scale)
+            singles[names] = _merit(found, base, fit, scale)
             worth = singles[names]
             weighed.append(Weighed(names, fit, found.gain(names), worth, worth, names[0] in found.rivals))
     weighed = _freer(found, _rivals(found, weighed, scale), scale)
@@ -89,7 +89,7 @@ def weigh(found: Found) -> tuple[Weighed, ...]:
         if not math.isfinite(worth):
             continue
         explained = max(base.chi2 - found.fits[first].chi2, 0.0)
-        added = _merit(found.fits[first], fit, scale, explained)
+        added = _merit(found, found.fits[first], fit, scale, explained)
         weighed.append(Weighed(names, fit, found.gain(names), worth + added - calibration()["pair"], added))
     return tuple(sorted(weighed, key=lambda each: -each.merit))
 
@@ -116,15 +116,19 @@ def _freer(found: Found, singles: list[Weighed], scale: Scale) -> list[Weighed]:
         for simpler in singles:
             if not each.rival and not simpler.rival and same_but_freer(each.names[0], simpler.names[0], kind):
                 explained = max(found.base.chi2 - simpler.fit.chi2, 0.0)
-                more = _merit(simpler.fit, each.fit, scale, explained)
+                more = _merit(found, simpler.fit, each.fit, scale, explained)
                 each = replace(each, merit=min(each.merit, simpler.merit + more))
         kept.append(each)
     return kept
 
 
-def _merit(before: Fitted, after: Fitted, scale: Scale, explained: float = 0.0) -> float:
+def _merit(found: Found, before: Fitted, after: Fitted, scale: Scale, explained: float = 0.0) -> float:
     more = len(after.z) - len(before.z)
-    return merit(before.chi2 - after.chi2, before.prior - after.prior, more, scale, explained)
+    kind = found.problem.active.kind
+    added = set(after.effects) - set(before.effects)
+    creeping = bool(added) and all(find(name, kind).regime == "low_speed" for name in added)
+    data, prior = before.chi2 - after.chi2, before.prior - after.prior
+    return merit(data, prior, more, scale, explained, creeping)
 
 
 def judge(found: Found, seed: int = 0) -> Judged:

@@ -19,6 +19,7 @@ LEAST = 0.35  # of the noise: the smallest effect worth a name
 LEAST_OF_FLOOR = 0.8  # the same where the floor is what the machine itself leaves, which has structure too
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 
+STANDSTILL = 0.75  # of the noise, of what acts at low speed only: no law of friction near standstill is exact
 MOST = 500.0  # independent samples that a parameter pays for: what many more would say, the discount is for
 
 
@@ -37,12 +38,15 @@ def scale_of(problem: Problem, inflation: float = 1.0) -> Scale:
     return Scale(problem.share * problem.inputs, inflation, least)
 
 
-def merit(data: float, prior: float, parameters: int, scale: Scale, explained: float = 0.0) -> float:
+def merit(
+    data: float, prior: float, parameters: int, scale: Scale, explained: float = 0.0, creeping: bool = False
+) -> float:
     """What one effect is worth. data, prior: by how much chi^2 and the base parameters' tolerances fall.
 
-    explained: by how much chi^2 fell through the effects before it.
+    explained: by how much chi^2 fell through the effects before it. creeping: it acts at low speed only.
     """
     data /= scale.inflation
-    least = max(scale.least**2 * scale.n, SECOND**2 * explained / scale.inflation)
+    size = max(scale.least, STANDSTILL) if creeping else scale.least
+    least = max(size**2 * scale.n, SECOND**2 * explained / scale.inflation)
     net = data - least if data > least else min(data, 0.0)
     return net + prior - parameters * math.log(min(max(scale.n, 2.0), MOST))

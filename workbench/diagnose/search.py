@@ -251,7 +251,8 @@ class Search:
             columns = projection.clean(atom.columns)
             data, prior, amounts = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
             size = columns.shape[1] + len(atom.at)
-            each = Promise(data + prior, merit(data, prior, size, self.scale, explained), atom, amounts)
+            creeping = atom.effect.regime == "low_speed"
+            each = Promise(data + prior, merit(data, prior, size, self.scale, explained, creeping), atom, amounts)
             if atom.effect.id not in best or each.merit > best[atom.effect.id].merit:
                 best[atom.effect.id] = each
         return best
