@@ -31,6 +31,15 @@ class Layered:
                 return self.origin[place[:end]]
         return self.file, 1 if not place else None
 
+    def beside(self, place: Place) -> set[str]:
+        """The keys of a place's block that stand in the same file as the place itself."""
+        block: Any = self.data
+        for part in place[:-1]:
+            block = block[part]
+        mine = self.at(place)[0]
+        keys = block if isinstance(block, dict) else ()
+        return {str(key) for key in keys if self.at((*place[:-1], key))[0] == mine}
+
     def error(self, problem: str, place: Place) -> InputError:
         file, line = self.at(place)
         return InputError(problem, file=file, line=line, place=dotted(place) or None)

@@ -140,7 +140,7 @@ def scenario_of(layers: Layered) -> Scenario:
     except ValidationError as error:
         found = [
             layers.error(*_clearer(text, place, layers.data))
-            for place, text in problem_lines(Scenario, error, layers.data)
+            for place, text in problem_lines(Scenario, error, layers.data, layers.beside)
         ]
         first = found[0]
         text = "\n".join([first.problem, *map(str, found[1:])])

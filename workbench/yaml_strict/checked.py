@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 Model = TypeVar("Model", bound=BaseModel)
+Beside = Callable[[Place], set[str]]
 MAX_PROBLEMS = 5
 _BOUNDS = {
     "greater_than": ("gt", "greater than"),
@@ -42,13 +44,18 @@ def validate(model: type[Model], document: Document) -> Model:
         ) from error
 
 
-def problem_lines(model: type[BaseModel], error: ValidationError, data: object) -> list[tuple[Place, str]]:
-    """(place, sentence) of each problem, unknown keys first: they often explain what is missing."""
+def problem_lines(
+    model: type[BaseModel], error: ValidationError, data: object, beside: Beside | None = None
+) -> list[tuple[Place, str]]:
+    """(place, sentence) of each problem, unknown keys first: they often explain what is missing.
+
+    beside: the keys that whoever wrote the key at a place has written beside it; without it all of its block.
+    """
     details = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
     found: dict[tuple[Place, str], None] = {}
     for detail in details:
         place = _place_in(data, detail["loc"])
-        found[(place, _sentence(model, place, detail, data))] = None
+        found[(place, _sentence(model, place, detail, beside or (lambda p: _present(data, p[:-1]))))] = None
     problems = list(found)
     if len(problems) > MAX_PROBLEMS:
         place, text = problems[MAX_PROBLEMS - 1]
@@ -71,11 +78,11 @@ def _place_in(data: object, location: tuple[int | str, ...]) -> Place:
     return tuple(place)
 
 
-def _sentence(model: type[BaseModel], place: Place, detail: ErrorDetails, data: object) -> str:
+def _sentence(model: type[BaseModel], place: Place, detail: ErrorDetails, beside: Beside) -> str:
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
     if kind == "extra_forbidden":
         all_keys = _keys(_models_at(model, place[:-1]))
-        free = all_keys - _present(data, place[:-1])  # a key that is there already is hardly the one meant
+        free = all_keys - beside(place)  # a key that is there already is hardly the one meant
         return f"unknown key '{place[-1]}'; {nearest(str(place[-1]), free or all_keys)}"
     if kind == "missing":
         return f"is missing; expected {_expectation(_field_at(model, place))}"
