@@ -450,7 +450,7 @@ def test_without_streamlit_the_command_names_the_extra(monkeypatch):
     from workbench.cli import app
 
     monkeypatch.setattr(app.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'workbench\[app\]'"):
+    with pytest.raises(InputError, match=r"needs the extra 'app'; from a checkout: pip install '\.\[app\]'"):
         cli.main(["app", "--no-browser"], standalone_mode=False)
 
 
@@ -463,20 +463,34 @@ def test_a_taken_port_is_said_before_anything_starts():
             cli.main(["app", "--no-browser", "--port", str(port)], standalone_mode=False)
 
 
-def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp_path: Path):
+@pytest.mark.parametrize(("stop", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 0)])
+def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp_path: Path, stop: int, status: int):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
-    words = [sys.executable, "-m", "workbench", "app", "--no-browser", "--port", str(port)]
-    command = subprocess.Popen(words, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
+    # A browser that is missing has nothing to say: sh stands in for xdg-open.
+    opener = tmp_path / "xdg-open"
+    opener.write_text("#!/bin/sh\necho $0: firefox: not found >&2\necho $1 > opened\n", encoding="utf-8")
+    opener.chmod(0o755)
+    environment = os.environ | {
+        "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1", "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}",
+    }  # fmt: skip
+    words = [sys.executable, "-m", "workbench", "app", "--port", str(port)]
+    command = subprocess.Popen(
+        words, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     try:
         assert command.stdout is not None
-        assert f"http://127.0.0.1:{port}" in command.stdout.readline()
+        assert f"http://127.0.0.1:{port}" in command.stdout.readline()  # the first line of all
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/_stcore/health", timeout=5.0) as answer:
             assert answer.status == 200
     finally:
-        command.send_signal(signal.SIGTERM)
-        assert command.wait(15.0) == 143
+        command.send_signal(stop)
+        assert command.wait(15.0) == status
+    rest = command.stdout.read()
+    assert ("The dashboard has ended." in rest) == (status == 0)
+    assert not {"Uvicorn", "firefox"} & set(rest.replace(":", " ").split())
+    if sys.platform == "linux":
+        assert (tmp_path / "opened").read_text(encoding="utf-8").strip() == f"http://127.0.0.1:{port}"
     with socket.socket() as after:
         assert after.connect_ex(("127.0.0.1", port)) != 0

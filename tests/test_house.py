@@ -119,6 +119,13 @@ def test_no_file_names_a_host_beyond_the_few_that_stay():
     assert {line for line in found if line.rsplit(": ")[1] not in ALLOWED_HOSTS} == set()
 
 
+def test_nobody_is_told_to_install_workbench_by_its_name():
+    """By name pip fetches whatever bears it on an index; from a checkout it is '.[app]'."""
+    by_name = re.compile(r"pip3? install[^\n`]*[\s'\"]workbench(?:\[|['\"`\s]|$)")
+    assert by_name.search("pip install -q 'work|bench[app]'".replace("|", ""))  # this file passes its own rule
+    assert [name for name, text in tracked_text() if by_name.search(text)] == []
+
+
 @pytest.mark.parametrize("text", ["see |home|eve", 'open("|root|a")', "cd |opt|tool", "file:|||Users|eve"])
 def test_a_folder_of_one_machine_is_seen(text: str):
     assert MACHINE_PATH.search(text.replace("|", "/"))  # spelt so that this file passes its own rule

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import signal
 import subprocess
 import sys
@@ -33,7 +34,7 @@ def command(port: int | None, address: str, hosts: tuple[str, ...], no_browser: 
     Ends with Ctrl-C. Who else may reach the address may use the dashboard: it has no login of its own.
     """
     if importlib.util.find_spec("streamlit") is None:
-        raise InputError("the dashboard needs streamlit; install it with: pip install 'workbench[app]'")
+        raise InputError("the dashboard needs the extra 'app'; from a checkout: pip install '.[app]'")
     chosen = _free_port(address) if port is None else port
     if port is not None and not _is_free(address, port):
         raise InputError(f"port {port} of {address} is taken or not ours to use; choose another", place="--port")
@@ -42,8 +43,19 @@ def command(port: int | None, address: str, hosts: tuple[str, ...], no_browser: 
         _wait_for(f"http://{_reached(address)}:{chosen}/_stcore/health", server)
         click.echo(f"The dashboard runs at {url}; Ctrl-C ends it.")
         if not no_browser:
-            click.launch(url)
-        return server.wait()
+            _open(url)
+        try:
+            return server.wait()
+        except KeyboardInterrupt:  # how it is meant to end: nothing has failed, and make shall not say so
+            click.echo("\nThe dashboard has ended.")
+            return 0
+
+
+def _open(url: str) -> None:
+    """In a browser, where there is one; the address was printed. What xdg-open says of each browser that it misses
+    would push that line off the screen."""
+    words = [sys.executable, "-c", "import sys, click; click.launch(sys.argv[1])", url]
+    subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 @contextmanager
@@ -51,7 +63,9 @@ def _server(port: int, address: str, hosts: tuple[str, ...]) -> Iterator[subproc
     """The server as a child, ended with the block: politely, and then for certain."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(EXIT_TERMINATED))  # so that the block ends then too
     words = [sys.executable, "-m", "workbench.dashboard.serve", str(port), address, *hosts]
-    server = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    # The address that streamlit would tell of is the one that it listens on, not the one to open.
+    environment = {"STREAMLIT_LOGGER_LEVEL": "warning", **os.environ}
+    server = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environment)
     try:
         yield server
     finally:
