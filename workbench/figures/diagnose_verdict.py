@@ -34,7 +34,7 @@ def ranking(rows: Sequence[tuple[str, str, float]]) -> Figure:
         "height": height,
         "hovermode": "closest",
         "title": heading("Probability of each hypothesis", height),
-        "margin": {"l": 12, "t": 48, "r": 60},
+        "margin": {"l": 12, "t": 48, "r": 84},  # room for "> 99.9 %"
         "bargap": 0.3,
         "xaxis": {"title": {"text": "probability (%)"}, "range": [0, 100], "zeroline": False},
         "yaxis": {"autorange": "reversed", "type": "category", "ticks": ""},

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 COLUMNS = 3
 PANEL, BETWEEN, TOP, BOTTOM = 190, 96, 124, 56  # px
-GAP_X = 0.055  # of the width, between panels
+GAP_X, GAP_X_TITLED = 0.055, 0.1  # of the width, between panels; where each has a title of its own
 SHARE_ROOM = 3.0  # the bars of the energy's share fill a third of a panel
 
 
@@ -67,7 +67,7 @@ def curves(
 
     words: variable -> (what it is called, its unit). units: of each curve's force (N) or torque (N m).
     """
-    boxes, height = _boxes(len(found), columns=min(2, max(len(found), 1)), panel=300)
+    boxes, height = _boxes(len(found), columns=min(2, max(len(found), 1)), panel=300, gap_x=GAP_X_TITLED)
     data: list[dict[str, Any]] = []
     layout = _layout("The unknown cause: force against the motion", height)
     for number, (each, box, of) in enumerate(zip(found, boxes, units, strict=True), start=1):
@@ -124,16 +124,16 @@ def _most(share: Array) -> float:
 Box = tuple[list[float], list[float]]
 
 
-def _boxes(count: int, columns: int = COLUMNS, panel: int = PANEL) -> tuple[list[Box], int]:
+def _boxes(count: int, columns: int = COLUMNS, panel: int = PANEL, gap_x: float = GAP_X) -> tuple[list[Box], int]:
     """The domains of so many panels, and the figure's height."""
     columns = min(columns, max(count, 1))
     rows = max(-(-count // columns), 1)
     inner = rows * panel + (rows - 1) * BETWEEN
-    width = (1.0 - GAP_X * (columns - 1)) / columns
+    width = (1.0 - gap_x * (columns - 1)) / columns
     found = []
     for index in range(count):
         row, column = divmod(index, columns)
-        left, top = column * (width + GAP_X), 1.0 - row * (panel + BETWEEN) / inner
+        left, top = column * (width + gap_x), 1.0 - row * (panel + BETWEEN) / inner
         found.append(([left, min(left + width, 1.0)], [max(top - panel / inner, 0.0), min(top, 1.0)]))
     return found, inner + TOP + BOTTOM
 
