@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import tomllib
 import urllib.request
 from pathlib import Path
@@ -484,6 +485,9 @@ def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp
         assert f"http://127.0.0.1:{port}" in command.stdout.readline()  # the first line of all
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/_stcore/health", timeout=5.0) as answer:
             assert answer.status == 200
+        opened, until = tmp_path / "opened", time.monotonic() + 20.0
+        while sys.platform == "linux" and not opened.is_file() and time.monotonic() < until:
+            time.sleep(0.05)
     finally:
         command.send_signal(stop)
         assert command.wait(15.0) == status
@@ -491,6 +495,6 @@ def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp
     assert ("The dashboard has ended." in rest) == (status == 0)
     assert not {"Uvicorn", "firefox"} & set(rest.replace(":", " ").split())
     if sys.platform == "linux":
-        assert (tmp_path / "opened").read_text(encoding="utf-8").strip() == f"http://127.0.0.1:{port}"
+        assert opened.read_text(encoding="utf-8").strip() == f"http://127.0.0.1:{port}"
     with socket.socket() as after:
         assert after.connect_ex(("127.0.0.1", port)) != 0

@@ -78,7 +78,7 @@ def test_a_misspelt_key_is_matched_with_one_that_only_the_base_has(tmp_path: Pat
 
 
 def test_a_key_that_stands_in_the_same_file_is_not_the_one_meant(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="unknown key 'jerk_m_s'; valid: hoisting, lowering, speed_m_s$"):
+    with pytest.raises(InputError, match=r"unknown key 'jerk_m_s'; valid: hoisting, lowering, speed_m_s$"):
         load_study(child(tmp_path, "limits: {jerk_m_s3: 1, jerk_m_s: 2, acceleration_m_s2: 1}\n"))
 
 

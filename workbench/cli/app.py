@@ -41,10 +41,10 @@ def command(port: int | None, address: str, hosts: tuple[str, ...], no_browser: 
     url = f"http://{_shown(address)}:{chosen}"
     with _server(chosen, address, hosts) as server:
         _wait_for(f"http://{_reached(address)}:{chosen}/_stcore/health", server)
-        click.echo(f"The dashboard runs at {url}; Ctrl-C ends it.")
-        if not no_browser:
-            _open(url)
         try:
+            click.echo(f"The dashboard runs at {url}; Ctrl-C ends it.")
+            if not no_browser:
+                _open(url)
             return server.wait()
         except KeyboardInterrupt:  # how it is meant to end: nothing has failed, and make shall not say so
             click.echo("\nThe dashboard has ended.")
