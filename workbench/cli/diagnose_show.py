@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from workbench.cli.show import WIDTH, print_table, print_text
+from workbench.cli.show import filled, print_table, print_text
 from workbench.diagnose.records import Diagnosis
 from workbench.reports import diagnose as report
 from workbench.reports import diagnose_hypotheses as hypotheses
@@ -57,7 +55,5 @@ def _titled(title: str, head: Sequence[str] = (), rows: Sequence[Sequence[str]] 
 
 
 def _listed(sentences: Sequence[str]) -> None:
-    width = min(shutil.get_terminal_size((WIDTH, 24)).columns - 2, WIDTH)
     for sentence in sentences:
-        whole = sentence.replace("N m", "N\u00a0m")  # a unit is not broken
-        click.echo(textwrap.fill(whole, width, initial_indent="- ", subsequent_indent="  ", break_long_words=False))
+        click.echo(filled(sentence, "- ", "  "))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import textwrap
 from collections.abc import Sequence
@@ -9,6 +10,12 @@ from collections.abc import Sequence
 import click
 
 WIDTH = 98
+TIE = "\u00a0"  # a blank at which no line is broken
+# What a number is not parted from, the longest first; N m has a blank of its own.
+_UNITS = (
+    r"N m s/rad|N m/rad|N m/s|N m|N s/m|kg m²|kg|kN|N|rad/s²|rad/s|rad|m/s³|m/s²|m/s|mm|m|ms|s|Hz|kW|W|kJ|J|Pa|dB|%"
+)
+_NUMBER_AND_UNIT = re.compile(rf"(?:(?<=\d) )?(?<![\w/])(?:{_UNITS})(?![\w/²³])")
 
 
 def print_table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> None:
@@ -32,7 +39,19 @@ def print_table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> None:
 def print_text(sentences: Sequence[str], *, dim: bool = False) -> None:
     """A paragraph a sentence, wrapped to the terminal."""
     for sentence in sentences:
-        click.secho(textwrap.fill(sentence, min(_width(), WIDTH), break_long_words=False), dim=dim)
+        click.secho(filled(sentence), dim=dim)
+
+
+def filled(text: str, first: str = "", then: str = "") -> str:
+    """One paragraph wrapped to the terminal, its lines begun with `first` and `then`; a number keeps its unit.
+
+    What `TIE` ties is not parted either. All blanks come out as plain ones.
+    """
+    tied = _NUMBER_AND_UNIT.sub(lambda found: found[0].replace(" ", TIE), text)
+    whole = textwrap.fill(
+        tied, min(_width(), WIDTH), initial_indent=first, subsequent_indent=then, break_long_words=False
+    )  # fmt: skip
+    return whole.replace(TIE, " ")
 
 
 def print_notes(notes: Sequence[str]) -> None:
@@ -40,7 +59,7 @@ def print_notes(notes: Sequence[str]) -> None:
     if notes:
         click.echo("Notes on the logs:")
         for note in notes:
-            click.echo(textwrap.fill(note, min(_width(), WIDTH), initial_indent="  ", subsequent_indent="    "))
+            click.echo(filled(note, "  ", "    "))
         click.echo()
 
 

@@ -26,7 +26,7 @@ HEAD = (
 CAPTION = (
     "Margins: how much more gain (after a slash: less), phase and delay the loop bears; disk: gain and phase at once "
     "(0 nothing, 2 the most). Ms, Mt: largest |1/(1+L)| and |L/(1+L)|. cross: where |L| is 1; band: where |T| falls "
-    "below −3 dB. slowest, ζ: real part of the slowest and damping of the least damped closed-loop pole."
+    "below -3 dB. slowest, ζ: real part of the slowest and damping of the least damped closed-loop pole."
 )
 
 
