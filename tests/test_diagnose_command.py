@@ -178,20 +178,31 @@ def test_what_stops_it_leaves_nothing(
 def test_each_step_is_a_plain_line_where_there_is_no_terminal(workbench: Commands, folder: Path, called: Called):
     called.steps = [("base parameters", 0, 0), ("candidates: heave", 3, 9), ("candidates: heave", 3, 9)]
     done = workbench("diagnose", folder)
-    assert done.err.splitlines()[-2:] == ["base parameters", "3/9 candidates: heave"]
+    assert done.err.splitlines()[-2:] == ["base parameters", "4/8 candidates: heave"]
+
+
+def test_the_stages_are_counted_without_a_gap_to_the_last(
+    workbench: Commands, folder: Path, called: Called, tmp_path: Path
+):
+    called.steps = [*((f"stage {k}", k, 8) for k in range(7)), ("done", 8, 8)]
+    told = workbench("diagnose", folder, "--out", tmp_path / "out").err.splitlines()[-8:]
+    assert told == [*(f"{k + 1}/8 stage {k}" for k in range(7)), "8/8 writing the report"]
+    told = workbench("diagnose", folder).err.splitlines()[-7:]
+    assert told == [f"{k + 1}/7 stage {k}" for k in range(7)]  # there is no report to write
 
 
 def test_a_terminal_gets_a_bar_that_is_gone_at_the_end(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with shown() as tell:
-        tell("signatures", 0, 0)
-        tell("candidates", 2, 9)
-        tell("the report", 0, 0)
+    with shown(writes=True) as stages:
+        stages.tell("signatures", 0, 0)
+        stages.tell("candidates", 2, 9)
+        stages.tell("done", 9, 9)
+        stages.writing("the report")
     said = capsys.readouterr()
     assert said.out == ""
-    assert "3/9" not in said.err
+    assert "4/9" not in said.err
 
 
 def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsys: pytest.CaptureFixture[str]):

@@ -60,7 +60,7 @@ def command(
         check_free(out)
     read = load_campaign(campaign, runs, machine, band)
     names = chosen_candidates(candidates, read.machine)
-    with shown() as tell:
+    with shown(writes=out is not None) as stages:
         from workbench.diagnose.diagnose import diagnose
 
         def run() -> Diagnosis:
@@ -71,7 +71,7 @@ def command(
                 most_effects=max_effects,
                 seed=seed,
                 band_hz=band,
-                tell=tell,
+                tell=stages.tell,
             )
 
         if out is None:
@@ -79,5 +79,5 @@ def command(
         else:
             from workbench.reports.write_diagnose import write_diagnosis
 
-            found = write_diagnosis(run, out, lambda sentence: tell(sentence, 0, 0))
+            found = write_diagnosis(run, out, stages.writing)
     show(found, out)

@@ -1,4 +1,4 @@
-"""How far a diagnosis is: one bar on a terminal, a plain line a step elsewhere; both on stderr."""
+"""How far a diagnosis is: one bar on a terminal, a plain line a stage elsewhere; both on stderr."""
 
 from __future__ import annotations
 
@@ -8,34 +8,55 @@ from contextlib import contextmanager
 
 import click
 
-Tell = Callable[[str, int, int], None]
+Show = Callable[[str, int, int], None]
+
+
+class Stages:
+    """Counts the stages of the command from 1; the last of those that the library counts is the report's.
+
+    writes: whether there is a report to write; without one there is a stage less.
+    """
+
+    def __init__(self, show: Show, writes: bool) -> None:
+        self.show, self.writes, self.total = show, writes, 0
+
+    def tell(self, sentence: str, done: int, total: int) -> None:
+        """Hears the diagnosis: how many stages are done, and of how many (0: unknown)."""
+        if total and done >= total:
+            return  # the diagnosis is over, the command is not
+        self.total = total if self.writes else max(total - 1, 0)
+        self.show(sentence, done + 1, self.total)
+
+    def writing(self, sentence: str) -> None:
+        """The report is under way."""
+        self.show(sentence, self.total, self.total)
 
 
 @contextmanager
-def shown() -> Iterator[Tell]:
-    """What to tell each step to: its sentence, how many of its stage are done, and of how many (0: unknown)."""
+def shown(writes: bool) -> Iterator[Stages]:
+    """What to tell each stage to, for as long as the block lasts."""
     if sys.stderr.isatty():
-        with _bar() as tell:
-            yield tell
+        with _bar() as show:
+            yield Stages(show, writes)
     else:
-        yield _Lines().tell
+        yield Stages(_Lines().show, writes)
 
 
 @contextmanager
-def _bar() -> Iterator[Tell]:
+def _bar() -> Iterator[Show]:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = BarColumn(bar_width=24), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}")
+    columns = BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}")
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)
 
-        def tell(sentence: str, done: int, total: int) -> None:
+        def show(sentence: str, stage: int, total: int) -> None:
             if total:
-                bar.update(task, total=total, completed=done)
-            bar.update(task, description=sentence)
+                bar.update(task, total=total, completed=stage - 1)
+            bar.update(task, description=_line(sentence, stage, total))
 
-        yield tell
+        yield show
 
 
 class _Lines:
@@ -44,8 +65,12 @@ class _Lines:
     def __init__(self) -> None:
         self.last = ""
 
-    def tell(self, sentence: str, done: int, total: int) -> None:
-        line = f"{done}/{total} {sentence}" if total else sentence
+    def show(self, sentence: str, stage: int, total: int) -> None:
+        line = _line(sentence, stage, total)
         if line != self.last:
             click.echo(line, err=True)
             self.last = line
+
+
+def _line(sentence: str, stage: int, total: int) -> str:
+    return f"{stage}/{total} {sentence}" if total else sentence
