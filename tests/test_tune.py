@@ -22,7 +22,7 @@ from workbench.control import Notch, PiSettings
 from workbench.errors import InputError
 from workbench.machine import Hoist, default_hoist, save_machine, with_values
 from workbench.reports.loop_case import read_controller
-from workbench.reports.tune import controller_text
+from workbench.reports.tune import controller_text, warning
 from workbench.study.scenario import Scenario
 from workbench.yaml_strict import loads
 
@@ -273,6 +273,18 @@ def test_an_ideal_drive_is_pointed_out():
     code, text = run("loop", "--payloads", "0", "--heights", "5")
     assert code == 0
     assert "drive is ideal" in " ".join(text.split())
+
+
+def test_gains_for_an_ideal_drive_carry_a_warning_and_others_none(tmp_path: Path):
+    out = tmp_path / "tuned.yaml"
+    code, text = run("tune", "--payloads", "0", "--heights", "5", "--out", str(out))
+    assert code == 0
+    (line,) = [line for line in text.split("\n\n") if line.startswith("Warning:")]
+    assert "drive block is ideal" in line and "not for a real machine" in line and "drive.torque_lag_s" in line
+    assert "# Warning: " in out.read_text(encoding="utf-8")
+    assert read_controller(out).kp_nm_s_per_rad > 500.0  # which is what it warns of
+    for name in ("torque_lag_s", "speed_filter_s", "speed_delay_s"):
+        assert warning(with_values(default_hoist(), {f"drive.{name}": 0.002})) is None
 
 
 def test_a_scenario_gives_machine_controller_payloads_and_moves():

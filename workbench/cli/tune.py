@@ -39,7 +39,7 @@ def command(
     """
     from workbench.analysis.family import operating_points
     from workbench.analysis.tune import Goal, tune
-    from workbench.cli.show import print_table, print_text
+    from workbench.cli.show import filled, print_table, print_text
     from workbench.reports import tune as report
     from workbench.reports.loop_case import load_case
 
@@ -54,7 +54,10 @@ def command(
     print_table(report.HEAD, report.table(tuned))
     print_text([report.CAPTION], dim=True)
     print_text(["", *report.sentences(case, tuned, weighed)])
+    if (said := report.warning(case.machine)) is not None:
+        click.echo()
+        click.secho(filled(said), bold=True)
     click.echo("\n" + report.controller_text(tuned.winner.settings), nl=False)
     if out is not None:
-        report.write_controller(tuned, out)
+        report.write_controller(tuned, out, case.machine)
         click.echo(f"\nController: {out}")

@@ -13,6 +13,7 @@ from workbench.analysis.step import load_step
 from workbench.analysis.tune import Candidate, Tuned, Weights
 from workbench.control import PiSettings
 from workbench.errors import InputError
+from workbench.machine import Hoist
 from workbench.reports.loop import drive_sentence, effect_sentences
 from workbench.reports.loop_case import LoopCaseFile
 from workbench.reports.numbers import figures
@@ -86,6 +87,18 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
     return said
 
 
+def warning(machine: Hoist) -> str | None:
+    """That gains for an ideal drive are for no real machine; None where the drive has a lag, a filter or a delay."""
+    d = machine.drive
+    if d.torque_lag_s > 0.0 or d.speed_filter_s > 0.0 or d.speed_delay_s > 0.0:
+        return None
+    return (
+        "Warning: the machine's drive block is ideal, so these gains are not for a real machine. Give "
+        "drive.torque_lag_s, drive.speed_filter_s and drive.speed_delay_s in machine.yaml or in the scenario, and "
+        "tune again."
+    )
+
+
 def _change(before: float, after: float) -> str:
     return f"{100.0 * (after / before - 1.0):+.1f} %"
 
@@ -120,8 +133,8 @@ def check_new(path: Path) -> None:
         raise InputError(f"cannot be written: there is no folder {path.parent}", file=path)
 
 
-def write_controller(tuned: Tuned, path: Path) -> None:
-    """Whole or not at all."""
+def write_controller(tuned: Tuned, path: Path, machine: Hoist) -> None:
+    """Whole or not at all. machine: what the gains are for, so that the file says where they are for none."""
     goal = tuned.goal
     asked = "best rejection" if goal.bandwidth_hz is None else f"bandwidth {goal.bandwidth_hz:g} Hz"
     worst = weakest(tuned.members).margins
@@ -130,6 +143,8 @@ def write_controller(tuned: Tuned, path: Path) -> None:
         f"Weakest loop: Ms {worst.ms:.3f}, phase margin {worst.phase_deg:.1f} deg, bandwidth "
         f"{min(m.margins.bandwidth_hz for m in tuned.members):.3g} Hz. Put this block into a scenario.",
     ]
+    if (said := warning(machine)) is not None:
+        comments.append(said)
     part = path.with_name(f".{path.name}.part")
     try:
         part.write_text(controller_text(tuned.winner.settings, comments), encoding="utf-8")
