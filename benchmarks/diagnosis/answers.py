@@ -55,7 +55,7 @@ def answer(folder: Path, label: Path, withheld: Sequence[str] = (), most_effects
     }
     listed = [each.id for each in chosen_effects(campaign, None) if each.id not in gone]
     cpu, wall = time.process_time(), time.monotonic()
-    found = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects)
+    found = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
     return _kept(found, folder, label, tuple(withheld), time.process_time() - cpu, time.monotonic() - wall)
 
 

@@ -41,13 +41,15 @@ def diagnose(
     most_effects: int = 2,
     seed: int = 0,
     band_hz: float | None = None,
+    study: bool = True,
     tell: Tell | None = None,
 ) -> Diagnosis:
     """Where the gap between machine and runs lies, what causes it, and how far it shrinks.
 
     baseline: "tolerances": the base parameters are refitted, each held by its tolerance; "nominal":
     they stay. candidates: ids of effects to weigh, None for the listed ones of the machine's kind.
-    most_effects: at once, 1 or 2. tell(sentence, done, total) hears of each stage. The same seed
+    most_effects: at once, 1 or 2. study: whether to look at what changes in the control study.
+    tell(sentence, done, total) hears of each stage. The same seed
     gives the same answer. InputError where the runs cannot be diagnosed.
     """
     say = tell or (lambda sentence, done, total: None)
@@ -96,7 +98,7 @@ def diagnose(
     shrink = shrink_of(found, keys, judged.names, folds_of(found, judged.names, unknown), seed, unknown)
     say("what changes in the control study", 6, STAGES)
     refitted = refitted_machine(problem, keys, found.near)
-    changes, why_not = _consequences(campaign, refitted, corrected, judged)
+    changes, why_not = _consequences(campaign, refitted, corrected, judged) if study else (None, "Not asked for.")
     say("done", STAGES, STAGES)
     sentence = sentence_of(judged, gap, shrink, also, corrected.measured_correction is not None)
     verdict = Verdict(judged.word, judged.names, judged.ranking, also, sentence, judged.reasons)
