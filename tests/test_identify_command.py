@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from workbench.machine import Hoist, default_hoist, get_value, load_machine, val
 from workbench.plants.hoist import guide_friction
 from workbench.reports import identify_page
 from workbench.reports.friction import combined_weight, force_balance, law
-from workbench.reports.identify import held, table
+from workbench.reports.identify import held, sentences, table, tolerances_off
 
 ROOT = Path(__file__).resolve().parents[1]
 LEVELS = ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n")
@@ -239,6 +240,20 @@ def test_values_that_hang_together_are_said_as_one_group(found: Identification):
     )
     named = [key for s in grouped for key in found.fit.values() if key in s]
     assert len(named) == len(set(named))
+
+
+def test_a_value_far_off_or_a_residual_above_the_noise_leads_to_diagnose(campaign: Campaign, found: Identification):
+    assert not any("diagnose" in sentence for sentence in sentences(found))
+    free, value = found.fit.free[0], list(found.fit.value)
+    assert free.prior_std is not None and not free.logarithmic
+    value[0] = free.nominal + 7.0 * free.scale * free.prior_std
+    assert tolerances_off(free, value[0]) == pytest.approx(7.0)
+    far = replace(found, fit=replace(found.fit, value=tuple(value)))
+    assert sentences(far)[-1] == (
+        "A value is 7 tolerances off: the model may lack something; `workbench diagnose` names what."
+    )
+    above = replace(found, after=replace(found.after, residual_rms_moving=2.0 * found.after.noise_rms))
+    assert sentences(above)[-1].startswith("The residual while moving is 2.0 times the noise: the model may lack")
 
 
 def test_every_line_of_the_table_says_whether_a_tolerance_holds_the_value(found: Identification):

@@ -69,6 +69,13 @@ def test_a_lack_of_friction_shows_as_the_torque_it_takes(workbench: Commands, ca
     assert overall["speed_rmse_percent_restarted_2s"] < overall["speed_rmse_percent"]
 
 
+def test_a_residual_above_the_noise_leads_to_identify_and_diagnose(workbench: Commands, campaign: Path, tmp_path: Path):
+    said = " ".join(workbench("replay", campaign).out.split())
+    assert "`workbench identify` fits the values, `workbench diagnose` names what the model lacks." in said
+    save_machine(true_machine(), tmp_path / "true.yaml")
+    assert "diagnose" not in workbench("replay", campaign, "--machine", tmp_path / "true.yaml").out
+
+
 def test_replay_json_has_the_keys_of_the_format(workbench: Commands, campaign: Path, tmp_path: Path):
     workbench("replay", campaign, "--out", tmp_path / "out")
     said = read_json(tmp_path / "out" / "replay.json")

@@ -8,13 +8,15 @@ from typing import Any
 from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification
 from workbench.identify.iteration import Levels
-from workbench.identify.parameters import fittable, free_parameters
+from workbench.identify.parameters import Free, fittable, free_parameters
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, get_value
 from workbench.reports.numbers import change_percent, figures, rounded, with_error
+from workbench.reports.replay import EXPLAINED, noise_is_floor
 from workbench.reports.words import direction_names, words_of
 from workbench.simulate.replay import ReplayResult
 
+FAR = 3.0  # tolerances: a value beyond them stands in for something else
 HEAD = (" parameter", "nominal", "identified", "± std\nerror", "change\n%", " held")
 CAPTION = (
     "held: the nominal value, within its tolerance, counts as one more measurement; else the runs alone decide. "
@@ -85,7 +87,28 @@ def sentences(found: Identification) -> list[str]:
     w = words_of(found.machine)
     before, after = found.before.residual_percent, found.after.residual_percent
     fell = f"The {w.quantity} residual went from {before:.2f} to {after:.2f} % of the {w.quantity} itself."
-    return [fell, iteration(found.campaign.machine, found.levels), *found.fit.statements]
+    said = [fell, iteration(found.campaign.machine, found.levels), *found.fit.statements]
+    return [*said, *_lacking(found)]
+
+
+def _lacking(found: Identification) -> list[str]:
+    """Where values alone do not explain the runs, the command that goes on from here."""
+    off = max((tolerances_off(free, value) for free, value in zip(found.fit.free, found.fit.value, strict=True)))
+    left, noise = found.after.residual_rms_moving, found.after.noise_rms
+    signs = [f"a value is {off:.0f} tolerances off"] if off > FAR else []
+    if left > EXPLAINED * noise > 0.0 and noise_is_floor(found.machine, found.after):
+        signs.append(f"the residual while moving is {left / noise:.1f} times the noise")
+    if not signs:
+        return []
+    text = " and ".join(signs)
+    return [f"{text[0].upper()}{text[1:]}: the model may lack something; `workbench diagnose` names what."]
+
+
+def tolerances_off(free: Free, value: float) -> float:
+    """How many of its tolerances a fitted value is from its nominal one; 0 where it has none."""
+    if free.prior_std is None or free.logarithmic:
+        return 0.0
+    return abs(value - free.nominal) / (free.scale * free.prior_std)
 
 
 def iteration(machine: Hoist | Axis, levels: Levels) -> str:

@@ -83,7 +83,7 @@ def _residual(machine: Hoist | Axis, result: ReplayResult) -> str:
     moving, noise = result.residual_rms_moving, result.noise_rms
     if not moving > 0.0:
         return "The machine never moves in these runs: they say nothing of friction or inertia."
-    if isinstance(machine, Axis) and machine.speed_signal not in result.runs[0].balance.run:
+    if not noise_is_floor(machine, result):
         return (
             f"The {w.quantity} residual is {result.residual_percent:.2f} % of the {w.quantity} itself. Its floor lies "
             "above the noise given: that of the position, differentiated twice, comes on top."
@@ -92,8 +92,13 @@ def _residual(machine: Hoist | Axis, result: ReplayResult) -> str:
         return f"While moving, the residual is {moving / noise:.1f} times the noise: the model explains these runs."
     return (
         f"While moving, the residual is {moving / noise:.1f} times the noise: values are off, or the model lacks "
-        "something. `workbench identify` fits the values."
+        "something. `workbench identify` fits the values, `workbench diagnose` names what the model lacks."
     )
+
+
+def noise_is_floor(machine: Hoist | Axis, result: ReplayResult) -> bool:
+    """Whether the noise is what a perfect model leaves: not where the speed is the logged position's derivative."""
+    return not isinstance(machine, Axis) or machine.speed_signal in result.runs[0].balance.run
 
 
 def to_json(campaign: Campaign, result: ReplayResult) -> dict[str, Any]:
