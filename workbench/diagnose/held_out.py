@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.diagnose.fits import Fitted
-from workbench.diagnose.knobs import Setting, bounds_of, setting_of
+from workbench.diagnose.knobs import PhaseOfEachRun, Setting, bounds_of, setting_of
 from workbench.diagnose.problem import Problem
 from workbench.run import Array
 
@@ -98,8 +98,9 @@ def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> 
 
 
 def _own(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
-    """What the values that only this fold shows move by, so that it is met best after `step` of the others."""
-    mine = np.flatnonzero(~np.any(fitted.jacobian[~fold] != 0.0, axis=0))
+    """What the values of this fold's own runs move by, so that it is met best after `step` of the others."""
+    own = np.array([isinstance(knob, PhaseOfEachRun) for knob in fitted.knobs for _ in knob.lowest], dtype=bool)
+    mine = np.flatnonzero(own & ~np.any(fitted.jacobian[~fold] != 0.0, axis=0))
     found = np.zeros(len(step))
     if len(mine) and np.any(fold):
         left = fitted.residual[fold] + fitted.jacobian[fold] @ step

@@ -3,7 +3,8 @@
     input = inertia · acceleration + friction · sign(speed) + load
 
 fitted by least squares to each run for itself, low-passed to half the band; an axis' friction
-has a viscous part too. Every effect of the library leaves inertia and load within a third of the nominal ones.
+has a viscous part too, and the load of one that turns against gravity a wave over its angle. Every
+effect of the library leaves inertia and load within a third of the nominal ones.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from workbench.simulate.lowpass import lowpass
 BAND_SHARE = 0.5  # of the band: farther below the wire's resonance the machine is nearly rigid
 TURNS_OVER = 0.005  # of the speed scale: where friction takes on its full value
 SURE = 5.0  # standard errors
+SHOWN = 0.05  # of the input, rms: beside a lag of friction or load, less of it says nothing of the inertia
 
 
 @dataclass(frozen=True)
@@ -48,13 +50,17 @@ def rigid_of(bench: Bench, j: int) -> Rigid:
     columns = [needed * np.gradient(speed, run.time_s), np.ones_like(speed), sign]
     if isinstance(machine, Axis):
         columns.append(speed)
+        if machine.value_of["gravity_sine"] and machine.role("gravity_sine"):
+            angle = bench.motions[j].position
+            columns += [lowpass(run.time_s, wave(angle), band) for wave in (np.sin, np.cos)]
     x = np.stack(columns, axis=1)[rows]
     y = lowpass(run.time_s, run[bench.plant.input], band)[rows]
     independent = 2.0 * band * run.sample_time_s * len(y)
     if independent < 2.0 * x.shape[1]:
         return Rigid(run.name, None, float("inf"), None, 0.0)
     found, std = _least_squares(x, y, independent)
-    told = std[0] < np.inf and abs(found[0]) > SURE * std[0]
+    taken = abs(found[0]) * float(np.sqrt(np.mean(x[:, 0] ** 2)))
+    told = std[0] < np.inf and abs(found[0]) > SURE * std[0] and taken > SHOWN * float(np.std(y))
     hold = float(found[1]) / load if load and std[1] < 0.1 * load else None
     return Rigid(run.name, float(found[0]) if told else None, float(std[0]), hold, float(found[2]))
 
