@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -15,6 +16,8 @@ from workbench.cli.compare import command
 from workbench.errors import InputError
 from workbench.metrics import METRICS as MEASURED
 from workbench.study.compare import BETTER, compare, matched, metric_named, parse_limits, regressions
+from workbench.study.compare_scale import percent, plain
+from workbench.study.compare_unmatched import why_unmatched
 from workbench.study.index import index_table
 from workbench.study.row import METRICS, Row
 
@@ -136,7 +139,7 @@ def test_the_command_answers_1_where_a_limit_is_exceeded_and_0_within(folders: t
     assert "Within peak_torque_motor_nm=5% in all 3 runs." in good.output
     bad = called(folders, "--max-regression", "peak_torque_motor=3%", "--max-regression", "rms_torque_motor=1%")
     assert bad.return_value == 1
-    assert "a 100 → 104: worse by 4 %, allowed peak_torque_motor_nm=3%" in bad.output
+    assert "a 100.0 → 104.0: worse by 4 %, allowed peak_torque_motor_nm=3%" in bad.output
     assert max(map(len, bad.output.splitlines())) <= 100
 
 
@@ -147,11 +150,88 @@ def test_a_run_that_newly_fails_breaks_any_limit(folders: tuple[Path, Path]) -> 
     assert "b failed: ran away" in done.output
 
 
-def test_results_without_a_common_run_are_not_within_a_limit(folders: tuple[Path, Path]) -> None:
+@pytest.mark.parametrize("words", [(), ("--max-regression", "peak_torque=5%")])
+def test_results_without_a_common_run_are_bad_input(folders: tuple[Path, Path], words: tuple[str, ...]) -> None:
     pq.write_table(index_table([row("z", 77.0)]), folders[1] / "index.parquet")
-    done = called(folders, "--max-regression", "peak_torque=5%")
-    assert done.return_value == 1
-    assert "no run is in both" in done.output
+    with pytest.raises(
+        InputError, match=r"no run is in both A \(.*a\) and B \(.*b\): payload is .* in A and 77 kg in B"
+    ):
+        called(folders, *words)
+
+
+KP = "sweep.controller.kp_nm_s_per_rad"
+
+
+@pytest.mark.parametrize(
+    ("other", "why"),
+    [
+        ({"payload_kg": 100.0}, "payload is 9000 kg in A and 100 kg in B"),
+        ({"reference": "trapezoid"}, "reference is ruckig in A and trapezoid in B"),
+        ({"assigned": {KP: 40.0}}, "kp is 30 N m s/rad in A and 40 N m s/rad in B"),
+        ({"assigned": {}}, "only A varies kp"),
+        ({"assigned": {KP: 30.0, "sweep.limits.jerk_m_s3": 1.0}}, "only B varies jerk"),
+        ({"assigned": {KP: 30.0}}, "several runs have the same payload, reference and varied values"),
+    ],
+)
+def test_why_no_run_matches_is_said_by_what_differs(other: dict[str, Any], why: str) -> None:
+    ours = [replace(row("a"), assigned={KP: 30.0}), replace(row("b"), assigned={KP: 30.0})]
+    theirs = [replace(each, run_id=f"new_{each.run_id}", **other) for each in ours]
+    assert why_unmatched(ours, theirs).startswith(why)
+
+
+def test_runs_that_share_every_value_but_no_combination_say_so() -> None:
+    ours = [row("a", 0.0), replace(row("b", 1.0), reference="trapezoid")]
+    theirs = [replace(row("c", 0.0), reference="trapezoid"), row("d", 1.0)]
+    assert why_unmatched(ours, theirs) == "no combination of payload, reference and varied values stands in both"
+
+
+def test_what_nobody_can_notice_has_no_per_cent() -> None:
+    """An end position that goes from 0.1 to 59 micrometres is no change of 59,000 per cent."""
+    end = "position_error_end_m"
+    found = compare([row("a", **{end: 1e-7})], [row("a", **{end: -5.9e-5})])
+    (change,) = [change for change in found.changes if change.metric == end]
+    assert change.mean_percent == 0.0
+    assert change.worst and not change.noticeable
+    assert regressions(found, parse_limits([f"{end}=5%"], METRICS)) == []
+    assert percent(end, 1e-7, 2e-3) == float("inf")  # from nothing to 2 mm is worse
+    assert percent(end, 1e-3, 2e-3) == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("metric", "value", "shown"),
+    [
+        ("energy_motoring_j", 1.5702e6, "1570200"),
+        ("peak_torque_motor_nm", 480.9631, "481.0"),
+        ("wire_tension_swing_n", -1084.2, "-1084"),
+        ("position_error_end_m", -3.3e-6, "0.0000"),
+        ("position_error_max_m", 0.012506, "0.0125"),
+        ("slack_events", 3.0, "3"),
+        ("move_time_s", float("nan"), "–"),
+    ],
+)
+def test_numbers_are_plain_and_no_finer_than_can_be_noticed(metric: str, value: float, shown: str) -> None:
+    assert plain(metric, value) == shown
+
+
+def test_long_ids_are_wrapped_and_what_hardly_moves_is_named_below(folders: tuple[Path, Path]) -> None:
+    ids = [f"9000kg_ruckig_acceleration_m_s2_0.2_jerk_m_s3_{k}" for k in range(4)]
+    for folder, shift in zip(folders, (0.0, 1.0), strict=True):
+        rows = [
+            row(name, k, energy_motoring_j=1.5e6 + 1e5 * shift * k, position_error_end_m=1e-6 * shift)
+            for k, name in enumerate(ids)
+        ]
+        pq.write_table(index_table(rows), folder / "index.parquet")
+    said = called(folders).output
+    assert max(map(len, said.splitlines())) <= 100
+    assert "e+0" not in said
+    assert "and these change by next to nothing: position_error_end_m." in " ".join(said.split())
+    assert f"{ids[3]} 1500000 → 1800000" in said
+    assert "+10.00" in said  # per cent of the mean, 1.5 MJ to 1.65 MJ
+
+
+def test_runs_that_failed_in_either_are_not_said_to_be_the_same(folders: tuple[Path, Path]) -> None:
+    pq.write_table(index_table([failed(each) for each in B]), folders[1] / "index.parquet")
+    assert "3 runs compared; none of them ran to its end in both." in called(folders).output
 
 
 def test_json_holds_the_figures_and_no_infinity(folders: tuple[Path, Path], tmp_path: Path) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from workbench.cli.show import print_table
+from workbench.cli.show import TIE, filled, print_table
+from workbench.errors import InputError
 
 if TYPE_CHECKING:
     from workbench.study.compare import Change, Comparison, Pair, Regression
@@ -30,16 +32,19 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
     """Compare result B with result A, folders that `workbench study` made.
 
     Runs are matched by their id, or by payload, reference and swept values. Exit status 1 where a
-    metric got worse than its limit allows, or, with a limit, a run fails that did not.
+    metric got worse than its limit allows, or, with a limit, a run fails that did not; 2 where no run is in both.
     """
     from workbench.study.compare import BETTER, compare, parse_limits, regressions
     from workbench.study.compare_json import as_json
+    from workbench.study.compare_unmatched import why_unmatched
     from workbench.study.index import read_rows
     from workbench.whole_folder import write_json
 
     rows_a, rows_b = read_rows(a), read_rows(b)
     allowed = parse_limits(limits, dict.fromkeys([*BETTER, *rows_a[0].metrics]))
     comparison = compare(rows_a, rows_b)
+    if not comparison.pairs:
+        raise InputError(f"no run is in both A ({a}) and B ({b}): {why_unmatched(rows_a, rows_b)}")
     found = regressions(comparison, allowed)
     _show(comparison)
     if json_file is not None:
@@ -48,8 +53,6 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
         return 0
     broken = [_regression_line(each) for each in found]
     broken += [f"{pair.name} failed: {pair.b.reason}" for pair in comparison.newly_failed]
-    if not comparison.pairs:
-        broken.append("no run is in both")
     _print_some("Too much worse:", broken)
     if not broken:
         click.echo(f"Within {', '.join(map(str, allowed))} in all {len(comparison.pairs)} runs.")
@@ -57,29 +60,43 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
 
 
 def _show(comparison: Comparison) -> None:
-    moved = [change for change in comparison.changes if change.worst]
+    moved = [change for change in comparison.changes if change.noticeable]
     if moved:
         head = (" metric", "mean A", "mean B", "mean Δ", "%", "median Δ", "largest Δ")
         print_table(head, [_line(change) for change in moved])
         _print_some("\nMoved most:", [_moved_most(change) for change in moved], len(moved))
-    same = len(comparison.changes) - len(moved)
-    metrics = f"{same} of {len(comparison.changes)} metrics are the same in all"
-    click.echo(f"\n{len(comparison.pairs)} runs compared; {metrics}.")
+    click.echo()
+    click.echo(filled(f"{len(comparison.pairs)} runs compared; {_unmoved(comparison)}."))
     _print_some("Only in A:", comparison.only_a)
     _print_some("Only in B:", comparison.only_b)
     _print_some("Failed in B only:", [f"{pair.name}: {pair.b.reason}" for pair in comparison.newly_failed])
     _print_some("Failed in A only:", [f"{pair.name}: {pair.a.reason}" for pair in comparison.newly_ok])
 
 
+def _unmoved(comparison: Comparison) -> str:
+    """How many metrics are the same, and which moved by less than can be noticed."""
+    if not comparison.changes:
+        return "none of them ran to its end in both"
+    same = [change for change in comparison.changes if not change.worst]
+    hardly = [change.metric for change in comparison.changes if change.worst and not change.noticeable]
+    text = f"{len(same)} of {len(comparison.changes)} metrics are the same in all"
+    return f"{text}, and these change by next to nothing: {', '.join(hardly)}" if hardly else text
+
+
 def _line(change: Change) -> list[str]:
+    from workbench.study.compare_scale import plain, plain_percent
+
     numbers = change.mean_a, change.mean_b
-    deltas = change.median_delta, change.max_delta
+    mean, *deltas = (
+        plain(change.metric, delta, sign=True, digits=3)
+        for delta in (change.mean_delta, change.median_delta, change.max_delta)
+    )
     return [
         change.metric,
-        *(f"{number:.5g}" for number in numbers),
-        f"{change.mean_delta:+.3g}",
-        f"{change.mean_percent:+.2f}",
-        *(f"{delta:+.3g}" for delta in deltas),
+        *(plain(change.metric, number) for number in numbers),
+        mean,
+        plain_percent(change.mean_percent),
+        *deltas,
     ]
 
 
@@ -88,16 +105,19 @@ def _moved_most(change: Change) -> str:
 
 
 def _values(metric: str, pair: Pair) -> str:
-    return f"{pair.name} {pair.a[metric]:.5g} → {pair.b[metric]:.5g}"
+    from workbench.study.compare_scale import plain
+
+    before, after = (plain(metric, row[metric]) for row in (pair.a, pair.b))
+    return f"{pair.name}{TIE}{before}{TIE}→{TIE}{after}"
 
 
 def _regression_line(each: Regression) -> str:
-    unit = " %" if each.limit.relative else ""
-    return f"{_values(each.limit.metric, each.pair)}: worse by {each.worse:.3g}{unit}, allowed {each.limit}"
+    by = "from nothing" if math.isinf(each.worse) else f"by {each.worse:.3g}{' %' if each.limit.relative else ''}"
+    return f"{_values(each.limit.metric, each.pair)}: worse {by}, allowed {each.limit}"
 
 
 def _print_some(title: str, lines: list[str] | tuple[str, ...], most: int = MOST_LINES) -> None:
     if lines:
-        click.echo("\n".join([title, *(f"  {line}" for line in lines[:most])]))
+        click.echo("\n".join([title, *(filled(line, "  ", "    ") for line in lines[:most])]))
     if len(lines) > most:
         click.echo(f"  … and {len(lines) - most} more")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from workbench.errors import InputError, nearest
+from workbench.study.compare_scale import least, percent
 from workbench.study.row import Row
 
 # Which way a metric gets better. zero: the nearer to it, the better.
@@ -47,8 +48,6 @@ BETTER: Mapping[str, Better] = {
     "peak_carriage_jerk_m_s3": "lower",
 }
 _UNIT = re.compile(r"_(rad_s2|rad_s|nm_s|nm_per_s|m_s3|m_s2|m_s|nm2_s|percent_s|percent|nm|rad|hz|db|kw|ws|w|j|n|m|s)$")
-# A metric that was zero has no per cent; below this it still is zero.
-_NOTHING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -64,8 +63,8 @@ class Pair:
 class Change:
     """A metric over all pairs that have it: means, deltas (b − a) and the runs that moved most.
 
-    percent: the same delta relative to a; infinite where a was zero. worst: the pairs that moved most,
-    the most moved first.
+    mean_percent: the mean's delta relative to a; infinite where a was nothing that could be noticed.
+    worst: the pairs that moved most, the most moved first.
     """
 
     metric: str
@@ -79,7 +78,12 @@ class Change:
 
     @property
     def mean_percent(self) -> float:
-        return percent(self.mean_a, self.mean_b)
+        return percent(self.metric, self.mean_a, self.mean_b)
+
+    @property
+    def noticeable(self) -> bool:
+        """Whether any run moved by more than nothing."""
+        return abs(self.max_delta) >= least(self.metric)
 
 
 @dataclass(frozen=True)
@@ -174,14 +178,12 @@ def regressions(comparison: Comparison, limits: Sequence[Limit]) -> list[Regress
             worse = _worse(limit, pair)
             if worse > limit.most:
                 found.append(Regression(limit, pair, worse))
-    return sorted(found, key=lambda each: -each.worse / max(each.limit.most, _NOTHING))
+    return sorted(found, key=lambda each: -each.worse / max(each.limit.most, 1e-12))
 
 
-def percent(a: float, b: float) -> float:
-    """b against a in per cent of a: 0 where both are zero, infinite where only a is."""
-    if abs(a) > _NOTHING:
-        return 100.0 * (b - a) / abs(a)
-    return 0.0 if abs(b) <= _NOTHING else math.copysign(math.inf, b)
+def values_of(row: Row) -> tuple[object, ...]:
+    """What tells a run from the others where its id does not: payload, reference and assigned values."""
+    return row.payload_kg, row.reference, *sorted((name, str(value)) for name, value in row.assigned.items())
 
 
 def _limit(text: str, metrics: Sequence[str]) -> Limit:
@@ -203,8 +205,7 @@ def _limit(text: str, metrics: Sequence[str]) -> Limit:
 def _by_values(rows: Iterable[Row]) -> dict[tuple[object, ...], list[Row]]:
     found: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
-        values = (row.payload_kg, row.reference, *sorted((name, str(value)) for name, value in row.assigned.items()))
-        found.setdefault(values, []).append(row)
+        found.setdefault(values_of(row), []).append(row)
     return found
 
 
@@ -234,5 +235,5 @@ def _worse(limit: Limit, pair: Pair) -> float:
     way = BETTER[limit.metric]
     if way == "zero":
         a, b = abs(a), abs(b)
-    change = percent(a, b) if limit.relative else b - a
+    change = percent(limit.metric, a, b) if limit.relative else b - a
     return -change if way == "higher" else change
