@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
+
+LATER_S = 10.0  # until the first page, which needs the same processor, has been drawn
 
 _started = threading.Lock()
 _threads: list[threading.Thread] = []
@@ -23,9 +26,10 @@ def wait() -> None:
     _threads[0].join()
 
 
-def _load() -> None:
+def _load(later_s: float = LATER_S) -> None:
     """The first page, then the others. What fails here fails again, and is shown, where it is used."""
-    for load in (_study, _loop, _others):
+    for load, wait_s in ((_study, 0.0), (_loop, later_s), (_others, 0.0)):
+        time.sleep(wait_s)
         try:
             load()
         except Exception:
