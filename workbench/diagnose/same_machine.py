@@ -27,8 +27,7 @@ def check_machine(bench: Bench, rigid: Sequence[Rigid], file: object) -> list[st
     """Warnings. InputError for signals upside down or in another unit, and for runs of different machines."""
     _check_signs(bench, rigid, file)
     _check_units(bench, rigid, file)
-    _check_one_machine(rigid, file, isinstance(bench.machine, Hoist))
-    return _odd(rigid)
+    return [*_check_one_machine(rigid, file, isinstance(bench.machine, Hoist)), *_odd(rigid)]
 
 
 def listed(names: Sequence[str], most: int = 6) -> str:
@@ -102,9 +101,12 @@ def _check_units(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
     )
 
 
-def _check_one_machine(rigid: Sequence[Rigid], file: object, hoist: bool) -> None:
+def _check_one_machine(rigid: Sequence[Rigid], file: object, hoist: bool) -> list[str]:
+    """InputError where runs hold loads, or axes show inertias, of two machines. A warning for a hoist's inertia:
+    a slow run hardly shows it, and a load that swings hides some of it; the load that is held says more."""
     loads = [(r.run, r.hold) for r in rigid if r.hold is not None]
     inertias = [(r.run, r.inertia) for r in rigid if r.inertia is not None]
+    warnings = []
     for ratios, apart, what, remedy in (
         (loads, LOADS_APART, "load", ", or is payload_kg wrong"),
         (inertias, INERTIAS_APART, "inertia", ", or is their speed in another unit" if hoist else ""),
@@ -114,13 +116,16 @@ def _check_one_machine(rigid: Sequence[Rigid], file: object, hoist: bool) -> Non
             continue
         others, odd = split
         one = len(odd) == 1
-        raise InputError(
+        said = (
             f"{listed([n for n, _ in odd])} disagree{'s' if one else ''} with the machine and with the others: "
             f"{'its' if one else 'their'} {what} is {_span(odd)} times the nominal one, that of "
             f"{listed([n for n, _ in others])} {_span(others)} times; "
-            f"{'is it' if one else 'are they'} of another machine{remedy}?",
-            file=file,
+            f"{'is it' if one else 'are they'} of another machine{remedy}?"
         )
+        if what == "load" or not hoist:
+            raise InputError(said, file=file)
+        warnings.append(f"{said[0].upper()}{said[1:]}")
+    return warnings
 
 
 def _odd(rigid: Sequence[Rigid]) -> list[str]:
