@@ -15,14 +15,14 @@ import pytest
 
 from tests.effect_machines import linear_axis, rotary_axis
 from tests.noisy_runs import axis_runs, hoist_runs, with_effects
-from workbench.diagnose import search
-from workbench.diagnose.checks import check_runs
 from workbench.diagnose.diagnose import diagnose
-from workbench.diagnose.fits import start_of
-from workbench.diagnose.knobs import Knob
-from workbench.diagnose.problem import Problem
+from workbench.diagnose.hypotheses import search
+from workbench.diagnose.hypotheses.fits import start_of
+from workbench.diagnose.hypotheses.knobs import Knob
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.scan import Atom
+from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.records import Diagnosis, Estimate
-from workbench.diagnose.scan import Atom
 from workbench.effects import Effect, effects_for, find, forget_users, load_effects, ranges_of
 from workbench.errors import InputError
 from workbench.logs import Campaign
@@ -129,12 +129,7 @@ def runs_of(machine: Hoist | Axis, seed: int = 1, noise: float = 1.0) -> tuple[R
 
 def diagnosed(kind: str, runs: tuple[Run, ...], seed: int = 0) -> Diagnosis:
     """One effect at a time. What changes in a control study has tests of its own."""
-    return diagnose(Campaign("made", Path("made"), nominal(kind), runs), most_effects=1, seed=seed)
-
-
-@pytest.fixture(autouse=True)
-def without_studies(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("workbench.diagnose.diagnose._consequences", lambda *given: (None, "not asked for"))
+    return diagnose(Campaign("made", Path("made"), nominal(kind), runs), most_effects=1, seed=seed, study=False)
 
 
 @pytest.mark.parametrize("kind", TRUTHS)
