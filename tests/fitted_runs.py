@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from tests.noisy_runs import hoist_runs, with_effects
-from workbench.diagnose.base import base_knobs
-from workbench.diagnose.fits import Fitted, fit_knobs
-from workbench.diagnose.knobs import Setting, effect_knobs
-from workbench.diagnose.problem import Problem
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
+from workbench.diagnose.hypotheses.knobs import Setting, effect_knobs
+from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import find, ranges_of
 from workbench.machine import default_hoist
 from workbench.run import Array

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tests.simulated_campaign import simulated_campaign, true_machine
-from workbench.diagnose.problem import Problem
-from workbench.diagnose.search import Found, Search
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import Found, Search
 from workbench.effects import find
 from workbench.logs import Campaign, read_campaign
 

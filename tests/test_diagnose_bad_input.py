@@ -12,7 +12,7 @@ import pytest
 
 from tests.log_campaign import AXIS, write_campaign
 from tests.simulated_campaign import simulated_campaign
-from workbench.diagnose.checks import check_runs
+from workbench.diagnose.readiness.checks import check_runs
 from workbench.errors import InputError
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Hoist, with_values

@@ -11,10 +11,10 @@ import pytest
 
 from tests.simulated_campaign import SPEED_NOISE_RAD_S, TORQUE_NOISE_NM, simulated_campaign
 from tests.test_emps import RUNS as EMPS_RUNS
-from workbench.diagnose.condition import clipped_share, condition, outliers
-from workbench.diagnose.lateness import lateness
-from workbench.diagnose.motion_noise import motion_noise, noisier, resolution, white_noise
-from workbench.diagnose.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.readiness.condition import clipped_share, condition, outliers
+from workbench.diagnose.readiness.lateness import lateness
+from workbench.diagnose.readiness.motion_noise import motion_noise, noisier, resolution, white_noise
 from workbench.logs import Campaign, read_campaign
 from workbench.run import Array
 

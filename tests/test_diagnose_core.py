@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from tests.effect_machines import MACHINES, rotary_axis
 from tests.fitted_runs import made_by, rms
 from tests.noisy_runs import axis_runs, hoist_runs
-from workbench.diagnose.base import base_knobs
-from workbench.diagnose.fits import Projection, fit_knobs, linear_gain, start_of
-from workbench.diagnose.knobs import (
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.fits import Projection, fit_knobs, linear_gain, start_of
+from workbench.diagnose.hypotheses.knobs import (
     GAIN,
     LOG_TIMING,
     OFFSET,
@@ -28,8 +28,8 @@ from workbench.diagnose.knobs import (
     effect_knobs,
     setting_of,
 )
-from workbench.diagnose.problem import GROUP, TENSION, Problem
-from workbench.diagnose.scan import atoms
+from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
+from workbench.diagnose.hypotheses.scan import atoms
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machine import Axis, Hoist, default_hoist, with_values
 from workbench.run import Array, Run

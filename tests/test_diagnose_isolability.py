@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.found_campaign import simulated_found
-from workbench.diagnose.fits import Projection
-from workbench.diagnose.isolability import angle_between, groups, isolability, separations, smallest_amount
-from workbench.diagnose.isolability import best_signatures as signatures
-from workbench.diagnose.score import LEAST, Scale, merit
-from workbench.diagnose.search import Found
+from workbench.diagnose.hypotheses.fits import Projection
+from workbench.diagnose.hypotheses.score import LEAST, Scale, merit
+from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.isolation.isolability import angle_between, groups, isolability, separations, smallest_amount
+from workbench.diagnose.isolation.isolability import best_signatures as signatures
 
 TRIED = (
     "torque_offset", "carriage_mass_error", "friction_viscous", "friction_viscous_asymmetric",

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tests.found_campaign import simulated_found
-from workbench.diagnose.fits import Fitted
-from workbench.diagnose.knobs import Value
-from workbench.diagnose.lines import Line
-from workbench.diagnose.next_run import APART, Offer, choose, next_run, separation
-from workbench.diagnose.planned import Planned, menu, seen_in
-from workbench.diagnose.score import LEAST
-from workbench.diagnose.search import Found
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.knobs import Value
+from workbench.diagnose.hypotheses.score import LEAST
+from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.isolation.lines import Line
+from workbench.diagnose.isolation.next_run import APART, Offer, choose, next_run, separation
+from workbench.diagnose.isolation.planned import Planned, menu, seen_in
 from workbench.run import Run
 
 TRIED = ("torque_offset", "carriage_mass_error", "friction_viscous")

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workbench.diagnose.base import base_knobs
-from workbench.diagnose.fits import Fitted, fit_knobs
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
+from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
-from workbench.diagnose.problem import Problem
-from workbench.diagnose.table_driven import with_table
-from workbench.diagnose.table_fit import telling_points
-from workbench.diagnose.tables import TURN, Variable, columns_of, hats_of, points_of, rides_of, variables_of
-from workbench.diagnose.unknown import Explained, explain, explained_machine, with_unknown
+from workbench.diagnose.unexplained.table_driven import with_table
+from workbench.diagnose.unexplained.table_fit import telling_points
+from workbench.diagnose.unexplained.tables import TURN, Variable, columns_of, hats_of, points_of, rides_of, variables_of
+from workbench.diagnose.unexplained.unknown import Explained, explain, explained_machine, with_unknown
 from workbench.logs import read_campaign
 from workbench.machine import Hoist, LinearAxis, load_machine, save_machine
 from workbench.run import Array, Run

@@ -14,18 +14,18 @@ from hypothesis import strategies as st
 
 from tests.fitted_runs import fitted_to, made_by, rms
 from tests.noisy_runs import hoist_runs
-from workbench.diagnose.base import base_knobs
-from workbench.diagnose.estimates import covariance, estimates
-from workbench.diagnose.fits import Fitted, fit_knobs
-from workbench.diagnose.held_out import HeldOut, folds_by_payload, folds_by_run, held_out
-from workbench.diagnose.judge import calibration, rank
-from workbench.diagnose.knobs import Knob, effect_knobs, setting_of
-from workbench.diagnose.misfit import misfit
-from workbench.diagnose.problem import Problem
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.estimates import covariance, estimates
+from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
+from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_payload, folds_by_run, held_out
+from workbench.diagnose.hypotheses.knobs import Knob, effect_knobs, setting_of
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.score import LEAST, SECOND, Scale, merit
+from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.records import Names
-from workbench.diagnose.score import LEAST, SECOND, Scale, merit
-from workbench.diagnose.search import Found
 from workbench.diagnose.shrink import folds_of, shrink_of
+from workbench.diagnose.verdict.judge import calibration, rank
+from workbench.diagnose.verdict.misfit import misfit
 from workbench.effects import find, ranges_of
 from workbench.machine import default_hoist
 from workbench.run import Array

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
-from workbench.diagnose.judge import same_but_freer
+from workbench.diagnose.verdict.judge import same_but_freer
 from workbench.logs import read_campaign
 from workbench.plants import plant_of
 

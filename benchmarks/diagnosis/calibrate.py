@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.diagnosis.answers import load
 from benchmarks.diagnosis.score import estimates_within, right_word
-from workbench.diagnose.judge import CALIBRATION, calibration, rank
+from workbench.diagnose.verdict.judge import CALIBRATION, calibration, rank
 
 EVIDENCE = ("clear", "slow", "prior", "bound")
 LEAST_THRESHOLD = 4.0
@@ -30,7 +30,7 @@ INSIDE = 0.90
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("answers", type=Path, nargs="+")
-    parser.add_argument("--write", action="store_true", help="write workbench/diagnose/calibration.json")
+    parser.add_argument("--write", action="store_true", help="write workbench/diagnose/verdict/calibration.json")
     given = parser.parse_args()
     rows = [row for folder in given.answers for row in load(folder)]
     numbers = fitted(rows)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.diagnose.estimates import estimates
-from workbench.diagnose.fits import Fitted
-from workbench.diagnose.held_out import folds_by_payload, folds_by_run, held_out
-from workbench.diagnose.judge import Judged, Weighed
-from workbench.diagnose.knobs import Value
+from workbench.diagnose.hypotheses.estimates import estimates
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.held_out import folds_by_payload, folds_by_run, held_out
+from workbench.diagnose.hypotheses.knobs import Value
+from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.records import Candidate
-from workbench.diagnose.search import Found
+from workbench.diagnose.verdict.judge import Judged, Weighed
 
 SCORED = 5  # hypotheses whose held-out score is computed
 FAR = 3.0  # tolerances

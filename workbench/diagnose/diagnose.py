@@ -7,21 +7,21 @@ from collections.abc import Callable, Sequence
 
 from workbench.consequences import consequences_of
 from workbench.diagnose.candidates import candidates as candidate_rows
-from workbench.diagnose.checks import check_runs
-from workbench.diagnose.condition import condition
-from workbench.diagnose.gap import gap_of
-from workbench.diagnose.isolability import isolability
-from workbench.diagnose.judge import Judged, alike, judge
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import Found, Search
+from workbench.diagnose.isolation.isolability import isolability
+from workbench.diagnose.isolation.next_run import next_run
+from workbench.diagnose.location.gap import gap_of
+from workbench.diagnose.location.where import where_of
 from workbench.diagnose.machines import corrected_machine, of_first_run, refitted_machine
-from workbench.diagnose.motion_noise import motion_noise
-from workbench.diagnose.next_run import next_run
-from workbench.diagnose.problem import Problem
+from workbench.diagnose.readiness.checks import check_runs
+from workbench.diagnose.readiness.condition import condition
+from workbench.diagnose.readiness.motion_noise import motion_noise
 from workbench.diagnose.records import Diagnosis, Names, Verdict
-from workbench.diagnose.search import Found, Search
 from workbench.diagnose.shrink import folds_of, shrink_of
-from workbench.diagnose.structure import floor_before
-from workbench.diagnose.unknown import explain, explained_machine
-from workbench.diagnose.where import where_of
+from workbench.diagnose.unexplained.unknown import explain, explained_machine
+from workbench.diagnose.verdict.judge import Judged, alike, judge
+from workbench.diagnose.verdict.structure import floor_before
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest

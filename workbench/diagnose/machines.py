@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TypeVar, cast
 
-from workbench.diagnose.fits import Fitted
-from workbench.diagnose.knobs import Setting, Value
-from workbench.diagnose.problem import Problem
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.knobs import Setting, Value
+from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Ranged, find, of, ranges_of
 from workbench.machine import Axis, Hoist, value_names, with_values
 from workbench.plants import plant_of

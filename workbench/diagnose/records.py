@@ -12,8 +12,8 @@ from workbench.run import Array
 
 if TYPE_CHECKING:
     from workbench.consequences import Consequences
-    from workbench.diagnose.judge import Judged
-    from workbench.diagnose.search import Found
+    from workbench.diagnose.hypotheses.search import Found
+    from workbench.diagnose.verdict.judge import Judged
 
 Names = tuple[str, ...]
 VerdictWord = Literal["named", "no_gap", "unknown"]

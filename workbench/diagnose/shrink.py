@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.diagnose.held_out import HeldOut, folds_by_run, held_out
-from workbench.diagnose.knobs import Setting, Value
+from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
+from workbench.diagnose.hypotheses.knobs import Setting, Value
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.machines import machine_of
-from workbench.diagnose.problem import Problem
 from workbench.diagnose.records import Names, Shrink
-from workbench.diagnose.search import Found
-from workbench.diagnose.unknown import Explained
+from workbench.diagnose.unexplained.unknown import Explained
 from workbench.errors import InputError
 from workbench.machine import Axis, Hoist, LinearAxis
 from workbench.simulate.replay import replay_runs

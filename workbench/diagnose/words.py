@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from workbench.diagnose.judge import Judged
 from workbench.diagnose.records import Gap, Names, Shrink
+from workbench.diagnose.verdict.judge import Judged
 
 
 def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: bool = False) -> str:

@@ -1,0 +1,1 @@
+"""What may be turned, the residuals it acts on, fits of hypotheses, and the search through them."""

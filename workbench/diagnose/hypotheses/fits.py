@@ -1,0 +1,193 @@
+"""Fits of hypotheses: base parameters within their tolerances, and the parameters of the effects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.knobs import Knob, bounds_of, effect_knobs, setting_of
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.scan import Atom
+from workbench.effects import ranges_of
+from workbench.identify.least_squares import minimise
+from workbench.run import Array
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """One hypothesis at its best. effects: ids. z: base first. residual, jacobian: there.
+
+    chi2: of the data, in independent values, with `sigma`; prior: of the base parameters in tolerances.
+    """
+
+    effects: tuple[str, ...]
+    knobs: tuple[Knob, ...]
+    z: Array
+    residual: Array
+    jacobian: Array
+    sigma: float
+    chi2: float
+    prior: float
+    evaluations: int
+    settled: bool
+
+    @property
+    def objective(self) -> float:
+        return self.chi2 + self.prior
+
+    def rms(self, inputs: int) -> float:
+        """Of the input's residual, the first `inputs` rows."""
+        return float(np.sqrt(np.mean(self.residual[:inputs] ** 2)))
+
+    @property
+    def setting(self) -> dict[str, float | tuple[float, ...]]:
+        return setting_of(self.knobs, self.z)
+
+
+def fit_knobs(
+    problem: Problem,
+    effects: Sequence[str],
+    knobs: Sequence[Knob],
+    z: Array,
+    sigma: float,
+    most: int = 25,
+    base: int = 0,
+) -> Fitted:
+    """The least of chi^2 and prior from z on, in at most about `most` evaluations.
+
+    base: how many of the first z are the base parameters'. Their signatures hardly change on
+    the way, so they are differenced anew only every few steps; all but that of friction near standstill.
+    """
+    lowest, highest, std = bounds_of(knobs)
+    z = np.clip(z, lowest, highest)
+    weight = math.sqrt(problem.share) / sigma
+    careful = np.array([_careful(k) for k in knobs for _ in k.lowest], dtype=bool)
+    reach = np.where(careful, 0.5, np.inf)
+    anew = np.flatnonzero(careful | (np.arange(len(z)) >= base))
+    prior = np.diag(1.0 / std)
+    residual, jacobian = problem.evaluate(knobs, z)
+    evaluations, settled = 1, False
+    before = _objective(weight, residual, z, std)
+    while evaluations < most:
+        kept = jacobian
+
+        def evaluate(at: Array, kept: Array = kept) -> tuple[Array, Array]:
+            r, own = problem.evaluate(knobs, at, only=anew)
+            full = kept.copy()
+            full[:, anew] = own
+            return r, full
+
+        allowed = min(ROUND, most - evaluations) if base else most - evaluations
+        found = minimise(evaluate, (z, residual, jacobian), lowest, reach, weight, prior, highest, allowed)
+        evaluations += found.evaluations
+        z, residual, jacobian = found.z, found.residual, found.jacobian
+        after = _objective(weight, residual, z, std)
+        if not base or (found.settled and found.evaluations == 0) or before - after < WORTH:
+            settled = found.settled or before - after < WORTH
+            break
+        before = after
+        residual, jacobian = problem.evaluate(knobs, z)
+        evaluations += 1
+    chi2 = weight**2 * float(residual @ residual)
+    return Fitted(
+        tuple(effects), tuple(knobs), z, residual, jacobian, sigma, chi2, float(np.sum((z / std) ** 2)),
+        evaluations, settled,
+    )  # fmt: skip
+
+
+ROUND = 4  # steps with the base parameters' signatures as they were
+WORTH = 0.05  # of the objective: less is not worth another round
+
+
+def _objective(weight: float, residual: Array, z: Array, std: Array) -> float:
+    return weight**2 * float(residual @ residual) + float(np.sum((z / std) ** 2))
+
+
+def _careful(knob: Knob) -> bool:
+    return bool(getattr(knob, "logarithmic", False))
+
+
+@dataclass(frozen=True)
+class Projection:
+    """The data after the base parameters: residual and any signature with what the base could explain taken out."""
+
+    weight: float
+    rows: Array  # orthonormal columns of the weighted, augmented base Jacobian
+    residual: Array
+    priors: int
+
+    @staticmethod
+    def of(problem: Problem, base: Fitted, sigma: float) -> Projection:
+        weight = math.sqrt(problem.share) / sigma
+        _, _, std = bounds_of(base.knobs)
+        jacobian = np.vstack([weight * base.jacobian, np.diag(1.0 / std)])
+        q, _ = np.linalg.qr(jacobian)
+        residual = np.concatenate([weight * base.residual, base.z / std])
+        return Projection(weight, q, residual - q @ (q.T @ residual), len(std))
+
+    def clean(self, columns: Array) -> Array:
+        """(samples, k) signatures -> (samples + priors, k), weighted, the base taken out."""
+        a = np.vstack([self.weight * columns, np.zeros((self.priors, columns.shape[1]))])
+        return a - self.rows @ (self.rows.T @ a)
+
+
+def linear_gain(columns: Array, residual: Array, signs: Sequence[bool], priors: int) -> tuple[float, float, Array]:
+    """What the columns take off |residual|^2 at most: of the data, of the last `priors` rows; and their amounts.
+
+    signs: which amounts may be negative.
+    """
+    if columns.shape[1] == 0:
+        return 0.0, 0.0, np.zeros(0)
+    gram, pull = columns.T @ columns, columns.T @ residual
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    amounts = _normal(gram, pull, scale)
+    held = np.zeros(len(pull), dtype=bool)
+    # What comes out negative and must not be is left out, one after the other: few columns have signs.
+    while np.any(wrong := ~np.array(signs) & ~held & (amounts < 0.0)):
+        held[int(np.argmin(np.where(wrong, amounts * scale, 0.0)))] = True
+        free = np.flatnonzero(~held)
+        amounts = np.zeros(len(pull))
+        if len(free):
+            amounts[free] = _normal(gram[np.ix_(free, free)], pull[free], scale[free])
+    left = residual - columns @ amounts
+    gained = residual**2 - left**2
+    return float(np.sum(gained[:-priors])), float(np.sum(gained[-priors:])), np.asarray(amounts, dtype=float)
+
+
+def _normal(gram: Array, pull: Array, scale: Array) -> Array:
+    """Least squares by the normal equations, columns on their own scale; nearly alike columns share."""
+    unit = gram / np.outer(scale, scale)
+    unit[np.diag_indices_from(unit)] += 1e-9
+    return np.asarray(np.linalg.solve(unit, pull / scale) / scale)
+
+
+def start_of(problem: Problem, atom: Atom, amounts: Array) -> tuple[list[Knob], list[float]]:
+    """Knobs and z of an effect, from the amounts a linear fit gave its atom."""
+    effect = atom.effect
+    ranges = ranges_of(effect, problem.machine, problem.runs)
+    at: dict[str, float | tuple[float, ...]] = dict(atom.at)
+    if atom.wave is not None:
+        r, scale = atom.amounts[0], atom.scale[0]
+        if atom.wave.per_run:
+            pairs = amounts.reshape(-1, 2)
+            size = float(np.sqrt(np.mean(np.sum(pairs**2, axis=1)))) * scale
+            at[r.symbol] = min(max(size, 0.05 * r.scale), r.highest)
+            at[atom.wave.symbol] = tuple(float(math.atan2(b, a)) for a, b in pairs)
+        else:
+            at[r.symbol] = min(float(np.hypot(*amounts)) * scale, r.highest)
+            at[atom.wave.symbol] = math.atan2(amounts[1], amounts[0])
+    else:
+        for r, scale, amount in zip(atom.amounts, atom.scale, amounts, strict=True):
+            assert r.vanishes_at is not None
+            value = r.vanishes_at + scale * float(amount)
+            at[r.symbol] = min(max(value, r.lowest), r.highest)
+    return effect_knobs(effect, ranges, at)
+
+
+def columns_signed(atom: Atom) -> list[bool]:
+    if atom.wave is not None:
+        return [True] * atom.columns.shape[1]
+    return [r.lowest < (r.vanishes_at or 0.0) for r in atom.amounts]

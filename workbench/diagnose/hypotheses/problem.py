@@ -1,0 +1,128 @@
+"""The campaign as a fit sees it: residuals of the local balance for any setting of base values and effects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from types import SimpleNamespace
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Setting, setting_of
+from workbench.effects import find, logged_input, ranges_of, searchable
+from workbench.machine import Axis, Hoist
+from workbench.plants.hoist import dead_line_tension
+from workbench.run import Array, Run
+from workbench.simulate.driven import Bench, changed, sensor
+from workbench.simulate.lowpass import lowpass, noise_rms
+
+SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
+GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
+STEP = 1e-3  # of z, for derivatives
+
+
+TENSION = "tension_dead_line_n"
+TENSION_TRUST = 0.0015  # of the mean tension: a load cell's linearity, beside its noise
+SENSOR_KEYS = (GAIN, OFFSET, TENSION_GAIN)
+
+
+class Problem:
+    """Measured minus predicted input of all runs while the machine moves, thinned to what is new.
+
+    rows: of each run, the samples looked at; run_lengths: how many. share: how many
+    independent values one sample stands for. noise: the sensor's, rms in the band.
+    Where every run of a hoist logs the dead line's tension, its residual follows behind
+    that of the torque, on the torque's scale: `inputs` is how many rows are the torque's.
+    """
+
+    def __init__(self, machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> None:
+        self.machine, self.runs = machine, tuple(runs)
+        self.active = searchable(machine, runs)
+        self.bench = Bench(machine, runs, band_hz, active=self.active)
+        self.band_hz = self.bench.band_hz
+        self.rows: list[np.ndarray] = []
+        spacing = []
+        for run, moving in zip(self.bench.runs, self.bench.moving, strict=True):
+            stride = max(1, int(1.0 / (SAMPLES_PER_PERIOD * self.band_hz * run.sample_time_s)))
+            self.rows.append(np.flatnonzero(moving)[::stride])
+            spacing.append(stride * run.sample_time_s)
+        self.run_lengths = tuple(len(rows) for rows in self.rows)
+        self.has_tension = isinstance(machine, Hoist) and all(TENSION in run for run in self.runs)
+        self.inputs = sum(self.run_lengths)
+        self.run_of_row = np.tile(np.repeat(np.arange(len(self.runs)), self.run_lengths), 1 + self.has_tension)
+        self.share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
+        self.late = ranges_of(find("speed_delay", self.active.kind), machine, self.runs)[0].symbol
+        self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
+        self.evaluations = 0
+        if self.has_tension:
+            self.tension = [lowpass(run.time_s, run[TENSION], self.band_hz) for run in self.runs]
+            floor = [noise_rms(run.time_s, run[TENSION], self.band_hz) for run in self.runs]
+            level = float(np.mean([np.mean(each) for each in self.tension]))
+            self.tension_noise = float(np.hypot(np.sqrt(np.mean(np.square(floor))), TENSION_TRUST * level))
+
+    @property
+    def samples(self) -> int:
+        """How many residuals there are."""
+        return len(self.run_of_row)
+
+    def residuals(self, settings: Sequence[Setting]) -> Array:
+        """(settings, samples), in the input's unit. Each group's differences are noise-free, beside its first."""
+        parts = [self._group(settings[k : k + GROUP]) for k in range(0, len(settings), GROUP)]
+        return np.concatenate(parts)
+
+    def differences(self, base: Setting, others: Sequence[Setting]) -> tuple[Array, Array]:
+        """Residuals at `base`, (samples,), and what each other setting adds to them, (others, samples)."""
+        first, parts = None, []
+        for k in range(0, max(len(others), 1), GROUP - 1):
+            out = self._group([base, *others[k : k + GROUP - 1]])
+            first = out[0] if first is None else first
+            parts.append(out[1:] - out[0])
+        assert first is not None
+        return first, np.concatenate(parts)
+
+    def evaluate(self, knobs: Sequence[Knob], z: Array, only: Iterable[int] | None = None) -> tuple[Array, Array]:
+        """Residual (samples,) and its Jacobian (samples, len(z), or those of `only`) by differences."""
+        rows = np.eye(len(z)) if only is None else np.eye(len(z))[list(only)]
+        base, change = self.differences(setting_of(knobs, z), [setting_of(knobs, z + STEP * row) for row in rows])
+        return base, change.T / STEP
+
+    def _group(self, settings: Sequence[Setting]) -> Array:
+        self.evaluations += 1
+        sensors = [self._sensed(s) for s in settings]
+        chosen = [[self._of_run(s, j) for j in range(len(self.runs))] for s in settings]
+        predicted = self.bench.predict(chosen)
+        gain, offset, tension_gain = np.array(sensors).T
+        torque, tension = [], []
+        for j, run in enumerate(self.bench.runs):
+            raw = np.stack(
+                [
+                    logged_input(self.active, run.time_s, predicted[i][j][0], vars(chosen[i][j]))
+                    for i in range(len(settings))
+                ],
+                axis=-1,
+            )
+            rows = self.rows[j]
+            smooth = lowpass(run.time_s, raw * gain + offset, self.band_hz)[rows]
+            torque.append(self.bench.measured[j][rows, None] - smooth)
+            if self.has_tension:
+                pulls = [self._tension(run, predicted[i][j][1], chosen[i][j]) for i in range(len(settings))]
+                smooth = lowpass(run.time_s, np.stack(pulls, axis=-1) * tension_gain, self.band_hz)[rows]
+                tension.append((self.tension[j][rows, None] - smooth) * (self.noise / self.tension_noise))
+        return np.concatenate([*torque, *tension]).T
+
+    def _tension(self, run: Run, states: Array, p: SimpleNamespace) -> Array:
+        """The dead line's tension (n,) that goes with the driven states."""
+        angle, height, turn, speed = states[:, :4].T
+        return dead_line_tension(run.time_s, angle, height, turn, speed, p, self.bench.equipped.effects)
+
+    def _sensed(self, setting: Setting) -> list[float]:
+        """The numbers of SENSOR_KEYS."""
+        gain, offset = sensor(self.machine)
+        said = {GAIN: gain, OFFSET: offset, TENSION_GAIN: 1.0, **setting}
+        return [float(x) for x in map(said.__getitem__, SENSOR_KEYS) if not isinstance(x, tuple)]
+
+    def _of_run(self, setting: Setting, j: int) -> SimpleNamespace:
+        plain = {k: v[j] if isinstance(v, tuple) else v for k, v in setting.items() if k not in SENSOR_KEYS}
+        timing = plain.pop(LOG_TIMING, 0.0)
+        if timing:  # added, so that an effect's delay is weighed from none at all
+            plain[self.late] = plain.get(self.late, getattr(self.bench.base[j], self.late)) + timing
+        return changed(self.bench.base[j], plain)

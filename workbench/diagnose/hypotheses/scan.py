@@ -1,0 +1,110 @@
+"""The signatures of all effects at one point: what a little of each adds to the residual, for every shape tried."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.effects import Effect, Ranged, ranges_of
+from workbench.machine import Hoist
+from workbench.run import Array
+
+PLACES_TRIED = 24  # along what the runs have passed
+SHAPES_TRIED = 4  # of a shape that says nothing else
+
+
+@dataclass(frozen=True)
+class Atom:
+    """An effect at one shape. columns: (samples, k), for one scale of each amount (two of a wave; of each run).
+
+    at: symbol -> value of the shapes. amounts: the ranges of the columns; scale: their amount. signed: whether a
+    column may be taken negatively.
+    """
+
+    effect: Effect
+    at: Mapping[str, float]
+    columns: Array
+    amounts: tuple[Ranged, ...]
+    scale: tuple[float, ...]
+    wave: Ranged | None
+
+    @property
+    def signed(self) -> bool:
+        return self.wave is not None or all(r.lowest < _off(r) for r in self.amounts)
+
+
+def _off(r: Ranged) -> float:
+    assert r.vanishes_at is not None
+    return r.vanishes_at
+
+
+def atoms(problem: Problem, effects: Iterable[Effect], base: Mapping[str, float | tuple[float, ...]]) -> list[Atom]:
+    """Every effect's signatures around the setting `base`."""
+    planned: list[tuple[Effect, dict[str, float], tuple[Ranged, ...], Ranged | None, list[dict[str, float]]]] = []
+    for effect in effects:
+        ranges = ranges_of(effect, problem.machine, problem.runs)
+        amounts = tuple(r for r in ranges if r.vanishes_at is not None)
+        phases = [r for r in ranges if r.scan == "phase"]
+        wave = phases[0] if phases and len(amounts) == 1 else None
+        shapes = [r for r in ranges if r.vanishes_at is None and r is not wave]
+        for point in product(*(_tried(problem, r) for r in shapes)):
+            at = dict(zip([r.symbol for r in shapes], point, strict=True))
+            lanes: list[dict[str, float]] = []
+            for r in amounts:
+                amount = {x.symbol: x.start if x is r else _off(x) for x in amounts}
+                if wave is None:
+                    lanes.append({**at, **amount})
+                else:
+                    lanes += [{**at, **amount, wave.symbol: angle} for angle in (0.0, 0.5 * math.pi)]
+            planned.append((effect, at, amounts, wave, lanes))
+    settings = [{**base, **lane} for *_, lanes in planned for lane in lanes]
+    if not settings:
+        return []
+    _, change = problem.differences(base, settings)
+    found, row = [], 0
+    for effect, at, amounts, wave, lanes in planned:
+        columns = -change[row : row + len(lanes)].T  # what the prediction gains
+        row += len(lanes)
+        scale = tuple(r.start - _off(r) for r in amounts)
+        if wave is not None and wave.per_run:
+            columns = np.concatenate(
+                [np.where((problem.run_of_row == j)[:, None], columns, 0.0) for j in range(len(problem.runs))], axis=1
+            )
+        found.append(Atom(effect, at, columns, amounts, scale, wave))
+    return found
+
+
+def _tried(problem: Problem, r: Ranged) -> Sequence[float]:
+    if r.tries:
+        return r.tries
+    if r.scan in ("position", "drum_angle"):
+        low, high = _visited(problem, r.scan)
+        margin = 0.02 * (high - low)
+        return [float(x) for x in np.linspace(low + margin, high - margin, PLACES_TRIED)]
+    if r.scan == "frequency":
+        longest = max(run.duration_s for run in problem.runs)
+        count = max(2, math.ceil((r.highest - r.lowest) * longest / 2.5))
+        return [float(x) for x in np.linspace(r.lowest, min(r.highest, 2.0 * math.pi * problem.band_hz), count)]
+    low = max(r.lowest, 1e-6 * r.highest)
+    return [float(x) for x in np.geomspace(low, r.highest, SHAPES_TRIED + 2)[1:-1]] if r.highest > 0 else [r.start]
+
+
+def _visited(problem: Problem, scan: str) -> tuple[float, float]:
+    """The range of heights, or of drum angles, that the runs have passed."""
+    spans = []
+    for run, motion in zip(problem.bench.runs, problem.bench.motions, strict=True):
+        travelled = motion.position - motion.position[0]
+        if isinstance(problem.machine, Hoist):
+            lift = problem.machine.lift_m_per_rad
+            height = run.start_position_m + travelled * lift
+            radius = problem.machine.winch.drum_diameter_m / 2.0
+            spans.append(height if scan == "position" else 2.0 * height / radius)
+        else:
+            spans.append(motion.position)
+    every = np.concatenate(spans)
+    return float(np.min(every)), float(np.max(every))

@@ -1,0 +1,291 @@
+"""The search: base, then every effect alone, then pairs around the best; each at its best values.
+
+Shapes are tried linearly, on signatures; what looks worth it is refitted nonlinearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signed, fit_knobs, linear_gain, start_of
+from workbench.diagnose.hypotheses.knobs import Knob, Value
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.scan import Atom, atoms
+from workbench.diagnose.hypotheses.score import Scale, merit, scale_of
+from workbench.effects import Effect
+from workbench.run import Array
+
+REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
+FIRST_ROUND = 6  # evaluations each, before the field is narrowed
+LAST_ROUND = 40
+ALWAYS = 2  # effects refitted whatever they promise
+HOPELESS = -10.0  # merit, linearly
+PAIRS_REFITTED = 6
+LEADS = 0.4  # of the best single effect's gain
+TOLERANCES = 3.0  # within which signatures are taken
+TURNED = 1.5  # the same, of the logarithm of what nobody knows: how friction turns over
+DROPPED = 1  # pairs
+PAIR_IN_REACH = 0.9
+IN_REACH = 0.3  # of the best gain: what is followed to its end
+PARTNERS = 3  # of each leading effect, that are refitted with it
+LEADERS = 3
+SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
+
+BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
+
+Names = tuple[str, ...]
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Found:
+    """base: no effect; near: the same with every base parameter within TOLERANCES. fits: names -> the best fit.
+
+    linear: names -> what a linear fit promises, also for what was not refitted. failures: names -> why a fit broke
+    down. atoms: the signatures at `near`. rivals: effects weighed alone that no answer may name.
+    """
+
+    problem: Problem
+    base: Fitted
+    near: Fitted
+    fits: Mapping[Names, Fitted]
+    linear: Mapping[Names, float]
+    atoms: Sequence[Atom]
+    failures: Mapping[Names, str] = field(default_factory=dict)
+    rivals: frozenset[str] = frozenset()
+
+    def gain(self, names: Names) -> float:
+        """What the objective falls by, against no effect."""
+        return self.base.objective - self.fits[names].objective
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What one effect takes off the objective at its best shape, linearly, and what that is worth."""
+
+    gain: float
+    merit: float
+    atom: Atom
+    amounts: Array
+
+
+class Search:
+    """One campaign's search; `base` keeps the base parameters' knobs, in the order of every fit."""
+
+    def __init__(
+        self, problem: Problem, effects: Iterable[Effect], tell: Tell | None = None, rivals: Iterable[Effect] = ()
+    ) -> None:
+        """rivals: effects that are weighed alone beside the others, so that no pair passes for one of them."""
+        self.problem = problem
+        self.effects = {each.id: each for each in effects}
+        self.rivals = {each.id: each for each in rivals if each.id not in self.effects}
+        self.base: dict[str, Value] = base_knobs(problem.machine, problem.runs)
+        self.tell = tell or (lambda sentence: None)
+        self.fits: dict[Names, Fitted] = {}
+        self.linear: dict[Names, float] = {}
+        self.failures: dict[Names, str] = {}
+
+    def run(self, most_effects: int = 2) -> Found:
+        knobs = list(self.base.values())
+        self.tell("base parameters")
+        base = fit_knobs(self.problem, (), knobs, np.zeros(len(knobs)), self.problem.noise, LAST_ROUND)
+        within = self._near(base)
+        near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
+        self.tell("signatures of all effects")
+        signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
+        self._singles(base, near, signatures)
+        if most_effects > 1:
+            self._pairs(base, near, [atom for atom in signatures if atom.effect.id in self.effects])
+        return Found(
+            self.problem, base, within, self.fits, self.linear, signatures, self.failures, frozenset(self.rivals)
+        )
+
+    def _near(self, base: Fitted) -> Fitted:
+        """The base fit within TOLERANCES: where signatures are taken. One that a large effect has torn far off
+        is no place to linearise."""
+        if np.all(np.abs(base.z) <= TOLERANCES):
+            return base
+        # What happens at standstill must not stand in for the gap either.
+        far = [TURNED if k.logarithmic else TOLERANCES for k in self.base.values()]
+        held = [replace(k, furthest=limit) for k, limit in zip(self.base.values(), far, strict=True)]
+        z = np.clip(base.z, [-limit for limit in far], far)
+        return fit_knobs(self.problem, (), held, z, base.sigma, LAST_ROUND)
+
+    def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Atom]:
+        """The signatures of all that can be simulated; what breaks down there is a row in the report."""
+        try:
+            found = atoms(self.problem, effects, at.setting)
+        except BREAKDOWNS as error:
+            if len(effects) == 1:
+                self.failures[(effects[0].id,)] = f"{type(error).__name__}: {error}"
+                return []
+            found = [atom for each in effects for atom in self._signatures([each], at)]
+        broken = {atom.effect.id for atom in found if not np.all(np.isfinite(atom.columns))}
+        self.failures |= {(name,): "the simulation breaks down at the values tried first" for name in broken}
+        return [atom for atom in found if atom.effect.id not in broken]
+
+    def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
+        promised = self._promised(near, signatures)
+        self.linear |= {(name,): each.gain for name, each in promised.items()}
+        order = sorted(promised, key=lambda name: -promised[name].merit)
+        order = [name for k, name in enumerate(order[:REFITTED]) if k < ALWAYS or promised[name].merit > HOPELESS]
+        for k, name in enumerate(order):
+            self.tell(f"effect {k + 1} of {len(order)}: {name}")
+            self._try((name,), lambda each=promised[name]: self._fit_with(near, each))  # type: ignore[misc]
+        if np.any(near.z != base.z):
+            self._from_base(base, order)
+        self._finish(base, [(name,) for name in order])
+
+    def _from_base(self, base: Fitted, names: Sequence[str]) -> None:
+        """From the stretched base too, where that promises more than was found: a fit may be stuck on the way."""
+        known = {**self.effects, **self.rivals}
+        signatures = self._signatures([known[name] for name in names], base)
+        for name, each in self._promised(base, signatures).items():
+            fit = self.fits.get((name,))
+            if fit is None or base.objective - fit.objective < 0.8 * each.gain:
+                self._try((name,), lambda e=each: self._fit_with(base, e))  # type: ignore[misc]
+
+    def _finish(self, base: Fitted, tried: Sequence[Names], reach: float = IN_REACH) -> None:
+        """Follow to their end the fits that are in reach of the best."""
+        done = {names: self.fits[names] for names in tried if names in self.fits}
+        best = max((base.objective - fit.objective for fit in done.values()), default=0.0)
+        for names, fit in done.items():
+            if not fit.settled and base.objective - fit.objective >= reach * best:
+                self._try(names, lambda f=fit: self._again(f))  # type: ignore[misc]
+
+    def _again(self, fit: Fitted) -> Fitted:
+        return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, fit.sigma, LAST_ROUND, len(self.base))
+
+    def _pairs(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
+        singles = sorted(
+            (n for n in self.fits if len(n) == 1 and n[0] in self.effects), key=lambda n: self.fits[n].objective
+        )
+        if not singles:
+            return
+        best = base.objective - self.fits[singles[0]].objective
+        leaders = [n for n in singles[:LEADERS] if base.objective - self.fits[n].objective >= LEADS * best]
+        wanted: dict[Names, tuple[float, Fitted, Promise]] = {}
+        for names in leaders:
+            leader = self.fits[names]
+            if self.merit_of(base, leader) <= 0.0:
+                continue
+            self.tell(f"pairs with {names[0]}")
+            again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
+            promised = self._promised(leader, again, base.chi2 - leader.chi2)
+            for name in sorted(promised, key=lambda n: -promised[n].merit)[:PARTNERS]:
+                if promised[name].merit <= 0.0:
+                    continue
+                pair: Names = (min(names[0], name), max(names[0], name))
+                total = base.objective - leader.objective + promised[name].gain
+                if pair not in wanted or wanted[pair][0] < total:
+                    wanted[pair] = (total, leader, promised[name])
+        for pair, (total, leader, each) in sorted(wanted.items(), key=lambda q: -q[1][0])[:PAIRS_REFITTED]:
+            self.linear[pair] = total
+            self._try(pair, lambda f=leader, e=each: self._fit_with(f, e))  # type: ignore[misc]
+        self._joint(near, signatures, near.objective - base.objective + best)
+        self._finish(base, [n for n in self.fits if len(n) == 2], PAIR_IN_REACH)
+        self._drop(base)
+
+    def _drop(self, base: Fitted) -> None:
+        """Each effect of the leading pairs alone, from where the pair left it: a pair is worth what both earn."""
+        pairs = sorted((n for n in self.fits if len(n) == 2), key=lambda n: self.fits[n].objective)
+        for pair in pairs[:DROPPED]:
+            for left in pair:
+                self._try((left,), lambda p=pair, n=left: self._without(self.fits[p], n))  # type: ignore[misc]
+            self._finish(base, [(left,) for left in pair])
+
+    def _without(self, pair: Fitted, left: str) -> Fitted:
+        """The pair's fit with only the effect `left` in it."""
+        count = len(self.base)
+        mine = [knob for knob in pair.knobs[count:] if left in _effects_of(knob)]
+        kept = np.array([True] * count + [left in _effects_of(k) for k in pair.knobs[count:] for _ in k.lowest])
+        knobs = [*pair.knobs[:count], *mine]
+        return fit_knobs(self.problem, (left,), knobs, pair.z[kept], pair.sigma, FIRST_ROUND, count)
+
+    def _joint(self, near: Fitted, signatures: Sequence[Atom], best: float) -> None:
+        """Pairs of effects of which neither leads alone, where they promise more together than the best alone."""
+        projection = Projection.of(self.problem, near, near.sigma)
+        kept: dict[str, list[tuple[float, Atom, Array]]] = {}
+        for atom in signatures:
+            columns = projection.clean(atom.columns)
+            data, prior, _ = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
+            kept.setdefault(atom.effect.id, []).append((data + prior, atom, columns))
+        kept = {name: sorted(each, key=lambda q: -q[0])[:SHAPES_KEPT] for name, each in kept.items()}
+        found: list[tuple[float, Names, Atom, Atom, Array]] = []
+        for first, second in combinations(sorted(kept), 2):
+            if (first, second) in self.fits:
+                continue
+            options = []
+            for _, a, left in kept[first]:
+                for _, b, right in kept[second]:
+                    signs = [*columns_signed(a), *columns_signed(b)]
+                    both = np.hstack([left, right])
+                    data, prior, amounts = linear_gain(both, projection.residual, signs, projection.priors)
+                    worth = merit(data, prior, both.shape[1], self.scale)
+                    options.append((worth, (first, second), a, b, amounts, data + prior))
+            worth, names, a, b, amounts, gain = max(options, key=lambda q: q[0])
+            self.linear[names] = max(gain, self.linear.get(names, 0.0))
+            if gain > best:  # what the best alone takes off, from the same point
+                found.append((worth, names, a, b, amounts))
+        for _, pair, a, b, amounts in sorted(found, key=lambda q: -q[0])[:PARTNERS]:
+            self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
+
+    @property
+    def scale(self) -> Scale:
+        return scale_of(self.problem)
+
+    def merit_of(self, base: Fitted, fit: Fitted) -> float:
+        """Of one effect, against none."""
+        return merit(base.chi2 - fit.chi2, base.prior - fit.prior, len(fit.z) - len(base.z), self.scale)
+
+    def _promised(self, at: Fitted, signatures: Sequence[Atom], explained: float = 0.0) -> dict[str, Promise]:
+        """Effect -> its best shape, linearly."""
+        projection = Projection.of(self.problem, at, at.sigma)
+        best: dict[str, Promise] = {}
+        for atom in signatures:
+            columns = projection.clean(atom.columns)
+            data, prior, amounts = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
+            size = columns.shape[1] + len(atom.at)
+            creeping = atom.effect.regime == "low_speed"
+            each = Promise(data + prior, merit(data, prior, size, self.scale, explained, creeping), atom, amounts)
+            if atom.effect.id not in best or each.merit > best[atom.effect.id].merit:
+                best[atom.effect.id] = each
+        return best
+
+    def _fit_with(self, at: Fitted, promise: Promise) -> Fitted:
+        more, start = start_of(self.problem, promise.atom, promise.amounts)
+        names = (*at.effects, promise.atom.effect.id)
+        knobs, z = [*at.knobs, *more], np.concatenate([at.z, start])
+        return fit_knobs(self.problem, names, knobs, z, at.sigma, FIRST_ROUND, len(self.base))
+
+    def _fit_both(self, near: Fitted, a: Atom, b: Atom, amounts: Array) -> Fitted:
+        split = a.columns.shape[1]
+        knobs, start = list(near.knobs), list(near.z)
+        for atom, part in ((a, amounts[:split]), (b, amounts[split:])):
+            more, z = start_of(self.problem, atom, part)
+            knobs, start = [*knobs, *more], [*start, *z]
+        names = (a.effect.id, b.effect.id)
+        return fit_knobs(self.problem, names, knobs, np.array(start), near.sigma, FIRST_ROUND, len(self.base))
+
+    def _try(self, names: Names, fit: Callable[[], Fitted]) -> None:
+        """A candidate that breaks down is a row in the report, not the end."""
+        try:
+            found = fit()
+        except BREAKDOWNS as error:
+            self.failures[names] = f"{type(error).__name__}: {error}"
+            return
+        if not np.isfinite(found.objective):
+            self.failures[names] = "the simulation breaks down at these values"
+        elif names not in self.fits or found.objective < self.fits[names].objective:
+            self.fits[names] = found
+
+
+def _effects_of(knob: Knob) -> set[str]:
+    """The effects whose values a knob sets."""
+    values = knob.values([0.0] * len(knob.lowest))
+    return {symbol.split("__")[0] for symbol in values}

@@ -1,0 +1,207 @@
+"""Which effects a campaign could tell apart at all, and how little of each it would show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.fits import Projection, columns_signed, linear_gain
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.scan import Atom
+from workbench.diagnose.hypotheses.score import LEAST, Scale, merit
+from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.records import Isolability
+from workbench.diagnose.verdict.judge import calibration
+from workbench.run import Array
+
+ALIKE_DEG = 10.0
+APART = 3.0  # standard deviations, between the fits of two effects
+SPECIAL = 1e-3  # of a signature: less than this outside another is none
+NOTHING = 1e-9  # of a column's size: what the base parameters take away whole
+
+
+@dataclass(frozen=True)
+class Signature:
+    """An effect at its best shape: atom, and its columns with the base taken out, (samples + priors, k)."""
+
+    atom: Atom
+    columns: Array
+    gain: float
+    merit: float
+
+
+def isolability(problem: Problem, found: Found) -> Isolability:
+    """Angles between the effects' signatures, the base parameters projected out with tolerances as priors.
+
+    The angle is the smallest one between the two signatures' spaces (A. Bjorck, G. H. Golub, Mathematics of
+    Computation 27, 1973): at 0 some amount of one looks exactly like some amount of the other.
+    """
+    scale = Scale(problem.share * problem.inputs)
+    projection = Projection.of(problem, found.near, found.near.sigma)
+    best = best_signatures(projection, found.atoms, scale)
+    names = tuple(best)
+    spaces = [_space(best[name].columns) for name in names]
+    angle = np.zeros((len(names), len(names)))
+    for i, a in enumerate(spaces):
+        for j, b in enumerate(spaces[:i]):
+            angle[i, j] = angle[j, i] = angle_between(a, b)
+    visible = {name: _visible(each, projection.priors, scale) for name, each in best.items()}
+    return Isolability(names, angle, visible, tuple(_sentences(best, angle, found, projection.priors, scale)))
+
+
+def best_signatures(projection: Projection, atoms: Iterable[Atom], scale: Scale) -> dict[str, Signature]:
+    """Effect -> its signature at the shape that is worth most on the data as they are."""
+    best: dict[str, Signature] = {}
+    for atom in atoms:
+        columns = projection.clean(atom.columns)
+        if not np.any(np.abs(atom.columns) > 0.0):  # such as a place that no run has passed
+            continue
+        data, prior, _ = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
+        worth = merit(data, prior, columns.shape[1] + len(atom.at), scale)
+        name = atom.effect.id
+        if name not in best or worth > best[name].merit:
+            best[name] = Signature(atom, columns, data + prior, worth)
+    return best
+
+
+def _space(columns: Array) -> Array:
+    """Orthonormal columns that span the same, what is nearly nothing beside the largest left out."""
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, s > NOTHING * max(float(s[0]), 1e-300)], dtype=float)
+
+
+def angle_between(a: Array, b: Array) -> float:
+    """The smallest angle, degrees, between two spaces given by orthonormal columns; 90 for an empty one."""
+    if not a.shape[1] or not b.shape[1]:
+        return 90.0
+    small, large = (a, b) if a.shape[1] <= b.shape[1] else (b, a)
+    overlap = large.T @ small
+    _, s, v = np.linalg.svd(overlap, full_matrices=False)
+    if s[0] < math.sqrt(0.5):
+        return math.degrees(math.acos(min(float(s[0]), 1.0)))
+    # Near 0 the cosine says nothing; what of the nearest direction lies outside the other space does.
+    away = small @ v[0] - large @ (overlap @ v[0])
+    return math.degrees(math.asin(min(float(np.linalg.norm(away)), 1.0)))
+
+
+def _visible(each: Signature, priors: int, scale: Scale) -> tuple[str, float]:
+    """The first parameter's smallest amount off its vanishing value that would be worth a name."""
+    wave = each.atom.wave is not None
+    if wave:  # the quadratures of all runs, a mean over phases
+        squares = np.sum(each.columns**2, axis=1) / 2.0
+    else:  # all amounts alike, each on its own scale
+        squares = np.sum(each.columns, axis=1) ** 2
+    data, prior = float(np.sum(squares[:-priors])), float(np.sum(squares[-priors:]))
+    parameters = each.columns.shape[1] + len(each.atom.at)
+    amount = smallest_amount(data, prior, parameters, scale)
+    return each.atom.amounts[0].name, amount * abs(each.atom.scale[0])
+
+
+def smallest_amount(data: float, prior: float, parameters: int, scale: Scale) -> float:
+    """The a with merit(a² data, a² prior) = 0; inf for what never shows."""
+    cost = parameters * math.log(max(scale.n, 2.0))
+    least = LEAST**2 * scale.n
+    seen = math.sqrt((cost + least) / (data / scale.inflation + prior)) if data + prior > 0.0 else math.inf
+    by_prior = math.sqrt(cost / prior) if prior > 0.0 else math.inf  # so small in the data that only tolerances tell
+    return min(seen, by_prior) if by_prior**2 * data / scale.inflation <= least else seen
+
+
+def _sentences(best: Mapping[str, Signature], angle: Array, found: Found, priors: int, scale: Scale) -> list[str]:
+    names, out = list(best), []
+    for group in groups(separations(best, priors, scale), APART):
+        members = [names[k] for k in group]
+        widest = max(float(angle[i, j]) for i in group for j in group)
+        out.append(
+            f"This campaign cannot tell small amounts of {_listed(members)} apart: twice what would just be visible "
+            f"of one passes for the other{'s' if len(group) > 2 else ''} within noise and tolerances"
+            + (f" (signatures within {max(widest, 0.1):.2g} degrees)." if widest < ALIKE_DEG else ".")
+        )
+    return [*out, *_near_the_best(found, scale)]
+
+
+def separations(best: Mapping[str, Signature], priors: int, scale: Scale) -> Array:
+    """(k, k) standard deviations between effects, one at twice its smallest visible amount, the other as like it
+    as it can be. What differs by less than LEAST of the noise counts for nothing, for no model is that exact.
+
+    inf where one effect is a special case of the other: no campaign tells these apart, and fewer numbers decide.
+    """
+    each = list(best.values())
+    spaces, raw = [_space(one.columns) for one in each], [_space(one.atom.columns) for one in each]
+    found = np.full((len(each), len(each)), np.inf)
+    for i, one in enumerate(each):
+        vector = _twice_visible(one, priors, scale)
+        for j in range(len(each)):
+            if i != j and not _special_case(raw[i], raw[j]):
+                found[i, j] = _distance(vector - spaces[j] @ (spaces[j].T @ vector), priors, scale)
+    return np.asarray(np.maximum(found, found.T), dtype=float)
+
+
+def _distance(away: Array, priors: int, scale: Scale) -> float:
+    """Standard deviations of a difference in data and tolerances."""
+    data, prior = float(np.sum(away[:-priors] ** 2)), float(np.sum(away[-priors:] ** 2))
+    return math.sqrt(max(data / scale.inflation - LEAST**2 * scale.n, 0.0) + prior)
+
+
+def _twice_visible(each: Signature, priors: int, scale: Scale) -> Array:
+    """(samples + priors,) the signature at twice its smallest visible amount; of a wave at phase 0 in every run."""
+    columns = each.columns[:, ::2] if each.atom.wave is not None else each.columns
+    vector = np.sum(columns, axis=1)
+    data, prior = float(np.sum(vector[:-priors] ** 2)), float(np.sum(vector[-priors:] ** 2))
+    amount = smallest_amount(data, prior, each.columns.shape[1] + len(each.atom.at), scale)
+    return np.asarray(vector * (2.0 * amount), dtype=float) if math.isfinite(amount) else np.zeros(len(vector))
+
+
+def _special_case(a: Array, b: Array) -> bool:
+    """Whether one space lies in the other, larger one, whatever the base parameters."""
+    small, large = (a, b) if a.shape[1] <= b.shape[1] else (b, a)
+    if small.shape[1] == large.shape[1]:
+        return False
+    return bool(np.linalg.norm(small - large @ (large.T @ small)) < SPECIAL)
+
+
+def _near_the_best(found: Found, scale: Scale) -> list[str]:
+    """What fits nearly as well as the best single effect, by how many standard deviations it is worse."""
+    singles = sorted((n for n in found.fits if len(n) == 1), key=lambda n: found.fits[n].objective)
+    if not singles:
+        return []
+    best = found.fits[singles[0]]
+    worth = merit(
+        found.base.chi2 - best.chi2, found.base.prior - best.prior, len(best.z) - len(found.base.z), scale
+    )  # fmt: skip
+    if worth <= calibration()["threshold"]:
+        return []
+    near = []
+    for names in singles[1:]:
+        other = found.fits[names]
+        data = (other.chi2 - best.chi2) / scale.inflation
+        worse = math.sqrt(max(max(data - LEAST**2 * scale.n, min(data, 0.0)) + other.prior - best.prior, 0.0))
+        if worse < APART:
+            near.append(f"{names[0]} ({worse:.1f})")
+    if not near:
+        return []
+    return [
+        f"With the amount found, noise and tolerances leave open beside {singles[0][0]}: {', '.join(near)}; in "
+        "parentheses how many standard deviations worse each fits."
+    ]
+
+
+def groups(apart: Array, limit: float) -> list[list[int]]:
+    """Indices that all lie within `limit` of each other, nearest pairs first; each in one group only."""
+    pairs = sorted((float(apart[i, j]), i, j) for i in range(len(apart)) for j in range(i))
+    taken: dict[int, list[int]] = {}
+    for size, i, j in pairs:
+        if size >= limit:
+            break
+        a, b = taken.get(i, [i]), taken.get(j, [j])
+        if a is not b and all(apart[x, y] < limit for x in a for y in b):
+            joined = sorted([*a, *b])
+            taken |= dict.fromkeys(joined, joined)
+    unique = {id(group): group for group in taken.values()}
+    return sorted(unique.values())
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"

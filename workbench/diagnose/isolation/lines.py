@@ -1,0 +1,127 @@
+"""A hypothesis around its fit, linear in what it may turn: on the campaign, and on runs of a menu."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.base import LOAD_CELL_STD
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.knobs import TENSION_GAIN, Knob, PhaseOfEachRun, Setting, setting_of
+from workbench.diagnose.hypotheses.problem import GROUP, SENSOR_KEYS, STEP, TENSION, TENSION_TRUST, Problem
+from workbench.machine import Hoist
+from workbench.run import Array
+from workbench.simulate.driven import changed
+
+POSITION = "position_carriage_m"
+POSITION_TRUST = 1e-4  # of the wire's length: a usual draw-wire encoder or laser
+
+
+@dataclass(frozen=True)
+class Line:
+    """A hypothesis around its fit, linear in z, on the campaign or on one run of the menu.
+
+    residual: (rows,) in standard deviations; jacobian: (rows, len(z)); own: (rows, k) what each run has of its own
+    (a phase, a load cell's gain), own_hold: (k,) one over how far it may lie off. channel: (rows,) which signal.
+    """
+
+    residual: Array
+    jacobian: Array
+    own: Array
+    own_hold: Array
+    channel: np.ndarray
+    share: float
+
+
+def on_campaign(problem: Problem, fit: Fitted) -> Line:
+    rows = len(fit.residual)
+    channel = np.where(np.arange(rows) < problem.inputs, 0, 1)
+    nothing = np.zeros((rows, 0))
+    return Line(fit.residual / fit.sigma, fit.jacobian / fit.sigma, nothing, np.zeros(0), channel, problem.share)
+
+
+def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tuple[str, ...]], Line]:
+    """A hypothesis on any run of the menu, by its number and what is logged there."""
+    steps = [fit.z, *(fit.z + STEP * row for row in np.eye(len(fit.z)))]
+    settings: list[Setting] = [_of_one_run(setting_of(fit.knobs, z)) for z in steps]
+    cell = TENSION_GAIN not in settings[0]
+    if cell:  # a load cell that the campaign did not have: its gain is not known
+        settings.append({**settings[0], TENSION_GAIN: 1.0 + STEP * LOAD_CELL_STD})
+    base, change = ahead.differences(settings[0], settings[1:])
+    heights: list[Array] = []
+    phases = _phases(fit.knobs)
+
+    def of_run(k: int, signals: tuple[str, ...]) -> Line:
+        mine = np.flatnonzero(ahead.run_of_row == k)
+        input_rows, tension_rows = mine[mine < ahead.inputs], mine[mine >= ahead.inputs]
+        parts = [(base[input_rows], change[:, input_rows] / STEP, fit.sigma)]
+        if TENSION in signals:
+            noise = problem.tension_noise if problem.has_tension else _tension_noise(ahead, k)
+            # The menu's tension stands on the scale of its own torque and load cell.
+            unit = noise * ahead.noise / ahead.tension_noise
+            parts.append((base[tension_rows], change[:, tension_rows] / STEP, unit))
+        if POSITION in signals:
+            if not heights:
+                heights.extend(_heights(ahead, settings))
+            machine = problem.machine
+            assert isinstance(machine, Hoist)
+            x = heights[k]
+            parts.append((-x[0], -(x[1:] - x[0]) / STEP, POSITION_TRUST * machine.wire.segment_length_m))
+        residual = np.concatenate([r / unit for r, _, unit in parts])
+        slopes = np.concatenate([j / unit for _, j, unit in parts], axis=1).T
+        channel = np.repeat(np.arange(len(parts)), [len(r) for r, _, _ in parts])
+        jacobian, own, hold = slopes[:, : len(fit.z)].copy(), [], []
+        for first, many in phases:  # a new run has a phase of its own
+            own.append(jacobian[:, first].copy())
+            hold.append(0.0)
+            jacobian[:, first : first + many] = 0.0
+        if cell:
+            own.append(slopes[:, -1])
+            hold.append(1.0)
+        extra = np.stack(own, axis=1) if own else np.zeros((len(residual), 0))
+        return Line(residual, jacobian, extra, np.array(hold), channel, ahead.share)
+
+    return of_run
+
+
+def _tension_noise(ahead: Problem, k: int) -> float:
+    return TENSION_TRUST * float(np.mean(ahead.tension[k]))
+
+
+def _heights(ahead: Problem, settings: Sequence[Setting]) -> list[Array]:
+    """Of each run (settings, rows) the carriage's height above its first one, m."""
+    out: list[list[Array]] = [[] for _ in ahead.runs]
+    base = _values(ahead, settings[0])
+    for k in range(1, len(settings), GROUP - 1):
+        lanes = [base, *(_values(ahead, each) for each in settings[k : k + GROUP - 1])]
+        predicted = ahead.bench.predict(lanes)
+        for j, rows in enumerate(ahead.rows):
+            x = [states[j][1][:, 1] for states in predicted]
+            # All lanes of a group take the same steps: their differences are free of step-size noise.
+            shift = [(each - each[0] - (x[0] - x[0][0]))[rows] for each in x[1:]]
+            if k == 1:
+                out[j].append((x[0] - x[0][0])[rows])
+            out[j] += [out[j][0] + each for each in shift]
+    return [np.stack(each) for each in out]
+
+
+def _values(ahead: Problem, setting: Setting) -> list[SimpleNamespace]:
+    plain = {s: float(v) for s, v in setting.items() if s not in SENSOR_KEYS and not isinstance(v, tuple)}
+    return [changed(each, plain) for each in ahead.bench.base]
+
+
+def _phases(knobs: Sequence[Knob]) -> list[tuple[int, int]]:
+    """Where in z what is each run's own begins, and how many runs it has."""
+    found, at = [], 0
+    for knob in knobs:
+        if isinstance(knob, PhaseOfEachRun):
+            found.append((at, len(knob.start)))
+        at += len(knob.lowest)
+    return found
+
+
+def _of_one_run(setting: Setting) -> dict[str, float | tuple[float, ...]]:
+    return {symbol: value[0] if isinstance(value, tuple) else value for symbol, value in setting.items()}

@@ -1,0 +1,174 @@
+"""The run that would decide between hypotheses that the campaign leaves open, and by how much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signed, linear_gain, start_of
+from workbench.diagnose.hypotheses.knobs import bounds_of
+from workbench.diagnose.hypotheses.problem import TENSION, Problem
+from workbench.diagnose.hypotheses.score import LEAST
+from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.isolation.lines import POSITION, Line, on_campaign, on_menu
+from workbench.diagnose.isolation.planned import Planned, menu
+from workbench.diagnose.records import Names, NextRun
+from workbench.machine import Hoist
+
+APART = 3.0  # standard deviations: then a run decides
+WORTH = 1.0  # more than now: less is not worth a run
+RIVALS = 3  # that the leading hypothesis is held against
+
+
+@dataclass(frozen=True)
+class Offer:
+    """One entry of the menu: a run and what is logged beside the motors."""
+
+    planned: Planned
+    signals: tuple[str, ...]
+    separation: float
+
+
+def next_run(problem: Problem, found: Found, open_effects: Sequence[Fitted | str | Names]) -> NextRun | None:
+    """The cheapest run that sets the first of the open hypotheses apart from the others, else the best.
+
+    Of each run of the menu the hypotheses' predictions are compared after base parameters and effects were fitted
+    anew to all data, as far as tolerances allow. What differs by less than LEAST of the noise counts for nothing.
+    None where fewer than two are open.
+    """
+    fits = [fit for each in open_effects if (fit := _fit_of(problem, found, each)) is not None][: RIVALS + 1]
+    if len(fits) < 2:
+        return None
+    planned = menu(problem)
+    if not planned:
+        return None
+    campaign = [on_campaign(problem, fit) for fit in fits]
+    now = _apart(fits, campaign, None)
+    ahead = Problem(problem.machine, [each.run for each in planned], problem.band_hz)
+    trial = [on_menu(problem, ahead, fit) for fit in fits]
+    logged = tuple(s for s in (POSITION, TENSION) if all(s in run for run in problem.runs))
+    offers: list[Offer] = []
+    for signals in _choices(problem, logged):
+        for k, each in enumerate(planned):
+            lines = [of_run(k, signals) for of_run in trial]
+            offers.append(Offer(each, signals, _apart(fits, campaign, lines)))
+        if any(_decides(offer, now) for offer in offers):
+            break
+    best = choose(offers, now)
+    return NextRun(
+        _why(problem, fits, best, now), best.planned.payload_kg, best.planned.words, best.signals, best.separation, now
+    )  # fmt: skip
+
+
+def choose(offers: Sequence[Offer], now: float) -> Offer:
+    """The cheapest offer that decides: few signals first, then a short run; else the one that sets most apart."""
+    enough = [offer for offer in offers if _decides(offer, now)]
+    if enough:
+        return min(enough, key=lambda o: (len(o.signals), o.planned.duration_s, -o.separation))
+    most = max(offer.separation for offer in offers)
+    return min(
+        (o for o in offers if o.separation >= 0.95 * most), key=lambda o: (len(o.signals), o.planned.duration_s)
+    )  # fmt: skip
+
+
+def _decides(offer: Offer, now: float) -> bool:
+    return offer.separation > APART and offer.separation > now + WORTH
+
+
+def _choices(problem: Problem, logged: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """What to log beside the motors, cheapest first; what is logged already stays."""
+    if not isinstance(problem.machine, Hoist):
+        return [()]
+    every = [logged, *(tuple(sorted({*logged, more})) for more in (POSITION, TENSION))]
+    return list(dict.fromkeys(every))
+
+
+def _fit_of(problem: Problem, found: Found, each: Fitted | str | Names) -> Fitted | None:
+    """The fit of a hypothesis; of what was not refitted, the linear one at its best shape."""
+    if isinstance(each, Fitted):
+        return each
+    names = (each,) if isinstance(each, str) else tuple(each)
+    if names in found.fits:
+        return found.fits[names]
+    if not names:
+        return found.base
+    if len(names) > 1:
+        return None
+    near = found.near
+    projection = Projection.of(problem, near, near.sigma)
+    options = []
+    for atom in found.atoms:
+        if atom.effect.id == names[0]:
+            columns = projection.clean(atom.columns)
+            gain = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
+            options.append((gain[0] + gain[1], atom, gain[2]))
+    if not options:
+        return None
+    _, atom, amounts = max(options, key=lambda q: q[0])
+    more, start = start_of(problem, atom, amounts)
+    knobs, z = (*near.knobs, *more), np.concatenate([near.z, start])
+    residual, jacobian = problem.evaluate(knobs, z)
+    chi2 = problem.share / near.sigma**2 * float(residual @ residual)
+    return Fitted(names, knobs, z, residual, jacobian, near.sigma, chi2, near.prior, 1, False)
+
+
+def _apart(fits: Sequence[Fitted], campaign: Sequence[Line], more: Sequence[Line] | None) -> float:
+    """Standard deviations between the first hypothesis and its nearest rival, whichever of the two is true."""
+    least = math.inf
+    for k in range(1, len(fits)):
+        for true, rival in ((0, k), (k, 0)):
+            lines = [(campaign[true], campaign[rival])]
+            if more is not None:
+                lines.append((more[true], more[rival]))
+            least = min(least, separation(fits[true], fits[rival], lines))
+    return least
+
+
+def separation(true: Fitted, rival: Fitted, lines: Sequence[tuple[Line, Line]]) -> float:
+    """How many standard deviations the rival stays off data that the true hypothesis makes, refitted to them."""
+    _, _, std = bounds_of(rival.knobs)
+    own = sum(line.own.shape[1] for _, line in lines)
+    size, at = len(rival.z) + own, len(rival.z)
+    matrix, target = [np.hstack([np.diag(1.0 / std), np.zeros((len(std), own))])], [-rival.z / std]
+    blocks = []
+    for mine, its in lines:
+        weight = math.sqrt(its.share)
+        a = np.zeros((len(its.residual), size))
+        a[:, : len(rival.z)] = weight * its.jacobian
+        k = its.own.shape[1]
+        a[:, at : at + k] = weight * its.own
+        hold = np.zeros((k, size))
+        hold[:, at : at + k] = np.diag(its.own_hold)
+        at += k
+        blocks.append((a, -weight * (its.residual - mine.residual), its))
+        matrix += [a, hold]
+        target += [blocks[-1][1], np.zeros(k)]
+    a, b = np.concatenate(matrix), np.concatenate(target)
+    size_of = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
+    step = np.linalg.lstsq(a / size_of, b, rcond=1e-10)[0] / size_of
+    total = float(np.sum(((rival.z + step[: len(rival.z)]) / std) ** 2)) - true.prior
+    for part, wanted, line in blocks:
+        left = (part @ step - wanted) ** 2
+        for channel in np.unique(line.channel):
+            rows = line.channel == channel
+            total += max(float(left[rows].sum()) - LEAST**2 * line.share * int(rows.sum()), 0.0)
+    return math.sqrt(max(total, 0.0))
+
+
+def _why(problem: Problem, fits: Sequence[Fitted], best: Offer, now: float) -> str:
+    names = [" with ".join(fit.effects) or "no effect" for fit in fits]
+    rivals = names[1] if len(names) == 2 else f"{', '.join(names[1:-1])} and {names[-1]}"
+    load = f"a run with {best.planned.payload_kg:g} kg" if isinstance(problem.machine, Hoist) else "a run"
+    signals = f" and with {' and '.join(best.signals)} logged" if best.signals else ""
+    begin = f"The campaign sets {names[0]} apart from {rivals} by {now:.1f} standard deviations"
+    if now < 0.05:
+        begin = f"The campaign does not set {names[0]} apart from {rivals}"
+    if best.separation > APART:
+        return f"{begin}; {load}, {best.planned.words}{signals}, would do so by {best.separation:.1f}."
+    return (
+        f"{begin}; no run on the menu decides. The best, {load}, {best.planned.words}{signals}, would set them apart "
+        f"by {best.separation:.1f}: a closer tolerance is needed, such as a weighed load or a checked sensor."
+    )

@@ -1,0 +1,126 @@
+"""A menu of runs that could be driven next: what the machine did in its logs, with other loads, speeds and turns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.problem import TENSION, Problem
+from workbench.diagnose.location.variables import height
+from workbench.machine import Hoist
+from workbench.plants import plant_of
+from workbench.references import Limits, Step, plan_motion
+from workbench.run import Array, Run
+from workbench.simulate.lowpass import lowpass
+
+SLOW = 0.2  # of the fastest speed logged
+LONGEST_S = 25.0  # of one way, at the slow speed
+HOLD_PERIODS = 5.0  # of the band, a hold lasts
+LEAD_PERIODS = 3.0  # at rest before and after
+SAMPLES = 10.0  # a period
+BETWEEN_S = 60.0  # from the campaign's last run to the next one
+MOST_PAYLOADS = 4
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One run of the menu. words: its motion, for people."""
+
+    run: Run
+    payload_kg: float
+    words: str
+
+    @property
+    def duration_s(self) -> float:
+        return self.run.duration_s
+
+
+@dataclass(frozen=True)
+class Seen:
+    """How the logs show the machine moved, in m and m/s (rad on a rotary axis)."""
+
+    low: float
+    high: float
+    speed: float
+    acceleration: float
+
+
+def menu(problem: Problem) -> list[Planned]:
+    """Payload x slow or fast x plain, reversals or holds; [] where the logs hold no motion."""
+    seen = seen_in(problem)
+    if not (seen.high > seen.low and seen.speed > 0.0 and seen.acceleration > 0.0):
+        return []
+    unit = "m/s" if isinstance(problem.machine, Hoist) or problem.bench.plant.kind.endswith("linear") else "rad/s"
+    found = []
+    for payload in _payloads(problem):
+        for word, speed in (("slow", SLOW * seen.speed), ("fast", seen.speed)):
+            for motion, steps in _motions(problem, seen, speed).items():
+                run = _run(problem, seen, speed, steps, payload, f"{payload:g} {word} {motion}")
+                found.append(Planned(run, payload, f"{word} ({speed:.2g} {unit}), both ways, {motion}"))
+    return found
+
+
+def seen_in(problem: Problem) -> Seen:
+    """Largest speed and acceleration in the band, and the range of heights, of all runs."""
+    bench, lift = problem.bench, 1.0
+    if isinstance(problem.machine, Hoist):
+        lift = problem.machine.lift_m_per_rad
+        places = [height(bench, j) for j in range(len(bench.runs))]
+    else:
+        places = [motion.position for motion in bench.motions]
+    smooth = [
+        [lowpass(run.time_s, values, bench.band_hz)[inside] for values in (motion.speed, motion.acceleration)]
+        for run, motion, inside in zip(bench.runs, bench.motions, bench.inside, strict=True)
+    ]
+    speed, acceleration = (max(float(np.max(np.abs(each[k]), initial=0.0)) for each in smooth) * lift for k in (0, 1))
+    low, high = min(float(np.min(x)) for x in places), max(float(np.max(x)) for x in places)
+    return Seen(low, high, speed, acceleration)
+
+
+def _payloads(problem: Problem) -> list[float]:
+    """The campaign's lightest, middle and heaviest, and none."""
+    if not isinstance(problem.machine, Hoist):
+        return [problem.runs[0].payload_kg]
+    known = sorted({run.payload_kg for run in problem.runs})
+    middle = min(known, key=lambda load: abs(load - 0.5 * (known[0] + known[-1])))
+    return sorted({0.0, known[0], middle, known[-1]})[:MOST_PAYLOADS]
+
+
+def _motions(problem: Problem, seen: Seen, speed: float) -> dict[str, list[Step]]:
+    way = 0.96 * min(seen.high - seen.low, LONGEST_S * speed)
+    hold = Step(dwell_s=HOLD_PERIODS / problem.band_hz)
+
+    def go(*quarters: float) -> list[Step]:
+        return [Step(by_m=each * way / 4.0) for each in quarters]
+
+    def with_holds(steps: Sequence[Step]) -> list[Step]:
+        return [each for step in steps for each in (step, hold)][:-1]
+
+    return {
+        "without a stop on the way": with_holds(go(4, -4)),
+        "with reversals at half height": go(2, -1, 1, 2, -2, 1, -1, -2),
+        "with holds on the way": with_holds(go(1, 1, 2, -1, -1, -2)),
+    }
+
+
+def _run(problem: Problem, seen: Seen, speed: float, steps: Sequence[Step], payload: float, name: str) -> Run:
+    """The run as a log would show it: its motion exactly, no torque, the tension of the weight at rest."""
+    rest = LEAD_PERIODS / problem.band_hz
+    limits = Limits(speed, seen.acceleration, 4.0 * seen.acceleration * problem.band_hz)
+    span = seen.high - seen.low
+    begin = seen.low + 0.02 * span
+    plan = plan_motion("ruckig", steps, begin, limits, (seen.low - span, seen.high + span), rest, rest)
+    profile = plan.sample(1.0 / (SAMPLES * problem.band_hz))
+    plant, machine, n = plant_of(problem.machine), problem.machine, len(profile.time_s)
+    last = max(problem.runs, key=lambda run: run.start_time_s)
+    after = last.start_time_s + last.duration_s + BETWEEN_S
+    signals: dict[str, Array] = {plant.input: np.zeros(n)}
+    if isinstance(machine, Hoist):
+        signals[plant.speeds[0]] = profile.speed_m_s / machine.lift_m_per_rad
+        weight = (machine.carriage.mass_kg + payload) * machine.gravity_m_s2
+        signals[TENSION] = np.full(n, 0.5 * weight)
+        return Run(name, profile.time_s, signals, payload, begin, after)
+    signals[plant.positions[0]], signals[plant.speeds[0]] = profile.position_m, profile.speed_m_s
+    return Run(name, profile.time_s, signals, payload, begin, after)

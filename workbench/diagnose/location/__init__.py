@@ -1,0 +1,1 @@
+"""Where the gap lies: over which variable, in which windows, in which part of the machine."""

@@ -1,0 +1,201 @@
+"""What the gap is looked at over: speed, height, payload and the others, at every residual of the input."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.machine import Axis, Hoist, LinearAxis
+from workbench.run import Array
+from workbench.simulate.driven import Bench
+from workbench.simulate.lowpass import lowpass
+
+TURN = 2.0 * math.pi
+TURNS = 1.5  # passed at least: within one turn an angle is a height and no more
+SPEED_EDGES = (0.0, 0.02, 0.05, 0.09, 0.14, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)  # of the fastest: finer where it creeps
+START_EDGES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)  # periods of the band since the start of a motion
+
+
+@dataclass(frozen=True)
+class Variable:
+    """at: (inputs,) its value at every residual of the input. edges: (k + 1,) of its bins.
+
+    wraps: the last bin joins the first, a turn. straight: few values only, between which nothing but a line is known.
+    """
+
+    name: str
+    label: str
+    unit: str
+    regime: str
+    at: Array
+    edges: Array
+    wraps: bool = False
+    straight: bool = False
+
+
+def variables(problem: Problem, gap: Array | None = None) -> list[Variable]:
+    """All that these runs vary, the simpler explanation first.
+
+    gap: (inputs,) measured less predicted input; with it the predicted one is among them.
+    """
+    hoist = isinstance(problem.machine, Hoist)
+    found = [_direction(problem)]
+    if hoist:
+        found.append(_payload(problem))
+    found += [_speed(problem), _acceleration(problem), _since_start(problem), *_turns(problem), _position(problem)]
+    found += [_run_time(problem), _campaign_time(problem)]
+    if gap is not None:
+        found.append(_input(problem, gap))
+    return [each for each in found if np.ptp(each.at) > 0.0]
+
+
+def forward(problem: Problem) -> np.ndarray:
+    """(inputs,) bool: hoisting or forward."""
+    return of_rows(problem, lambda b, j: _smooth_speed(b, j)) > 0.0
+
+
+def of_rows(problem: Problem, of_run: Callable[[Bench, int], Array]) -> Array:
+    """A series of each run, as of_run gives it, (n,), at the residuals of the input: (inputs,)."""
+    return np.concatenate([of_run(problem.bench, j)[rows] for j, rows in enumerate(problem.rows)])
+
+
+def times(problem: Problem) -> Array:
+    """(inputs,) s, on each run's own clock."""
+    return of_rows(problem, lambda b, j: b.runs[j].time_s)
+
+
+def spacing(problem: Problem) -> Array:
+    """(inputs,) s: how much time one residual stands for."""
+    steps = [float(np.median(np.diff(run.time_s))) for run in problem.runs]
+    strides = [int(np.min(np.diff(rows))) if len(rows) > 1 else 1 for rows in problem.rows]
+    return np.repeat(np.multiply(steps, strides), problem.run_lengths)
+
+
+def _smooth_speed(bench: Bench, j: int) -> Array:
+    return lowpass(bench.runs[j].time_s, bench.motions[j].speed, bench.band_hz)
+
+
+def _moved(machine: Hoist | Axis) -> tuple[str, str, float]:
+    """In words what moves, the unit of its way, and its way over that of the driven coordinate."""
+    if isinstance(machine, Hoist):
+        return "carriage", "m", machine.lift_m_per_rad
+    return "axis", "m" if isinstance(machine, LinearAxis) else "rad", 1.0
+
+
+def _direction(problem: Problem) -> Variable:
+    at = np.where(forward(problem), 1.0, -1.0)
+    return Variable("direction", "direction", "1", "all", at, np.array([-1.5, 0.0, 1.5]), straight=True)
+
+
+def _payload(problem: Problem) -> Variable:
+    at = of_rows(problem, lambda b, j: np.full(len(b.runs[j].time_s), b.runs[j].payload_kg))
+    known = np.unique(at)
+    between = 0.5 * (known[1:] + known[:-1])
+    margin = 0.5 * float(np.max(np.diff(known))) if len(known) > 1 else 1.0
+    edges = np.concatenate([[known[0] - margin], between, [known[-1] + margin]])
+    return Variable("payload", "payload", "kg", "load", at, edges, straight=True)
+
+
+def _speed(problem: Problem) -> Variable:
+    what, unit, lift = _moved(problem.machine)
+    at = np.abs(of_rows(problem, _smooth_speed)) * lift
+    edges = float(np.max(at)) * np.array(SPEED_EDGES)
+    return Variable("speed", f"speed of the {what}", f"{unit}/s", "speed", at, edges)
+
+
+def _acceleration(problem: Problem) -> Variable:
+    what, unit, lift = _moved(problem.machine)
+
+    def smooth(b: Bench, j: int) -> Array:
+        return lowpass(b.runs[j].time_s, b.motions[j].acceleration, b.band_hz) * lift
+
+    at = of_rows(problem, smooth)
+    top = float(np.max(np.abs(at)))
+    edges = top * np.array([-1.0, -0.6, -0.35, -0.18, -0.06, 0.06, 0.18, 0.35, 0.6, 1.0])
+    return Variable("acceleration", f"acceleration of the {what}", f"{unit}/s²", "acceleration", at, edges)
+
+
+def _since_start(problem: Problem) -> Variable:
+    """Counted from where the machine last came out of rest, or from the run's beginning."""
+
+    def since(b: Bench, j: int) -> Array:
+        t, going = b.runs[j].time_s, b.moving[j]
+        begins = np.flatnonzero(np.diff(np.concatenate([[False], going]).astype(int)) == 1)
+        if not len(begins):
+            return np.zeros(len(t))
+        which = np.clip(np.searchsorted(begins, np.arange(len(t)), side="right") - 1, 0, None)
+        return np.maximum(t - t[begins][which], 0.0)
+
+    at = of_rows(problem, since)
+    longest = float(np.max(at))
+    edges = [e / problem.band_hz for e in START_EDGES if e / problem.band_hz < longest]
+    return Variable("since_start", "time since the start of the motion", "s", "start", at, np.array([*edges, longest]))
+
+
+def way(problem: Problem) -> Array:
+    """(inputs,) height of the carriage or position of the axis, m or rad."""
+    return of_rows(problem, height if isinstance(problem.machine, Hoist) else lambda b, j: b.motions[j].position)
+
+
+def _position(problem: Problem) -> Variable:
+    at = way(problem)
+    what, unit, _ = _moved(problem.machine)
+    label = "height of the carriage" if what == "carriage" else f"position of the {what}"
+    return Variable("position", label, unit, "position", at, _even(at, 24))
+
+
+def height(bench: Bench, j: int) -> Array:
+    """(n,) m: of the carriage on a wire that does not stretch."""
+    machine, position = bench.machine, bench.motions[j].position
+    assert isinstance(machine, Hoist)
+    return bench.runs[j].start_position_m + (position - position[0]) * machine.lift_m_per_rad
+
+
+def _turns(problem: Problem) -> list[Variable]:
+    """Angles folded to one turn, of what turned often enough for a turn to come back."""
+    machine = problem.machine
+    if isinstance(machine, LinearAxis):
+        return []
+    if not isinstance(machine, Hoist):
+        own = of_rows(problem, lambda b, j: b.motions[j].position)
+        return _folded("angle", "angle within a turn", own)
+
+    def drum(b: Bench, j: int) -> Array:
+        return 4.0 * height(b, j) / machine.winch.drum_diameter_m
+
+    return _folded("drum_angle", "drum's angle", of_rows(problem, drum))
+
+
+def _folded(name: str, label: str, angle: Array) -> list[Variable]:
+    if np.ptp(angle) < TURNS * TURN:
+        return []
+    edges = np.linspace(0.0, TURN, 13)
+    return [Variable(name, label, "rad", "periodic", angle % TURN, edges, wraps=True)]
+
+
+def _input(problem: Problem, gap: Array) -> Variable:
+    """The input that the motion takes as predicted: the measured one holds the gap itself."""
+    force = isinstance(problem.machine, LinearAxis)
+    at = of_rows(problem, lambda b, j: b.measured[j]) - gap
+    label = "force that the motion takes" if force else "torque that the motion takes"
+    return Variable("input", label, "N" if force else "N m", "load", at, _even(at, 10))
+
+
+def _run_time(problem: Problem) -> Variable:
+    at = of_rows(problem, lambda b, j: b.runs[j].time_s - b.runs[j].time_s[0])
+    return Variable("run_time", "time since the run's start", "s", "time", at, _even(at, 16))
+
+
+def _campaign_time(problem: Problem) -> Variable:
+    begins = {run.start_time_s for run in problem.runs}
+    at = of_rows(problem, lambda b, j: b.runs[j].start_time_s + b.runs[j].time_s - b.runs[j].time_s[0])
+    at = at if len(begins) > 1 else np.zeros(len(at))  # else it is the run's time
+    return Variable("campaign_time", "time since the campaign began", "s", "time", at, _even(at, 6))
+
+
+def _even(at: Array, bins: int) -> Array:
+    return np.linspace(float(np.min(at)), float(np.max(at)), bins + 1)

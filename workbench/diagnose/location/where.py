@@ -1,0 +1,157 @@
+"""Where the gap lies: in which windows of time, over which variable, in which part of the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.knobs import Setting, bounds_of
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import TOLERANCES
+from workbench.diagnose.location.place import CREEPING, EXPLAINS_LITTLE, Place, place_of, side_of
+from workbench.diagnose.location.profiles import Explained, Free, best_of, explain, profile_of, run_of, share_in_time
+from workbench.diagnose.location.spectrum import wave_along_the_way, wave_in_time
+from workbench.diagnose.location.variables import spacing, variables
+from workbench.diagnose.location.windows import Windows, windows_of
+from workbench.diagnose.records import Profile, Where
+from workbench.effects import Effect, ranges_of
+from workbench.run import Array
+
+
+@dataclass(frozen=True)
+class Part:
+    """An effect's own part of the gap: (samples,), behind the input's rows those of the tension."""
+
+    effect: Effect
+    rows: Array
+
+
+def where_of(
+    problem: Problem, near: Fitted, named: Fitted | None = None, effects: Sequence[Effect] = (), seed: int = 0
+) -> Where:
+    """Where the gap lies. near: the base parameters refitted within their tolerances, and what they leave.
+
+    named, effects: the fit of the verdict and the effects it names; the windows are then where the
+    larger effect's own part of the gap lies, and subsystem and regime are those it declares. Without
+    them all follows from the profiles: the variable that explains most says the regime.
+    """
+    profiles, best, other = _profiles(problem, near, seed)
+    if named is not None and effects:
+        parts = sorted(parts_of(problem, named, effects), key=lambda part: -_energy(problem, part.rows))
+        gap = named.residual + sum_of(problem, named, effects)
+        own = parts[0].rows[: problem.inputs]
+        windows = windows_of(problem, own**2)
+        place = Place(parts[0].effect.subsystem(problem.active.kind), parts[0].effect.regime)
+    else:
+        gap, own = near.residual, best.part
+        windows = windows_of(problem, gap[: problem.inputs] ** 2 - problem.noise**2)
+        place = place_of(problem, gap[: problem.inputs], best, windows, side_of(problem, gap))
+    torque, side = gap[: problem.inputs], side_of(problem, gap)
+    left = np.where(windows.inside, torque - own, torque)
+    if place.regime == "event":  # nothing but its time explains it: all within the windows is of that regime
+        left = np.where(windows.inside, 0.0, torque)
+    share, interval = share_in_time(problem, torque, left, seed)
+    by_run = _by_run(problem, torque)
+    sentences = _sentences(problem, windows, best, other, by_run, place, side)
+    return Where(
+        place.subsystem, place.regime, windows.windows, share, interval, tuple(profiles), by_run, side,
+        tuple(sentences),
+    )  # fmt: skip
+
+
+def parts_of(problem: Problem, named: Fitted, effects: Sequence[Effect]) -> list[Part]:
+    """What each effect alone adds to the prediction, at the fit's values."""
+    settings = [_without(problem, named, [each]) for each in effects]
+    _, change = problem.differences(named.setting, settings)
+    return [Part(each, rows) for each, rows in zip(effects, change, strict=True)]
+
+
+def sum_of(problem: Problem, named: Fitted, effects: Sequence[Effect]) -> Array:
+    """What all effects together add to the prediction, (samples,)."""
+    return problem.differences(named.setting, [_without(problem, named, effects)])[1][0]
+
+
+def _without(problem: Problem, named: Fitted, effects: Sequence[Effect]) -> Setting:
+    off = {
+        r.symbol: r.vanishes_at
+        for each in effects
+        for r in ranges_of(each, problem.machine, problem.runs)
+        if r.vanishes_at is not None
+    }
+    return {**named.setting, **off}
+
+
+def _energy(problem: Problem, rows: Array) -> float:
+    return float(np.sum(spacing(problem) * rows[: problem.inputs] ** 2))
+
+
+def _profiles(problem: Problem, near: Fitted, seed: int) -> tuple[list[Profile], Explained, Explained | None]:
+    """All profiles, the best first; what explains best, and next best."""
+    gap, free = near.residual[: problem.inputs], free_of(problem, near)
+    found = [explain(problem, gap, v, free, seed) for v in variables(problem, gap)]
+    profiles = [profile_of(problem, gap, each, _regime(problem, gap, each)) for each in found]
+    for wave in (wave_in_time(problem, gap, seed), wave_along_the_way(problem, gap, seed)):
+        if wave is not None:
+            found, profiles = [*found, wave[0]], [*profiles, wave[1]]
+    best = best_of(found)
+    order = sorted(range(len(found)), key=lambda k: (found[k] is not best, -found[k].share))
+    rest = [found[k] for k in order[1:]]
+    return [profiles[k] for k in order], best, rest[0] if rest else None
+
+
+def free_of(problem: Problem, near: Fitted) -> Free:
+    """How far the base parameters may still go from a fit, within their tolerances."""
+    low, high, std = bounds_of(near.knobs)
+    z = near.z
+    tolerance = np.array([not getattr(knob, "logarithmic", False) for knob in near.knobs])
+    reach = np.where(tolerance, TOLERANCES * std, np.inf)
+    low, high = np.maximum(low, -reach) - z, np.minimum(high, reach) - z
+    hold = near.sigma / np.sqrt(problem.share) / std
+    return Free(-near.jacobian[: problem.inputs], np.minimum(low, 0.0), np.maximum(high, 0.0), hold)
+
+
+def _regime(problem: Problem, gap: Array, each: Explained) -> str:
+    """A variable's regime; of the speed: whether its part lies where the machine creeps."""
+    if each.variable.name != "speed":
+        return each.variable.regime
+    slow = each.variable.at < CREEPING * float(np.max(each.variable.at))
+    gone = spacing(problem) * (gap**2 - (gap - each.part) ** 2)
+    return "low_speed" if float(gone[slow].sum()) > 0.5 * float(gone.sum()) > 0.0 else "speed"
+
+
+def _by_run(problem: Problem, gap: Array) -> dict[str, float]:
+    energy = np.bincount(run_of(problem), spacing(problem) * gap**2, len(problem.runs))
+    return {run.name: float(e / energy.sum()) for run, e in zip(problem.runs, energy, strict=True)}
+
+
+def _sentences(
+    problem: Problem, windows: Windows, best: Explained, other: Explained | None, by_run: Mapping[str, float],
+    place: Place, side: str,
+) -> list[str]:  # fmt: skip
+    many = len(windows.windows)
+    found = [
+        f"{100.0 * windows.held:.0f} % of the gap's energy lies in {many} window{'s' if many != 1 else ''} that "
+        f"take{'s' if many == 1 else ''} {100.0 * windows.time:.0f} % of the time in motion.",
+        f"The {best.variable.label} explains {_percent(best)} of the gap on runs it was not fitted to"
+        + (f"; the {other.variable.label} {_percent(other)}." if other is not None else "."),
+    ]
+    name = max(by_run, key=lambda each: by_run[each])
+    even = 1.0 / len(by_run)
+    if len(by_run) > 1 and by_run[name] > 2.0 * even:
+        found.append(f"Run {name} holds {100.0 * by_run[name]:.0f} % of it.")
+    found += place.sentences
+    if side == "carriage":
+        found.append("The dead line's tension shows the gap too: it is on the carriage's side of the wire.")
+    elif side == "drive":
+        found.append("The dead line's tension does not show the gap: it is on the drive's side of the wire.")
+    if best.share < EXPLAINS_LITTLE:
+        found.append("No single variable explains much of it.")
+    return found
+
+
+def _percent(each: Explained) -> str:
+    low, high = each.interval
+    return f"{100.0 * each.share:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f} %)"

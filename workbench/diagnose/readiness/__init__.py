@@ -1,0 +1,1 @@
+"""Whether the runs can be diagnosed at all, and how fit they are."""

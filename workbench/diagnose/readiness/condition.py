@@ -1,0 +1,132 @@
+"""The condition of the logs: what each run is worth, and what is to be known before its figures are believed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.readiness.checks import check_runs
+from workbench.diagnose.readiness.cross_checks import FAR, reference_of, reference_slope
+from workbench.diagnose.readiness.lateness import lateness
+from workbench.diagnose.readiness.same_machine import listed
+from workbench.diagnose.records import Condition, RunCondition
+from workbench.logs import Campaign
+from workbench.logs.channels import clipped, is_constant
+from workbench.machine import Hoist
+from workbench.run import Array, Run
+
+__all__ = ["check_runs", "condition"]
+
+SPIKE = 10.0  # of the channel's noise: a single sample that far off both its neighbours
+CLIPPED = 0.002  # share of the samples worth a sentence
+NOISE_APART = 3.0  # times the others' noise
+HOIST_INPUTS = ("torque_motor1_nm", "torque_motor2_nm", "torque_motor_nm")
+
+
+def condition(campaign: Campaign, problem: Problem, motion_noise_rms: float = 0.0) -> Condition:
+    """motion_noise_rms: what the motion's noise adds to the prediction (`motion_noise`), in the input's unit."""
+    runs = tuple(_run(problem, j) for j in range(len(problem.runs)))
+    own = float(np.sqrt(np.mean(np.square(problem.bench.noise))))
+    sentences = (*campaign.all_notes, *_sentences(problem, runs, own, motion_noise_rms))
+    return Condition(runs, problem.band_hz, float(np.hypot(own, motion_noise_rms)), sentences)
+
+
+def _run(problem: Problem, j: int) -> RunCondition:
+    run, bench = problem.runs[j], problem.bench
+    names = _inputs(problem, run)
+    motion = bench.plant.speeds[0] if bench.plant.speeds[0] in run else bench.plant.positions[0]
+    return RunCondition(
+        run.name,
+        len(run.time_s),
+        run.sample_time_s,
+        float(bench.noise[j]),
+        float(np.mean(bench.moving[j])),
+        max(clipped_share(run.time_s, run[name]) for name in names),
+        sum(outliers(run[name]) for name in (bench.plant.input, motion)),
+        _delay(problem, j),
+        run.notes,
+    )
+
+
+def _inputs(problem: Problem, run: Run) -> tuple[str, ...]:
+    """Each motor for itself where both are logged: a sum hides where one is clipped."""
+    if isinstance(problem.machine, Hoist):
+        return tuple(name for name in HOIST_INPUTS if name in run)
+    return (problem.bench.plant.input,)
+
+
+def clipped_share(time_s: Array, values: Array) -> float:
+    """Of the samples, what rests at its largest or smallest value as a clipped signal does."""
+    # Clipped alike both ways, a signal rests as long at the one end as at the other: only its size tells.
+    if clipped(time_s, values) is None and clipped(time_s, np.abs(values)) is None:
+        return 0.0
+    # Only extremes that are held count: a largest value of its own is in every signal.
+    at = (values == values.max()) | (values == values.min())
+    held = at & (np.concatenate([[False], at[:-1]]) | np.concatenate([at[1:], [False]]))
+    return float(np.mean(held))
+
+
+def outliers(values: Array) -> int:
+    """Single samples that stand off both neighbours, the same way, far beyond noise and curvature."""
+    if len(values) < 5 or is_constant(values):
+        return 0
+    steps = np.diff(values)
+    before, after = steps[:-1], -steps[1:]
+    stands = np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+    sigma = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6.0)
+    resolution = np.abs(steps[steps != 0.0])
+    least = max(SPIKE * sigma, 5.0 * float(resolution.min()))
+    # Where the signal itself swings from sample to sample, what it does in general is no outlier.
+    typical = 4.0 * float(np.percentile(stands, 99.0))
+    return int(np.count_nonzero(stands > max(least, typical)))
+
+
+def _delay(problem: Problem, j: int) -> float | None:
+    """Seconds; None without a reference, or where the motion does not follow it."""
+    run = problem.runs[j]
+    both, slope = reference_of(problem.machine, run), reference_slope(problem.bench, j)
+    if both is None or slope is None or not 1.0 / FAR < slope < FAR:
+        return None
+    return lateness(run.time_s, *both)
+
+
+def _sentences(problem: Problem, runs: Sequence[RunCondition], own: float, motion_noise_rms: float) -> list[str]:
+    unit = "N m" if problem.bench.plant.input.endswith("nm") else "N"
+    found = []
+    cut = [r for r in runs if r.clipped_share > CLIPPED]
+    if cut:
+        found.append(
+            f"{problem.bench.plant.input} looks clipped in {listed([r.name for r in cut])}, at most "
+            f"{100.0 * max(r.clipped_share for r in cut):.1f} % of the samples; what lies above is not in the log."
+        )
+    spikes = [r for r in runs if r.outliers]
+    if spikes:
+        total = sum(r.outliers for r in spikes)
+        found.append(
+            f"{total} single sample{'s' if total > 1 else ''} far off {'their' if total > 1 else 'its'} neighbours in "
+            f"{listed([r.name for r in spikes])}; the low-pass spreads them, nothing was taken out."
+        )
+    typical = float(np.median([r.noise_rms for r in runs]))
+    loud = [r for r in runs if r.noise_rms > NOISE_APART * typical]
+    if loud:
+        found.append(f"{listed([r.name for r in loud])}: noise of more than {NOISE_APART:g} times the other runs'.")
+    delays = {r.name: r.delay_s for r in runs if r.delay_s is not None}
+    if delays:
+        low, high = min(delays.values()), max(delays.values())
+        found.append(
+            f"The motion follows its reference {_span(low, high)} late: the control loop's lag and any delay of "
+            "the sensor."
+        )
+    if motion_noise_rms > 0.5 * own:
+        found.append(
+            f"The measured motion's own noise adds {motion_noise_rms:.2g} {unit} to the prediction, the input's is "
+            f"{own:.2g} {unit}."
+        )
+    return found
+
+
+def _span(low: float, high: float) -> str:
+    a, b = f"{1e3 * low:.0f}", f"{1e3 * high:.0f}"
+    return f"{a} ms" if a == b else f"{a} to {b} ms"

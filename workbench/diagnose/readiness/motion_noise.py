@@ -1,0 +1,81 @@
+"""The noise of the predicted input that comes from the measured motion: encoder noise, differentiated, times inertia.
+
+The sensor's own noise is all that `Problem.noise` knows. Where the band reaches high, as on an
+axis, the motion's part is larger and is what the residual of a perfect machine would show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import comb
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.run import Array, Run
+from workbench.simulate.driven import Bench
+from workbench.simulate.lowpass import lowpass
+
+ORDER = 4  # of the differences: what is smooth over five samples leaves no trace in them
+MANY = 5  # steps between values, to judge by
+ROUNDED = 0.95  # of the steps are whole multiples of the smallest one
+DRAWS = 2
+
+
+def motion_noise(problem: Problem, seed: int) -> float:
+    """rms on the moving rows in the band, in the input's unit, at the base values, by Monte Carlo.
+
+    Noise as large as the logged motion's is added to it once more; what that changes in the
+    prediction is what the noise already there has changed. Deterministic for one seed.
+    """
+    random = np.random.default_rng(seed)
+    before = _predicted(problem, problem.runs)
+    total, count = 0.0, 0
+    for _ in range(DRAWS):
+        noisy = [noisier(run, _channels(problem, run), random) for run in problem.runs]
+        for a, b in zip(before, _predicted(problem, noisy), strict=True):
+            total += float(np.sum((a - b) ** 2))
+            count += len(a)
+    return float(np.sqrt(total / max(count, 1)))
+
+
+def noisier(run: Run, channels: tuple[str, ...], random: np.random.Generator) -> Run:
+    """The run with as much white noise once more on its channels."""
+    added = {name: run[name] + random.normal(scale=white_noise(run[name]), size=len(run.time_s)) for name in channels}
+    return replace(run, signals={**run.signals, **added})
+
+
+def white_noise(values: Array) -> float:
+    """Standard deviation of a channel's white noise, in its unit; of its rounding, where that is larger.
+
+    sigma = 1.4826 median|d4| / sqrt(8 over 4), differences of fourth order; a step of q rounds by q/sqrt(12).
+    """
+    differences = np.abs(np.diff(values, ORDER))
+    sigma = 1.4826 * float(np.median(differences)) / np.sqrt(comb(2 * ORDER, ORDER)) if len(differences) else 0.0
+    return max(sigma, resolution(values) / np.sqrt(12.0))
+
+
+def resolution(values: Array) -> float:
+    """The step of a rounded channel, 0 for one that is not: its values lie anywhere between each other."""
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > 1e-12 * max(float(np.ptp(values)), 1e-300)]
+    if len(steps) < MANY:
+        return float(steps.min()) if len(steps) else 0.0
+    near = steps[steps < 20.0 * steps.min()] / steps.min()
+    whole = np.abs(near - np.round(near)) < 0.05
+    return float(steps.min()) if len(near) >= MANY and np.mean(whole) > ROUNDED else 0.0
+
+
+def _channels(problem: Problem, run: Run) -> tuple[str, ...]:
+    """Position and speed of the driven coordinate, as far as they are logged."""
+    plant = problem.bench.plant
+    return tuple(name for name in (plant.positions[0], plant.speeds[0]) if name in run)
+
+
+def _predicted(problem: Problem, runs: list[Run] | tuple[Run, ...]) -> list[Array]:
+    """Each run's low-passed input at the base values, on the problem's rows."""
+    bench = Bench(problem.machine, runs, problem.band_hz)
+    return [
+        lowpass(run.time_s, raw, problem.band_hz)[rows]
+        for run, (raw, _), rows in zip(runs, bench.predict([bench.base])[0], problem.rows, strict=True)
+    ]

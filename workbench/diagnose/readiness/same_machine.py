@@ -1,0 +1,164 @@
+"""The runs against their machine and against each other: signs, units, and whether it is one machine at all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from workbench.diagnose.readiness.rigid import Rigid
+from workbench.errors import InputError
+from workbench.machine import Hoist
+from workbench.run import Run
+from workbench.simulate.driven import Bench
+
+WRONG_UNIT = 5.0  # inertia over the nominal one, or the inverse: no such machine, but such units
+ODD_INERTIA, ODD_LOAD = 2.0, 1.4  # over the nominal ones: worth a warning
+LOADS_APART = 1.25  # of the loads that runs hold over the nominal ones: offsets and payload errors stay below
+INERTIAS_APART = 1.6
+SPEED_SLIPS = (("rpm", 60.0 / (2.0 * math.pi)), ("degrees per second", 180.0 / math.pi))
+
+Ratios = list[tuple[str, float]]
+
+
+def check_machine(bench: Bench, rigid: Sequence[Rigid], file: object) -> list[str]:
+    """Warnings. InputError for signals upside down or in another unit, and for runs of different machines."""
+    _check_signs(bench, rigid, file)
+    _check_units(bench, rigid, file)
+    return [*_check_one_machine(rigid, file, isinstance(bench.machine, Hoist)), *_odd(rigid)]
+
+
+def listed(names: Sequence[str], most: int = 6) -> str:
+    """run a; runs a, b and c"""
+    if len(names) == 1:
+        return f"run {names[0]}"
+    shown = list(names[:most])
+    if len(names) > most:
+        return f"runs {', '.join(shown)} and {len(names) - most} more"
+    return f"runs {', '.join(shown[:-1])} and {shown[-1]}"
+
+
+def _of(which: Sequence[Rigid], all_runs: Sequence[Run]) -> str:
+    """in 4 of 6 runs (a, b, c, d)"""
+    names = ", ".join(r.run for r in which)
+    if len(all_runs) == 1:
+        return f"in run {names}"
+    many = f"all {len(all_runs)}" if len(which) == len(all_runs) else f"{len(which)} of {len(all_runs)}"
+    return f"in {many} runs ({names})"
+
+
+def _check_signs(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
+    """A hoist's load says which of torque and speed is upside down; on an axis it is one of the two."""
+    signal, runs = bench.plant.input, bench.runs
+    sinking = [r for r in rigid if r.hold is not None and r.hold < 0.0]
+    both = [r for r in sinking if r.inertia is not None and r.inertia > 0.0]
+    torque = [r for r in sinking if r not in both]
+    braked = [r for r in rigid if r.inertia is not None and r.inertia < 0.0 and r not in sinking]
+    if torque:
+        raise InputError(
+            f"torque pulls the load down and falls where the load is lifted faster {_of(torque, runs)}: is the sign of "
+            f"{signal} flipped? Hoisting is positive; give its columns a scale of -1",
+            file=file,
+        )
+    if both:
+        raise InputError(
+            f"torque pulls the load down {_of(both, runs)}: are torque and speed both counted downwards? "
+            "Up is positive; give both columns a scale of -1",
+            file=file,
+        )
+    if braked and isinstance(bench.machine, Hoist):
+        raise InputError(
+            f"speed rises against the torque {_of(braked, runs)}: is its sign flipped? "
+            "Hoisting is positive; give its column a scale of -1",
+            file=file,
+        )
+    if braked:
+        raise InputError(
+            f"speed rises against {signal} {_of(braked, runs)}: is the sign of {signal} or of the motion flipped? "
+            "Forward is positive for both; give the column a scale of -1",
+            file=file,
+        )
+
+
+def _check_units(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
+    """A speed k times too large shows 1/k of the inertia; so does an axis' force that is k times too small."""
+    off = [r for r in rigid if r.inertia is not None and not 1.0 / WRONG_UNIT < r.inertia < WRONG_UNIT]
+    if not off:
+        return
+    typical = float(np.median([r.inertia for r in off if r.inertia is not None]))
+    signals = f"{bench.plant.speeds[0]}" if isinstance(bench.machine, Hoist) else f"{bench.plant.input} or the motion"
+    unit = next((unit for unit, k in SPEED_SLIPS if 0.7 < typical * k < 1.4), None)
+    guess = f"is {signals} in {unit}?" if unit else f"is {signals} in another unit, or machine.yaml another machine's?"
+    if unit:
+        scale = next(1.0 / k for name, k in SPEED_SLIPS if name == unit)
+        guess += f" Then give the column a scale of {scale:.6g}"
+    raise InputError(
+        f"the torque that an acceleration takes is {typical:.3g} times what the nominal inertia needs "
+        f"{_of(off, bench.runs)}; {guess}",
+        file=file,
+    )
+
+
+def _check_one_machine(rigid: Sequence[Rigid], file: object, hoist: bool) -> list[str]:
+    """InputError where runs hold loads, or axes show inertias, of two machines. A warning for a hoist's inertia:
+    a slow run hardly shows it, and a load that swings hides some of it; the load that is held says more."""
+    loads = [(r.run, r.hold) for r in rigid if r.hold is not None]
+    inertias = [(r.run, r.inertia) for r in rigid if r.inertia is not None]
+    warnings = []
+    for ratios, apart, what, remedy in (
+        (loads, LOADS_APART, "load", ", or is payload_kg wrong"),
+        (inertias, INERTIAS_APART, "inertia", ", or is their speed in another unit" if hoist else ""),
+    ):
+        split = _two_groups([(name, value) for name, value in ratios if value is not None], apart)
+        if split is None:
+            continue
+        others, odd = split
+        one = len(odd) == 1
+        said = (
+            f"{listed([n for n, _ in odd])} disagree{'s' if one else ''} with the machine and with the others: "
+            f"{'its' if one else 'their'} {what} is {_span(odd)} times the nominal one, that of "
+            f"{listed([n for n, _ in others])} {_span(others)} times; "
+            f"{'is it' if one else 'are they'} of another machine{remedy}?"
+        )
+        if what == "load" or not hoist:
+            raise InputError(said, file=file)
+        warnings.append(f"{said[0].upper()}{said[1:]}")
+    return warnings
+
+
+def _odd(rigid: Sequence[Rigid]) -> list[str]:
+    """Where all runs agree with each other, and not with machine.yaml."""
+    found = []
+    for what, ratios, odd in (
+        ("inertia", [r.inertia for r in rigid if r.inertia is not None], ODD_INERTIA),
+        ("load", [r.hold for r in rigid if r.hold is not None], ODD_LOAD),
+    ):
+        typical = float(np.median(ratios)) if ratios else 1.0
+        if not 1.0 / odd <= typical <= odd:
+            found.append(
+                f"The {what} is about {typical:.2f} times what machine.yaml says in all runs; "
+                "is it this machine's file?"
+            )
+    return found
+
+
+def _two_groups(ratios: Ratios, apart: float) -> tuple[Ratios, Ratios] | None:
+    """The runs split at the widest step between their ratios, nearer to 1 first; None where it is narrow."""
+    if len(ratios) < 2:
+        return None
+    ordered = sorted(ratios, key=lambda each: each[1])
+    steps = [math.log(b[1] / a[1]) for a, b in pairwise(ordered)]
+    at = int(np.argmax(steps))
+    if steps[at] < math.log(apart):
+        return None
+    low, high = ([each for each in ratios if each in part] for part in (ordered[: at + 1], ordered[at + 1 :]))
+    off = [abs(float(np.median([math.log(value) for _, value in group]))) for group in (low, high)]
+    return (low, high) if off[0] <= off[1] else (high, low)
+
+
+def _span(ratios: Ratios) -> str:
+    values = [value for _, value in ratios]
+    low, high = f"{min(values):.2f}", f"{max(values):.2f}"
+    return low if low == high else f"{low} to {high}"

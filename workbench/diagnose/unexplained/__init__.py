@@ -1,0 +1,1 @@
+"""An unknown cause as a table over what explains it best."""

@@ -1,0 +1,1 @@
+"""From fits to the answer: what is left, what speaks for whom, and how likely."""
