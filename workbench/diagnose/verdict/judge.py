@@ -23,6 +23,7 @@ from workbench.diagnose.records import Hypothesis, Names, VerdictWord
 from workbench.diagnose.verdict.misfit import Misfit, misfit_of
 from workbench.diagnose.verdict.structure import floor_of, reducible
 from workbench.effects import find
+from workbench.machine import Axis
 
 MUCH = 0.5  # of the gap's energy
 CALIBRATION = Path(__file__).with_name("calibration.json")
@@ -187,7 +188,9 @@ def evidence_of(found: Found, held: Fitted, left: Misfit, share: float, floor: f
     beyond = math.sqrt(2.0 * held.prior) - math.sqrt(max(2.0 * dof - 1.0, 0.0))
     inputs = found.problem.inputs
     gap = found.near.rms(inputs) ** 2 - floor**2
-    open_share = (held.rms(inputs) ** 2 - floor**2) / gap if gap > floor**2 else 1.0
+    # An axis' floor is structured as it is: without a gap nothing there is left open but what a variable explains.
+    small = 0.0 if isinstance(found.problem.machine, Axis) else 1.0
+    open_share = (held.rms(inputs) ** 2 - floor**2) / gap if gap > floor**2 else small
     weight = min(max(share, open_share / MUCH, 0.0), 1.0)
     return {
         "clear": weight * math.log(max(left.clear, 1.0)),
