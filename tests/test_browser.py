@@ -131,7 +131,7 @@ def gap(visit: Visit, tmp_path: Path) -> None:
     page.get_by_role("button", name="Diagnose").click()
     page.get_by_text("Search the effects").wait_for(timeout=browser.DRAWN_WITHIN_MS)
     visit.shot("6 gap running")
-    page.reload()
+    page.reload(wait_until="commit")
     page.get_by_text("The gap comes from friction_load_dependent").wait_for(timeout=DIAGNOSED_WITHIN_MS)
     visit.drawn(figures=2)
     visit.shot("7 gap verdict")
