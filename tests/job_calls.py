@@ -20,7 +20,9 @@ def counted(result: Path, tell: Teller, to: int, each_s: float = 0.0) -> None:
     for number in range(first, to):
         tell("counting", number, to, failed=1)
         time.sleep(each_s)
-        kept.write_text(str(number + 1))
+        part = kept.with_suffix(".part")
+        part.write_text(str(number + 1))
+        part.replace(kept)  # whole, whenever it is stopped
     tell("counting", to, to)
     result.mkdir()
     (result / "said.txt").write_text(f"{first} to {to}")

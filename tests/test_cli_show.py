@@ -21,8 +21,9 @@ def test_a_number_keeps_its_unit_wherever_the_line_ends(unit: str) -> None:
         assert max(map(len, shown.splitlines())) <= WIDTH
 
 
-def test_words_that_begin_like_a_unit_are_no_unit() -> None:
+def test_words_that_begin_like_a_unit_are_no_unit(monkeypatch: pytest.MonkeyPatch) -> None:
     """12 samples are not 12 s: the line may end between them."""
+    monkeypatch.setenv("COLUMNS", "100")
     text = f"{'x' * 93} 12 samples"
     assert filled(text).splitlines() == [f"{'x' * 93} 12", "samples"]
 

@@ -490,7 +490,7 @@ def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp
             time.sleep(0.05)
     finally:
         command.send_signal(stop)
-        assert command.wait(15.0) == status
+        assert command.wait(60.0) == status
     rest = command.stdout.read()
     assert ("The dashboard has ended." in rest) == (status == 0)
     assert not {"Uvicorn", "firefox"} & set(rest.replace(":", " ").split())

@@ -237,7 +237,7 @@ def test_a_missing_effect_is_named_from_its_runs_and_twice_alike(workbench: Comm
     assert sum(row["probability"] for row in said["ranking"]) == pytest.approx(1.0, abs=1e-9)
     slope = said["parameters"]["friction_viscous"]["viscous_n_s_per_m"]["value"]
     assert slope == pytest.approx(4210.0, rel=0.1)
-    assert said["shrink"]["after"] < 0.2 * said["shrink"]["before"]
+    assert said["shrink"]["after"] < 1.3 * said["shrink"]["noise"] < 0.5 * said["shrink"]["before"]
     machine = load_machine(tmp_path / "one" / "machine.yaml", check_effects=check)
     assert machine.effects["friction_viscous"]["viscous_n_s_per_m"] == pytest.approx(slope, rel=1e-4)
     again = workbench("replay", lifts, "--machine", tmp_path / "one" / "machine.yaml", "--out", tmp_path / "replay")

@@ -279,7 +279,7 @@ def test_gains_for_an_ideal_drive_carry_a_warning_and_others_none(tmp_path: Path
     out = tmp_path / "tuned.yaml"
     code, text = run("tune", "--payloads", "0", "--heights", "5", "--out", str(out))
     assert code == 0
-    (line,) = [line for line in text.split("\n\n") if line.startswith("Warning:")]
+    (line,) = [" ".join(part.split()) for part in text.split("\n\n") if part.startswith("Warning:")]
     assert "drive block is ideal" in line and "not for a real machine" in line and "drive.torque_lag_s" in line
     assert "# Warning: " in out.read_text(encoding="utf-8")
     assert read_controller(out).kp_nm_s_per_rad > 500.0  # which is what it warns of
