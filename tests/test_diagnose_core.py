@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.effect_machines import MACHINES, rotary_axis
+from tests.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.fitted_runs import made_by, rms
 from tests.noisy_runs import axis_runs, hoist_runs
 from workbench.diagnose.hypotheses.base import base_knobs
@@ -246,6 +246,20 @@ def add_tension(run: Run, seed: int) -> Run:
     pull = problem._tension(problem.runs[0], states, problem.bench.base[0])
     cell = np.random.default_rng(seed).normal(scale=0.0015 * np.mean(pull), size=len(pull))
     return replace(run, signals={**run.signals, TENSION: pull + cell})
+
+
+def test_a_logs_timing_is_judged_by_what_half_a_sample_changes():
+    """Friction jumps between two samples: over a thousandth of a step the slope is that of one sample's jump."""
+    machine = linear_axis()
+    problem = Problem(machine, axis_runs(machine))
+    knob = base_knobs(machine, problem.runs)[LOG_TIMING]
+    sizes = []
+    for at in (0.0, 0.2, 0.48, 1.0, 1.5):
+        _, jacobian = problem.evaluate([knob], np.array([at]))
+        _, change = problem.differences(knob.values([at]), [knob.values([at + 0.5])])
+        assert jacobian[:, 0] == pytest.approx(2.0 * change[0], abs=1e-9)
+        sizes.append(rms(jacobian))
+    assert max(sizes) < 1.5 * min(sizes)
 
 
 # Signatures

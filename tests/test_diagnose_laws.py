@@ -202,6 +202,18 @@ def test_a_machine_within_its_tolerances_has_no_gap(kind: str, seed: int):
     assert not d.corrected.effects
 
 
+@pytest.mark.parametrize("kind", TRUTHS)
+def test_a_cause_taken_out_of_the_library_is_unknown(kind: str):
+    name = "friction_position_dependent"
+    runs = runs_of(with_effects(nominal(kind), {name: TRUTHS[kind][name]}))
+    others = [each.id for each in effects_for(kind).values() if each.listed and each.id != name]
+    campaign = Campaign("made", Path("made"), nominal(kind), runs)
+    d = diagnose(campaign, candidates=others, most_effects=1, study=False)
+    assert d.verdict.word == "unknown", d.verdict.sentence
+    assert d.unknown is not None and d.unknown.curves[0].over.startswith(("position", "angle"))
+    assert d.shrink.after < 0.5 * d.shrink.before
+
+
 def test_an_axis_under_gravity_passes_for_no_other_machine_unless_its_torque_is_upside_down():
     runs = runs_of(nominal("axis-rotary"))
     flipped = tuple(replace(run, signals={**run.signals, "torque_nm": -run["torque_nm"]}) for run in runs)

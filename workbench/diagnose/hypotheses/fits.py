@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.knobs import Knob, bounds_of, effect_knobs, setting_of
+from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, bounds_of, effect_knobs, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import Atom
 from workbench.effects import ranges_of
@@ -59,14 +59,16 @@ def fit_knobs(
     """The least of chi^2 and prior from z on, in at most about `most` evaluations.
 
     base: how many of the first z are the base parameters'. Their signatures hardly change on
-    the way, so they are differenced anew only every few steps; all but that of friction near standstill.
+    the way, so they are differenced anew only every few steps; all but those of friction near standstill
+    and of the log's timing, which an effect's own delay has to stay parallel to.
     """
     lowest, highest, std = bounds_of(knobs)
     z = np.clip(z, lowest, highest)
     weight = math.sqrt(problem.share) / sigma
     careful = np.array([_careful(k) for k in knobs for _ in k.lowest], dtype=bool)
     reach = np.where(careful, 0.5, np.inf)
-    anew = np.flatnonzero(careful | (np.arange(len(z)) >= base))
+    late = np.array([getattr(k, "symbol", "") == LOG_TIMING for k in knobs for _ in k.lowest], dtype=bool)
+    anew = np.flatnonzero(careful | late | (np.arange(len(z)) >= base))
     prior = np.diag(1.0 / std)
     residual, jacobian = problem.evaluate(knobs, z)
     evaluations, settled = 1, False

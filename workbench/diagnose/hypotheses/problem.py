@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Setting, setting_of
+from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Setting, Value, setting_of
 from workbench.effects import find, logged_input, ranges_of, searchable
 from workbench.machine import Axis, Hoist
 from workbench.plants.hoist import dead_line_tension
@@ -18,6 +18,7 @@ from workbench.simulate.lowpass import lowpass, noise_rms
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
 STEP = 1e-3  # of z, for derivatives
+LATE_STEP = 0.5  # of a sample, for derivatives by a delay: friction jumps between two samples, not on the way
 
 
 TENSION = "tension_dead_line_n"
@@ -81,9 +82,17 @@ class Problem:
 
     def evaluate(self, knobs: Sequence[Knob], z: Array, only: Iterable[int] | None = None) -> tuple[Array, Array]:
         """Residual (samples,) and its Jacobian (samples, len(z), or those of `only`) by differences."""
-        rows = np.eye(len(z)) if only is None else np.eye(len(z))[list(only)]
-        base, change = self.differences(setting_of(knobs, z), [setting_of(knobs, z + STEP * row) for row in rows])
-        return base, change.T / STEP
+        which = list(range(len(z)) if only is None else only)
+        steps = np.concatenate([self._steps(knob) for knob in knobs])
+        moved = [setting_of(knobs, z + steps[k] * np.eye(len(z))[k]) for k in which]
+        base, change = self.differences(setting_of(knobs, z), moved)
+        return base, change.T / steps[which]
+
+    def _steps(self, knob: Knob) -> Array:
+        """Of each z of a knob, for derivatives."""
+        if isinstance(knob, Value) and knob.symbol in (LOG_TIMING, self.late):
+            return np.array([LATE_STEP * self.runs[0].sample_time_s / knob.scale])
+        return np.full(len(knob.lowest), STEP)
 
     def _group(self, settings: Sequence[Setting]) -> Array:
         self.evaluations += 1
