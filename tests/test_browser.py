@@ -141,6 +141,7 @@ def gap(visit: Visit, tmp_path: Path) -> None:
         visit.shot(f"7 gap {tab.partition(',')[0].lower()}")
     page.get_by_role("button", name="Keep the machine").click()
     page.get_by_text("Kept as corrected by demo_campaign").wait_for()
+    visit.drawn(figures=1)
     for button, name in DOWNLOADS.items():
         with page.expect_download() as file:
             page.get_by_role("button", name=button).click()

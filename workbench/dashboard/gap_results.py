@@ -80,8 +80,10 @@ def _take_away(job: Job, view: View) -> None:
     assert folder is not None
     st.markdown("**Results**")
     for label, name, kind in FILES:
+        # The bytes, not a function that reads them: its address would last for one run of the page only, and a click
+        # while the page is drawn anew would be lost.
         st.download_button(
-            label, (folder / name).read_bytes, name, kind, key=f"gap download {name}", icon=":material/download:",
+            label, (folder / name).read_bytes(), name, kind, key=f"gap download {name}", icon=":material/download:",
             on_click="ignore", width="stretch",
         )  # fmt: skip
     # A callback runs before the page, whose lists of machines then hold it.
