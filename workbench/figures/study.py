@@ -130,7 +130,8 @@ def peak_torque_over_payload(
         look = line(kind, number, 2.2)
         x, y = payload_kg[order], np.asarray(peak)[order]
         panels.line(0, 0, x, y, label(kind), look, "N m", mode="lines+markers", marker=marker)
-    levels = [torque_limit_nm, nominal_torque_nm, *(float(np.max(p)) for p in (q[np.isfinite(q)] for q in peaks_nm.values()) if p.size)]
+    ran = [peak[np.isfinite(peak)] for peak in map(np.asarray, peaks_nm.values())]
+    levels = [torque_limit_nm, nominal_torque_nm, *(float(np.max(peak)) for peak in ran if peak.size)]
     if static_nm is not None:
         held = {"color": GREY, "dash": "2px,2px", "width": 1.5}
         panels.line(0, 0, payload_kg[order], static_nm[order], "holding the load", held, "N m")
