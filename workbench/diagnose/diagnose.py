@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from workbench.consequences import consequences_of
 from workbench.diagnose.candidates import candidates as candidate_rows
+from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Found, Search
 from workbench.diagnose.isolation.isolability import isolability
@@ -21,7 +24,7 @@ from workbench.diagnose.records import Diagnosis, Names, Verdict
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, judge
-from workbench.diagnose.verdict.structure import floor_before
+from workbench.diagnose.verdict.structure import reducible, weigh_against
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest
@@ -29,6 +32,7 @@ from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 
 STAGES = 8
+SAME = 0.1  # two floors, relative
 BASELINES = ("tolerances", "nominal")
 Tell = Callable[[str, int, int], None]
 
@@ -58,24 +62,25 @@ def diagnose(
     effects = chosen_effects(campaign, candidates)
     problem = Problem(campaign.machine, campaign.runs, band_hz)
     shaking = motion_noise(problem, seed)
-    problem.noise = math.hypot(problem.noise, shaking)
+    problem.noise = problem.sensor_noise = math.hypot(problem.noise, shaking)
     state = condition(campaign, problem, shaking)
 
     others = [each for each in effects_for(problem.active.kind).values() if not each.listed]
     rivals = others if candidates is None else []
-    search = Search(problem, effects, lambda sentence: say(sentence, 1, STAGES), rivals)
+    keys = base_knobs(campaign.machine, campaign.runs)
     if baseline == "nominal":
-        search.base = {key: knob for key, knob in search.base.items() if knob.logarithmic}
+        keys = {key: knob for key, knob in keys.items() if knob.logarithmic}
     elif baseline != "tolerances":
         raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="--baseline")
-    if isinstance(campaign.machine, Axis):  # its floor is what it leaves itself: tolerances weigh against that
-        problem.noise = floor_before(problem, list(search.base.values()), seed)
-    found = search.run(most_effects)
-    keys = search.base
 
-    say("the verdict", 2, STAGES)
-    judged = judge(found, seed)
+    def search(again: bool = False) -> Search:
+        prefix = "against its own floor: " if again else ""
+        return Search(problem, effects, lambda sentence: say(prefix + sentence, 1, STAGES), rivals, keys)
+
+    found, judged = _answered(search, most_effects, seed)
+
     problem.noise = judged.floor
+    say("the verdict", 2, STAGES)
     rows = candidate_rows(found, judged, keys)
     say("where the gap lies", 3, STAGES)
     gap = gap_of(problem, found, campaign)
@@ -122,6 +127,25 @@ def diagnose(
         judged=judged,
         warnings=tuple(warnings),
     )
+
+
+def _answered(search: Callable[[bool], Search], most_effects: int, seed: int) -> tuple[Found, Judged]:
+    """The search and its verdict. An axis' floor is what it leaves itself: what that is, a first search tells."""
+    first = search(False)
+    problem = first.problem
+    if not isinstance(problem.machine, Axis):
+        found = first.run(most_effects)
+        return found, judge(found, seed)
+    base = first.base_fit()
+    weigh_against(problem, base, reducible(problem, base, seed))
+    found = first.run(most_effects)
+    judged = judge(found, seed)
+    before = problem.noise, problem.share
+    weigh_against(problem, judged.held, judged.reducible)
+    if not np.allclose(before, (problem.noise, problem.share), rtol=SAME):
+        found = search(True).run(most_effects)
+        judged = judge(found, seed)
+    return found, judged
 
 
 def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effect]:

@@ -51,7 +51,7 @@ class AxisTolerances(Record):
     gravity: NotNegative = 0.05
 
 
-OFFSET_TOLERANCE = 0.002  # of the largest measured input, where the file gives no tolerance for the offset
+OFFSET_TOLERANCE = 0.001  # of the largest measured input, where the file gives none: a transducer of class 0.1
 
 
 class LinearTolerances(AxisTolerances):
@@ -122,7 +122,7 @@ class Axis(Record):
         return target
 
     def offset_tolerance(self, largest_input: float) -> float:
-        """Tolerance of the input's offset, in the input's unit; where missing, 0.2 % of the largest measured input."""
+        """Tolerance of the input's offset, in the input's unit; where missing, 0.1 % of the largest measured input."""
         tolerances = getattr(self, "tolerances")  # noqa: B009  declared by each motion
         stated = tolerances.force_offset_n if isinstance(tolerances, LinearTolerances) else tolerances.torque_offset_nm
         return OFFSET_TOLERANCE * largest_input if stated is None else float(stated)

@@ -30,7 +30,8 @@ class Problem:
     """Measured minus predicted input of all runs while the machine moves, thinned to what is new.
 
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
-    independent values one sample stands for. noise: the sensor's, rms in the band.
+    independent values one sample stands for. noise: what the data count against, rms in the band: `sensor_noise`,
+    unless a machine's floor is its own; `share` follows it then, and is at most `band_share`.
     Where every run of a hoist logs the dead line's tension, its residual follows behind
     that of the torque, on the torque's scale: `inputs` is how many rows are the torque's.
     """
@@ -50,9 +51,9 @@ class Problem:
         self.has_tension = isinstance(machine, Hoist) and all(TENSION in run for run in self.runs)
         self.inputs = sum(self.run_lengths)
         self.run_of_row = np.tile(np.repeat(np.arange(len(self.runs)), self.run_lengths), 1 + self.has_tension)
-        self.share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
+        self.share = self.band_share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
         self.late = ranges_of(find("speed_delay", self.active.kind), machine, self.runs)[0].symbol
-        self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
+        self.noise = self.sensor_noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
         self.evaluations = 0
         if self.has_tension:
             self.tension = [lowpass(run.time_s, run[TENSION], self.band_hz) for run in self.runs]

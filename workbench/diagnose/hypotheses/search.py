@@ -78,22 +78,34 @@ class Search:
     """One campaign's search; `base` keeps the base parameters' knobs, in the order of every fit."""
 
     def __init__(
-        self, problem: Problem, effects: Iterable[Effect], tell: Tell | None = None, rivals: Iterable[Effect] = ()
+        self,
+        problem: Problem,
+        effects: Iterable[Effect],
+        tell: Tell | None = None,
+        rivals: Iterable[Effect] = (),
+        base: Mapping[str, Value] | None = None,
     ) -> None:
-        """rivals: effects that are weighed alone beside the others, so that no pair passes for one of them."""
+        """rivals: effects that are weighed alone beside the others, so that no pair passes for one of them.
+
+        base: the base parameters' knobs, None for all that have a tolerance.
+        """
         self.problem = problem
         self.effects = {each.id: each for each in effects}
         self.rivals = {each.id: each for each in rivals if each.id not in self.effects}
-        self.base: dict[str, Value] = base_knobs(problem.machine, problem.runs)
+        self.base = dict(base_knobs(problem.machine, problem.runs) if base is None else base)
         self.tell = tell or (lambda sentence: None)
         self.fits: dict[Names, Fitted] = {}
         self.linear: dict[Names, float] = {}
         self.failures: dict[Names, str] = {}
 
-    def run(self, most_effects: int = 2) -> Found:
-        knobs = list(self.base.values())
+    def base_fit(self) -> Fitted:
+        """No effect."""
         self.tell("base parameters")
-        base = fit_knobs(self.problem, (), knobs, np.zeros(len(knobs)), self.problem.noise, LAST_ROUND)
+        knobs = list(self.base.values())
+        return fit_knobs(self.problem, (), knobs, np.zeros(len(knobs)), self.problem.noise, LAST_ROUND)
+
+    def run(self, most_effects: int = 2) -> Found:
+        base = self.base_fit()
         within = self._near(base)
         near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
         self.tell("signatures of all effects")

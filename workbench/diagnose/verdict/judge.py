@@ -26,6 +26,7 @@ from workbench.effects import find
 from workbench.machine import Axis
 
 MUCH = 0.5  # of the gap's energy
+STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
 
@@ -53,13 +54,18 @@ class Weighed:
 
 @dataclass(frozen=True)
 class Judged:
-    """word, names: the answer. best: the best named hypothesis, also where it is not the answer."""
+    """word, names: the answer. best: the best named hypothesis, also where it is not the answer.
+
+    held: the fit that what is left was judged on. reducible: the share of that which a variable explains.
+    """
 
     word: VerdictWord
     names: Names
     ranking: tuple[Hypothesis, ...]
     weighed: tuple[Weighed, ...]
     best: Weighed | None
+    held: Fitted
+    reducible: float
     misfit: Misfit
     evidence: Mapping[str, float]
     floor: float
@@ -144,7 +150,10 @@ def judge(found: Found, seed: int = 0) -> Judged:
     rows = rank([(() if each.rival else each.names, each.merit) for each in weighed], evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, weighed)
-    return Judged(rows[0].verdict, rows[0].effects, rows, weighed, best, left, evidence, floor, unknown, reasons)
+    answer = rows[0]
+    return Judged(
+        answer.verdict, answer.effects, rows, weighed, best, held, share, left, evidence, floor, unknown, reasons
+    )
 
 
 def rank(
@@ -204,9 +213,7 @@ def _reasons(left: Misfit, evidence: Mapping[str, float], weighed: Sequence[Weig
     reasons = []
     if weighed and weighed[0].rival:
         name = weighed[0].names[0]
-        reasons.append(
-            f"{name}, which is not among the causes named unasked, explains more; weigh it with --candidates"
-        )
+        reasons.append(f"an effect that is not named unasked explains more; weigh it with `--candidates {name}`")
     if left.clear > 1.3:
         reasons.append(f"the best hypothesis leaves {left.clear:.1f} times the noise away from standstill")
     if left.slow > 1.5:
@@ -231,7 +238,8 @@ def _on_bound(fit: Fitted, base: int) -> bool:
 
 
 def alike(judged: Judged, kind: str, kept: float = 0.85, within: float = 30.0) -> tuple[str, ...]:
-    """Single effects of another place or regime that explain nearly as much as the answer does."""
+    """Single effects of another place or regime that explain nearly as much as the answer does, with base parameters
+    about as near their nominal values."""
     if judged.word != "named" or judged.best is None or len(judged.names) != 1:
         return ()
     best = judged.best
@@ -243,6 +251,7 @@ def alike(judged: Judged, kind: str, kept: float = 0.85, within: float = 30.0) -
         and each.names != best.names
         and each.merit > calibration()["threshold"]
         and (each.gain > kept * best.gain and best.gain - each.gain < within)
+        and each.fit.prior - best.fit.prior < STRETCHED
         and not same_but_freer(each.names[0], best.names[0], kind)
     )
 

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
-from workbench.diagnose.hypotheses.knobs import Knob
+from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import best_of, explain
 from workbench.diagnose.location.variables import variables
 from workbench.diagnose.location.where import free_of
 from workbench.machine import Axis
+from workbench.run import Array
+
+WINDOW = 5.0  # correlation times
 
 
 def reducible(problem: Problem, fit: Fitted, seed: int) -> float:
@@ -37,10 +38,41 @@ def floor_of(problem: Problem, fit: Fitted, share: float) -> float:
     """
     if not isinstance(problem.machine, Axis):
         return problem.noise
-    return max(problem.noise, fit.rms(problem.inputs) * math.sqrt(1.0 - share))
+    return max(problem.sensor_noise, fit.rms(problem.inputs) * math.sqrt(1.0 - share))
 
 
-def floor_before(problem: Problem, base: Sequence[Knob], seed: int) -> float:
-    """The same before any effect was weighed: what base parameters and a function of one variable leave."""
-    fit = fit_knobs(problem, (), base, np.zeros(len(base)), problem.noise)
-    return floor_of(problem, fit, reducible(problem, fit, seed))
+def weigh_against(problem: Problem, fit: Fitted, share: float) -> None:
+    """Henceforth the data count against the floor of `fit`, as large and as coloured as that is.
+
+    What a hoist leaves is noise, of which one band holds so many independent values a second. What an axis leaves
+    itself hangs together far longer, and says the less about a parameter: taken for noise it would drag the base
+    parameters off by many tolerances for a thousandth of the residual.
+    """
+    problem.noise = floor_of(problem, fit, share)
+    problem.share = min(problem.band_share, independent_share(problem, fit))
+
+
+def independent_share(problem: Problem, fit: Fitted) -> float:
+    """How many independent values one sample of what `fit` leaves stands for: 1/tau, of all runs.
+
+    tau = 1 + 2 sum rho_k, the autocorrelation summed until WINDOW tau (A. Sokal, Monte Carlo Methods in
+    Statistical Mechanics, 1996).
+    """
+    residual, run = fit.residual[: problem.inputs], problem.run_of_row[: problem.inputs]
+    count = independent = 0.0
+    for number in range(len(problem.runs)):
+        values = residual[run == number]
+        if len(values) > 1 and np.any(values):
+            count += len(values)
+            independent += len(values) / correlation_time(values)
+    return min(independent / count, 1.0) if count else 1.0
+
+
+def correlation_time(values: Array) -> float:
+    """The integrated autocorrelation time of (n,) values about zero, in samples; at least 1."""
+    n = len(values)
+    spectrum = np.fft.rfft(values, 2 * n)
+    together = np.fft.irfft(np.abs(spectrum) ** 2)[:n]
+    tau = 1.0 + 2.0 * np.cumsum(together[1:]) / together[0]
+    far = np.flatnonzero(np.arange(1, n) >= WINDOW * tau)
+    return max(float(tau[far[0]] if len(far) else tau[-1]), 1.0)
