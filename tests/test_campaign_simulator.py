@@ -426,7 +426,7 @@ def test_what_is_there_stays_and_what_broke_off_is_made_again(tmp_path):
 
 def test_the_simulator_shares_nothing_with_the_plant_but_the_machines_records():
     imports = set()
-    for module in PACKAGE.glob("*.py"):
+    for module in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("workbench"):
                 imports.add(node.module)

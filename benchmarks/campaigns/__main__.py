@@ -1,4 +1,4 @@
-"""python -m benchmarks.campaigns --out DIR --count N --seed S [--kind …] [--machines …] [--processes 2]"""
+"""python -m benchmarks.campaigns --out DIR --count N --seed S [--kind …] [--machines …|axis] [--processes 2]"""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from pathlib import Path
 
 import click
 
-from benchmarks.campaigns.content import KINDS, MACHINES
+from benchmarks.campaigns.content import KINDS
+from benchmarks.campaigns.families import MACHINES
 from benchmarks.campaigns.many import make_all, orders
 
 
-@click.command(help="Make campaigns of hoists whose truth is known; what is in DIR already stays.")
+@click.command(help="Make campaigns of hoists, or of axes, whose truth is known; what is in DIR already stays.")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
 @click.option("--count", type=click.IntRange(min=1), required=True)
 @click.option("--seed", type=int, required=True)

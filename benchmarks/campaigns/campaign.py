@@ -142,7 +142,7 @@ def make_campaign(folder: Path, seed: int | Sequence[int], content: Content) -> 
             with_reference=content.with_reference,
         )
         file = f"runs/{plan.name}.csv"
-        (part / file).write_text(_csv(columns), encoding="utf-8")
+        (part / file).write_text(csv_text(columns), encoding="utf-8")
         said = {"payload_kg": plan.payload_kg, "start_position_m": plan.start_position_m}
         entries.append({"name": plan.name, "file": file, **said, "start_time_s": plan.start_time_s})
     (part / "runs.yaml").write_text(yaml.safe_dump({"runs": entries}, sort_keys=False), encoding="utf-8")
@@ -166,12 +166,12 @@ def label_of(content: Content, machine: Built, seeds: Sequence[int]) -> Label:
     return Label(
         effects=tuple(cause.name for cause in causes),
         events=(),
-        values={name: _rounded(value) for cause in causes for name, value in cause.values.items()},
+        values={name: rounded(value) for cause in causes for name, value in cause.values.items()},
         where=tuple({"subsystem": cause.subsystem, "regime": cause.regime} for cause in causes),
         alike=alike,
         signals="full" if content.full_signals else "basic",
         parameters={
-            name: {key: _rounded(value) for key, value in numbers.items()}
+            name: {key: rounded(value) for key, value in numbers.items()}
             for cause in causes
             for name, numbers in cause.library.items()
         },
@@ -179,18 +179,18 @@ def label_of(content: Content, machine: Built, seeds: Sequence[int]) -> Label:
         machine=content.machine.name,
         seed=tuple(seeds),
         truth={
-            **{name: _rounded(value) for name, value in machine.truth._asdict().items()},
+            **{name: rounded(value) for name, value in machine.truth._asdict().items()},
             **{f"sensor_{name}": value for name, value in asdict(machine.sensors).items()},
             "payload_scale": machine.payload_scale,
         },
     )
 
 
-def _rounded(value: float) -> float:
+def rounded(value: float) -> float:
     return float(f"{value:.7g}")
 
 
-def _csv(columns: dict[str, tuple[Array, int]]) -> str:
+def csv_text(columns: dict[str, tuple[Array, int]]) -> str:
     header = ",".join(columns)
     texts = [np.char.mod(f"%.{digits}f", values) for values, digits in columns.values()]
     return header + "\n" + "\n".join(map(",".join, zip(*texts, strict=True))) + "\n"

@@ -1,18 +1,16 @@
-"""Many campaigns in two processes; what is there already stays."""
+"""Many campaigns, of hoists or of axes, in two processes; what is there already stays."""
 
 from __future__ import annotations
 
 import multiprocessing
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.campaigns.content import draw, drawn_pair
-from benchmarks.campaigns.listed import USUAL
-from benchmarks.campaigns.unlisted import UNLISTED
+from benchmarks.campaigns.families import family_of
 
 # Of a mixed set; the rest are single effects.
 _NONE, _PAIRS, _UNKNOWN = 1.0 / 6.0, 0.1, 1.0 / 15.0
@@ -43,11 +41,16 @@ class Order:
 
 
 def orders(out: Path, count: int, seed: int, kind: str = "mixed", machines: str = "mixed") -> list[Order]:
-    """What to make: each usual effect as often as the others, kinds in their shares, in an order that mixes them."""
+    """What to make: each usual effect as often as the others, kinds in their shares, in an order that mixes them.
+
+    machines: one of MACHINES.
+    """
+    family = family_of(machines)
     rng = np.random.default_rng([seed, 0])
     kinds = _kinds(count, kind)
-    singles, unlisted = _in_turn(rng, USUAL), _in_turn(rng, tuple(UNLISTED))
-    firsts = _in_turn(rng, USUAL)
+    usual = family.usual(machines)
+    singles, unlisted = _in_turn(rng, usual), _in_turn(rng, family.unlisted)
+    firsts = _in_turn(rng, usual)
     wanted: list[tuple[str, tuple[str, ...]]] = []
     for each in kinds:
         if each == "singles":
@@ -55,7 +58,7 @@ def orders(out: Path, count: int, seed: int, kind: str = "mixed", machines: str 
         elif each == "unknown":
             wanted.append((each, (next(unlisted),)))
         elif each == "pairs":
-            wanted.append((each, drawn_pair(rng, next(firsts))))
+            wanted.append((each, family.pair(rng, machines, next(firsts))))
         else:
             wanted.append((each, ()))
     mixed = [wanted[k] for k in rng.permutation(count)]
@@ -79,17 +82,10 @@ def make(order: Order) -> str:
     """Makes one campaign unless its folder and label are there; says what it did."""
     if order.folder.exists() and order.label.exists():
         return f"{order.name} is there"
-    from benchmarks.campaigns.campaign import make_campaign
-    from benchmarks.campaigns.size import torque_change
-
     if order.folder.exists():  # a label alone is missing: the session broke off between the two
         shutil.rmtree(order.folder)
     order.label.parent.mkdir(parents=True, exist_ok=True)
-    content = draw(order.seed, order.kind, names=order.names, machines=order.machines)
-    label = make_campaign(order.folder, order.seed, content)
-    if content.causes:
-        change = torque_change(content, order.seed)
-        label = replace(label, torque_change_rms_nm=change.rms_nm, torque_change_by_second_nm=change.by_second_nm)
+    label = family_of(order.machines).labelled(order.folder, order.seed, order.kind, order.names, order.machines)
     order.label.write_text(label.text(), encoding="utf-8")
     return f"{order.name} {order.kind}: {', '.join(label.effects) or 'no gap'}"
 

@@ -1,0 +1,1 @@
+"""Made-up campaigns of axes (`kind: axis`), linear and rotary, from gram to tonne."""
