@@ -181,7 +181,7 @@ def test_the_answer_stands_first_and_each_tab_draws_its_own_figures_only(server,
     number, job = finished(server, monkeypatch, spring, "named")
     app = shown(number)
     assert "#### The machine lacks friction_viscous." in words(app)
-    assert "Probability 93 %: of a hundred campaigns judged like this one" in words(app)
+    assert "That probability means: of a hundred campaigns judged like this one" in words(app)
     assert [each.label for each in app.metric] == ["Torque residual", "Noise floor", "Shrinks by", "Speed error"]
     assert all(each.delta.startswith("-") for each in app.metric if each.delta)
     assert [tab.label for tab in app.tabs] == TABS

@@ -16,6 +16,8 @@ from tests.dashboard_app import errors, page
 from tests.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from tests.simulated_campaign import TRUTH, simulated_campaign
 from workbench.dashboard import campaigns, machines
+from workbench.dashboard.validate_identify import _in_words
+from workbench.dashboard.widgets import in_a_line
 from workbench.figures.estimates import Estimate, estimates
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
@@ -82,6 +84,9 @@ def test_the_replay_is_the_librarys_own(offered):
     assert number(app, "Torque residual, moving") == pytest.approx(expected.residual_rms_moving, rel=1e-2)
     assert titles(app)[0] == "Measured and simulated speed" and titles(app)[1].startswith("Torque residual")
     assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full", "all runs"]
+    said = " ".join(each.value for each in app.markdown)
+    assert "Identify fits the values. The page Gap names what the model lacks." in said
+    assert "workbench" not in said
 
 
 def test_fewer_runs_can_be_chosen_and_none_asks_for_one(offered):
@@ -252,3 +257,14 @@ def test_machines_that_are_kept_here_are_offered_elsewhere(offered):
     assert other.selectbox(key="loop machine").options == [
         machines.DEFAULT, "identified from spring", machines.UPLOADED,
     ]  # fmt: skip
+
+
+def test_a_fitted_value_is_called_by_words_with_its_unit():
+    assert _in_words("guide.coulomb_hoisting_n", 7570.2, 171.0) == ("guide coulomb hoisting", "7570 ± 170 N")
+    assert _in_words("wire.youngs_modulus_pa", 1.028e11, 1.8e9) == ("wire youngs modulus", "102.8 ± 1.8 GPa")
+    assert _in_words("sensors.torque_gain", 0.9995, 0.0031) == ("torque gain", "0.9995 ± 0.0031")
+
+
+def test_a_head_that_a_terminal_breaks_is_whole_on_a_page():
+    assert in_a_line("proba-\nbility") == "probability"
+    assert in_a_line(" payload\nkg") == "payload kg"

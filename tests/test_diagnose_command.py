@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from workbench.cli.diagnose_show import show
 from workbench.effects import check, forget_users
 from workbench.errors import InputError
 from workbench.machine import default_hoist, load_machine
+from workbench.reports.diagnose_hypotheses import candidates_table
 
 OWN_EFFECT = '''\
 from workbench.effects import Parameter, effect
@@ -218,8 +220,24 @@ def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsy
 def test_an_unknown_cause_is_said_to_be_a_measured_correction(capsys: pytest.CaptureFixture[str]):
     show(made_diagnosis("unknown"), Path("out"))
     said = " ".join(capsys.readouterr().out.split())
-    assert "over carriage height, as `measured_correction`" in said
+    assert "over the height of the carriage, as `measured_correction`" in said
     assert "no explanation" in said
+
+
+def test_the_terminal_says_why_a_cause_is_unknown(capsys: pytest.CaptureFixture[str]):
+    d = made_diagnosis("unknown")
+    reasons = ("the best hypothesis leaves 3.6 times the noise away from standstill",)
+    show(dataclasses.replace(d, verdict=dataclasses.replace(d.verdict, reasons=reasons)), None)
+    assert "- The best hypothesis leaves 3.6 times the noise away from standstill." in capsys.readouterr().out
+
+
+def test_without_a_gap_the_terminal_claims_no_shrink_and_no_share_of_it(capsys: pytest.CaptureFixture[str]):
+    d = made_diagnosis("no_gap")
+    show(d, None)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Nothing to shrink: on held-out runs" in said
+    assert "factor" not in said
+    assert {row[2] for row in candidates_table(d, brief=True)} == {"–"}
 
 
 def test_a_missing_effect_is_named_from_its_runs_and_twice_alike(workbench: Commands, tmp_path: Path):

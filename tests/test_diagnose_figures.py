@@ -14,7 +14,7 @@ from workbench.figures.diagnose_shrink import ALL, shrink_bars
 from workbench.figures.diagnose_style import AFTER, BEFORE, REST, WINDOW
 from workbench.figures.diagnose_time import RunSeries, inputs, residuals, speeds
 from workbench.figures.diagnose_verdict import COLOURS, isolability, ranking
-from workbench.figures.diagnose_where import curves, profiles
+from workbench.figures.diagnose_where import curves, profiles, worth_a_panel
 from workbench.figures.style import LINES
 
 WAYS = ("hoisting", "lowering")
@@ -132,6 +132,35 @@ def test_a_profile_over_the_direction_names_the_two_ways():
     assert list(figure.layout.xaxis.ticktext) == ["lowering", "hoisting"]
     assert list(figure.layout.xaxis.tickvals) == [-0.75, 0.75]
     assert figure.layout.xaxis.title.text == "direction"
+
+
+def test_a_spectrum_fills_its_panel_with_the_share_of_the_energy():
+    where = made_diagnosis("named").where
+    assert where is not None
+    nothing = np.full(3, np.nan)
+    wave = dataclasses.replace(
+        where.profiles[0], variable="frequency", label="frequency, best at 0.5 Hz", unit="Hz", explains=0.34,
+        edges=np.array([0.1, 0.3, 0.9, 2.7]), mean_forward=nothing, mean_backward=nothing,
+        share=np.array([0.2, 0.7, 0.1]),
+    )  # fmt: skip
+    figure = profiles([wave], "N m", WAYS)
+    (steps,) = figure.data
+    assert list(steps.x) == [0.1, 0.3, 0.9, 2.7]
+    assert list(steps.y) == pytest.approx([20.0, 70.0, 10.0, 10.0])
+    assert (steps.line.shape, figure.layout.xaxis.type) == ("hv", "log")
+    assert titles(figure) == ["frequency (Hz)", "share of the energy"]
+    assert list(figure.layout.yaxis.range) == pytest.approx([0.0, 80.5])
+    assert "best at 0.5 Hz, explains 34 %" in figure.layout.annotations[0].text
+
+
+def test_a_wave_that_explains_nothing_has_no_panel():
+    where = made_diagnosis("named").where
+    assert where is not None
+    mean, nothing = where.profiles[0], np.full(3, np.nan)
+    wave = dataclasses.replace(mean, mean_forward=nothing, mean_backward=nothing, explains=0.004)
+    assert not worth_a_panel(wave)
+    assert worth_a_panel(dataclasses.replace(wave, explains=0.2))
+    assert worth_a_panel(dataclasses.replace(mean, explains=0.0))
 
 
 def test_curves_have_a_band_of_two_standard_errors():

@@ -114,7 +114,7 @@ def test_the_dead_lines_tension_decides_between_an_offset_and_a_mass(heavier: Fo
     assert found.signals == ("tension_dead_line_n",)
     assert found.now < APART < found.separation
     assert "torque_offset" in found.why and "carriage_mass_error" in found.why
-    assert f"{found.separation:.1f}" in found.why
+    assert f"by {found.separation:.1f} standard deviations" in found.why
     assert "both ways" in found.profile
 
 

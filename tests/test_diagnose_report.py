@@ -220,14 +220,14 @@ def test_a_candidate_that_broke_down_is_a_row_with_its_reason():
 @pytest.mark.parametrize(
     ("p", "said"),
     [
-        (0.93, "Probability 93 %: of a hundred campaigns judged like this one, in about 93 "),
-        (0.999, "Probability above 99 %: of a hundred campaigns judged like this one, in more than 99 "),
-        (0.003, "Probability 0 %: of a hundred campaigns judged like this one, in less than one "),
+        (0.93, "of a hundred campaigns judged like this one, in about 93 "),
+        (0.999, "of a hundred campaigns judged like this one, in more than 99 "),
+        (0.003, "of a hundred campaigns judged like this one, in less than one "),
     ],
 )
 def test_a_probability_says_what_it_means(p: float, said: str):
     d = with_verdict(made_diagnosis("named"), ranking=(Hypothesis("named", ("friction_viscous",), p),))
-    assert words.probability_sentence(d) == f"{said}the missing physics would be just this."
+    assert words.probability_sentence(d) == f"That probability means: {said}the missing physics would be just this."
 
 
 def test_a_gap_that_is_none_is_not_said_to_shrink():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from workbench.diagnose.unexplained.table_driven import with_table
 from workbench.diagnose.unexplained.table_fit import telling_points
 from workbench.diagnose.unexplained.tables import TURN, Variable, columns_of, hats_of, points_of, rides_of, variables_of
 from workbench.diagnose.unexplained.unknown import Explained, explain, explained_machine, with_unknown
+from workbench.diagnose.unexplained.words import span
 from workbench.logs import read_campaign
 from workbench.machine import Hoist, LinearAxis, load_machine, save_machine
 from workbench.run import Array, Run
@@ -244,3 +246,27 @@ def test_tables_skip_what_the_runs_do_not_vary(rail: Case):
     alone = Problem(problem.machine, [problem.runs[0]])
     assert {"payload_kg", "campaign_time_s"} <= {each.over for each in variables_of(problem)}
     assert not {"payload_kg", "campaign_time_s"} & {each.over for each in variables_of(alone)}
+
+
+def test_the_curve_is_said_in_words_with_units(rail: Case):
+    _, _, found = rail
+    said = " ".join(found.sentences)
+    assert "A force at the guide that depends on the height of the carriage explains it best: 100 % of" in said
+    assert re.search(r"It lies between −0\.\d and 2\.\d kN against the motion", said)
+    assert re.search(r"where the runs have been, 2\.\d to 9\.\d m, and", said)
+    assert "_" not in said and "e+0" not in said
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "unit", "said"),
+    [
+        (-788.0, 2410.0, "N", "−0.8 to 2.4 kN"),
+        (3.14, 9.81, "N m", "3.1 to 9.8 N m"),
+        (-12345.0, -20.0, "N", "−12 to 0 kN"),
+        (0.012, 0.134, "m/s", "0.01 to 0.13 m/s"),
+        (0.0, 9000.0, "kg", "0 to 9000 kg"),
+        (0.0, 0.0, "N", "0 to 0 N"),
+    ],
+)
+def test_levels_are_said_to_the_second_digit_of_the_larger_one(low: float, high: float, unit: str, said: str):
+    assert span(low, high, unit) == said

@@ -311,12 +311,20 @@ def test_sentences_say_when_nothing_moves(campaign: Path):
         (8.9013831e10, 2.62e9, ("89.0e9", "2.6e9")),
         (-8.4806, 0.97, ("-8.48", "0.97")),
         (1e-5, 2e-7, ("10.00e-6", "0.20e-6")),
-        (20.0, 0.0, ("20.000", "–")),
+        (20.0, 0.0, ("20", "–")),
+        (20.49, 0.9996, ("20.5", "1.0")),
+        (0.062677, 0.0, ("0.06268", "–")),
         (0.0, 0.5, ("0.00", "0.50")),
     ],
 )
 def test_a_value_is_shown_to_its_errors_second_digit(value: float, error: float, shown: tuple[str, str]):
     assert with_error(value, error) == shown
+
+
+def test_a_number_that_rounds_up_to_the_next_power_of_ten_has_no_digit_too_many():
+    assert [figures(x) for x in (9.99999, 0.99999, 99.96, -0.09999, 0.00099999)] == [
+        "10.0", "1.00", "100", "-0.100", "0.00100",
+    ]  # fmt: skip
 
 
 def test_numbers_are_shown_with_the_digits_asked_for():

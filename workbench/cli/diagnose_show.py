@@ -33,8 +33,13 @@ def show(d: Diagnosis, out: Path | None) -> None:
     shown = hypotheses.candidates_table(d, MOST_CANDIDATES, brief=True)
     _titled("Candidates, the best first", hypotheses.candidates_head(d, brief=True), shown)
     if d.unknown is not None:
-        print_text(words.unknown_sentences(d))
-    _titled("How far it shrinks, on held-out runs", report.BRIEF_SHRINK_HEAD, report.brief_shrink_table(d))
+        _titled("What is known of the unknown cause")
+        _listed([*words.reasons_of(d), *words.unknown_sentences(d)])
+    if d.verdict.word == "no_gap":
+        _titled("On held-out runs")
+        print_text([words.shrink_sentence(d)])
+    else:
+        _titled("How far it shrinks, on held-out runs", report.BRIEF_SHRINK_HEAD, report.brief_shrink_table(d))
     _titled("What changes in the control study")
     # The first sentence says what was run; the report has it.
     _listed([d.why_no_consequences] if d.consequences is None else d.consequences.sentences[1:])

@@ -109,7 +109,7 @@ def _before(question: Asked) -> None:
         icon=":material/troubleshoot:",
     )
     hoist = isinstance(campaign.machine, Hoist)
-    head = (" run", *(("payload kg",) if hoist else ()), "length s", "samples")
+    head = (" run", *(("payload (kg)",) if hoist else ()), "length (s)", "samples")
     rows = [
         [run.name, *([f"{run.payload_kg:g}"] if hoist else []), f"{run.duration_s:.1f}", str(len(run.time_s))]
         for run in campaign.runs

@@ -11,7 +11,7 @@ from workbench.dashboard import session
 from workbench.dashboard.gap_view import VIEW, View, read_view
 from workbench.dashboard.jobs import Job, result_folder
 from workbench.dashboard.machines import keep_machine
-from workbench.dashboard.widgets import chart, numbers, plain, table
+from workbench.dashboard.widgets import chart, numbers, plain, said, table
 from workbench.effects import check
 from workbench.figures.save import Section
 from workbench.machine import load_machine
@@ -58,9 +58,9 @@ def show_results(job: Job) -> None:
 
 def _unusual(job: Job) -> list[str]:
     """What was asked other than usually."""
-    said = job.spec["arguments"]
-    weighed = said["candidates"]
-    return [*(["one effect at most"] if said["most_effects"] == 1 else []),
+    arguments = job.spec["arguments"]
+    weighed = arguments["candidates"]
+    return [*(["one effect at most"] if arguments["most_effects"] == 1 else []),
             *([] if weighed is None else [f"{len(weighed)} candidate{'s' if len(weighed) != 1 else ''}"])]  # fmt: skip
 
 
@@ -110,7 +110,10 @@ def _answer(job: Job, view: View) -> None:
             _figures(job, "answer", answer, height=TALL)
     else:
         _figures(job, "verdict", ranked)
-    _points([*ranked.points, *view.meaning])
+    _points(view.meaning)
+    if ranked.points:
+        st.markdown(plain(ranked.sentences[-1]))
+        _points(ranked.points)
     _tables(answer)
     with st.expander("All candidates"):
         _tables(view.sections["candidates"])
@@ -135,7 +138,7 @@ def _apart(job: Job, view: View) -> None:
     st.markdown(f"**The next run.** {plain(' '.join(following.sentences))}")
     _tables(following)
     _figures(job, "isolability", matrix)
-    _points(matrix.sentences)
+    _points(matrix.points)
     _tables(matrix)
 
 
@@ -164,7 +167,7 @@ def _section(job: Job, name: str, view: View) -> None:
     """The first sentence, what there is to look at, and then the rest of the words."""
     section = view.sections[name]
     if section.sentences:
-        st.markdown(plain(section.sentences[0]))
+        st.markdown(said(section.sentences[0]))
     _figures(job, name, section)
     _points([*section.sentences[1:], *section.points])
     _tables(section)
@@ -172,7 +175,7 @@ def _section(job: Job, name: str, view: View) -> None:
 
 def _points(points: Sequence[str]) -> None:
     if points:
-        st.markdown("\n".join(f"- {plain(point)}" for point in points))
+        st.markdown("\n".join(f"- {said(point)}" for point in points))
 
 
 def _tables(section: Section) -> None:

@@ -91,16 +91,16 @@ def view_of(d: Diagnosis) -> View:
 
 def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
     """The gap over the one variable that explains it best, for a place of half the page's width."""
-    profiles = () if d.where is None else d.where.profiles
+    profiles = [] if d.where is None else [each for each in d.where.profiles if diagnose_where.worth_a_panel(each)]
     if not profiles:
         return []
     best = max(profiles, key=lambda each: each.explains)
     machine = d.campaign.machine
     figure = diagnose_where.profiles([best], words_of(machine).unit, direction_names(machine))
-    figure.update_traces(showlegend=False, selector={"type": "bar"})
+    figure.update_traces(showlegend=False, selector={"legendgroup": "share"})
     figure.update_layout(title_text="How the gap shows", margin_t=92).layout.annotations = ()
     explains = round(100.0 * best.explains)
-    note = f"Over the {best.label}, which explains {explains} % of the gap. Grey: the share of the gap's energy."
+    note = f"Over the {best.label}: this explains {explains} % of the gap. Grey: the share of the gap's energy."
     return [(figure, note)]
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import streamlit as st
 
 from workbench.dashboard.jobs_place import jobs_workspace
+from workbench.dashboard.widgets import is_dark
 
 if TYPE_CHECKING:
     from streamlit.navigation.page import StreamlitPage
@@ -22,6 +23,12 @@ if TYPE_CHECKING:
 # Less air than streamlit's own, so that the numbers and the first figure fit 1280 by 800.
 _STYLE = """<style>
 .stMainBlockContainer {padding-top: 4rem; padding-bottom: 2rem; padding-left: 2rem; padding-right: 2rem;}
+</style>"""
+
+# On the dark ground the colour of buttons is a light one, on which white is hard to read.
+_STYLE_DARK = """<style>
+[data-testid="stBaseButton-primary"], [data-baseweb="tag"], [data-baseweb="tag"] span {color: #0E1117;}
+[data-baseweb="tag"] svg {fill: #0E1117;}
 </style>"""
 
 # A carriage on its wire. Drawn here, for streamlit fetches icons and emoji from elsewhere.
@@ -63,7 +70,7 @@ def _function(title: str) -> Callable[[], None]:
 def run() -> None:
     """The whole app: called once per rerun by the script that streamlit runs."""
     st.set_page_config(page_title="workbench", page_icon=_ICON, layout="wide")
-    st.html(_STYLE)
+    st.html(_STYLE_DARK + _STYLE if is_dark() else _STYLE)
     jobs_workspace()  # a page's link drops what names this session's jobs from the address; here it comes back
     pages: list[StreamlitPage] = []
     for title in present():

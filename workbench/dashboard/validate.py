@@ -11,7 +11,7 @@ from workbench.dashboard.campaigns import chosen_campaign
 from workbench.dashboard.machines import kept_machines
 from workbench.dashboard.validate_identify import found_for, identification, offer
 from workbench.dashboard.validate_replay import replayed
-from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain
+from workbench.dashboard.widgets import Number, chart, guarded, in_a_line, numbers, plain
 from workbench.logs import Campaign
 from workbench.reports import replay as report
 from workbench.reports.replay_page import RESIDUAL_NOTE, inputs, residuals, speeds
@@ -19,6 +19,7 @@ from workbench.reports.words import words_of
 from workbench.simulate.replay import ReplayResult
 
 OWN = "the campaign's own"
+GAP = "The page Gap names what the model lacks."
 
 
 def show() -> None:
@@ -38,7 +39,8 @@ def show() -> None:
     found = found_for(campaign)
     after = None if found is None else found.after
     _numbers(campaign, result, after)
-    st.markdown(plain(" ".join(report.sentences(campaign.machine, after or result))))
+    remedy = GAP if found is not None else f"Identify fits the values. {GAP}"
+    st.markdown(plain(" ".join(report.sentences(campaign.machine, after or result, remedy))))
     _notes(campaign)
     if found is not None:
         with guarded():
@@ -94,7 +96,7 @@ def _figures(campaign: Campaign, result: ReplayResult, before: ReplayResult | No
     chart(residuals(machine, result, before), "validate residuals", "Residual of every run over time")
     st.caption(plain(RESIDUAL_NOTE))
     chart(inputs(machine, result), "validate inputs", "Measured input of every run")
-    heads = [" ".join(head.split()) for head in report.head(machine)]
+    heads = [in_a_line(head) for head in report.head(machine)]
     lines = report.table(result)
     st.dataframe({head: [line[i] for line in lines] for i, head in enumerate(heads)}, hide_index=True)
     st.caption(plain(report.caption(machine, result)))

@@ -11,7 +11,7 @@ import streamlit as st
 from workbench.dashboard import session
 from workbench.dashboard.machines import keep_machine
 from workbench.dashboard.validate_replay import question
-from workbench.dashboard.widgets import chart, plain
+from workbench.dashboard.widgets import chart, in_a_line, plain
 from workbench.figures.estimates import Estimate, estimates
 from workbench.figures.identify import correlation_matrix
 from workbench.identify.identify import Identification, identify
@@ -21,6 +21,7 @@ from workbench.machine.files import machine_text
 from workbench.reports import identify as report
 from workbench.reports.identify_page import friction
 from workbench.reports.numbers import with_error
+from workbench.study.labels import field_label
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -61,10 +62,10 @@ def offer(found: Identification) -> None:
     with right:
         law = friction(found).update_layout(height=470, title_text="")
         chart(law, "validate friction", "Law of friction, nominal and identified, with the log's points")
-    st.markdown(plain(" ".join(report.sentences(found))))
+    st.markdown(plain(" ".join(report.sentences(found, "the page Gap names what"))))
     with st.expander("Values, standard errors, correlations"):
         lines = report.table(found.fit)
-        heads = [" ".join(head.split()) for head in report.HEAD]
+        heads = [in_a_line(head) for head in report.HEAD]
         st.dataframe({head: [line[i] for line in lines] for i, head in enumerate(heads)}, hide_index=True)
         st.caption(plain(report.CAPTION))
         names = [free.key for free in found.fit.free]
@@ -90,6 +91,13 @@ def _estimates(found: Identification) -> Figure:
             unit, shift, spread = 0.01 * abs(free.nominal), value - free.nominal, error
         else:
             continue
-        name = free.key.rpartition(".")[2].replace("_", " ")
-        shown.append(Estimate(name, shift / unit, spread / unit, " ± ".join(with_error(value, error))))
+        name, said = _in_words(free.key, value, error)
+        shown.append(Estimate(name, shift / unit, spread / unit, said))
     return estimates(shown, "tolerances" if held else "% of nominal", 1.0 if held else None)
+
+
+def _in_words(key: str, value: float, error: float) -> tuple[str, str]:
+    """What a value is called, and it with its error and unit."""
+    label = field_label(f"machine.{key}")
+    prefix, scale = ("G", 1e-9) if label.unit == "Pa" else ("", 1.0)
+    return label.words, f"{' ± '.join(with_error(scale * value, scale * error))} {prefix}{label.unit}".strip()

@@ -104,7 +104,7 @@ def table(shown: Table) -> None:
     from workbench.study import arrow
 
     head, rows, caption = shown
-    names = [" ".join(name.split()) for name in head]
+    names = [in_a_line(name) for name in head]
     columns = {name: arrow.texts([row[i].strip() for row in rows]) for i, name in enumerate(names)}
     align = {
         name: st.column_config.TextColumn(alignment="left" if original.startswith(" ") else "right")
@@ -115,6 +115,11 @@ def table(shown: Table) -> None:
         st.caption(plain(caption))
 
 
+def in_a_line(head: str) -> str:
+    """A table's head without its breaks, a broken word put together."""
+    return " ".join(head.replace("-\n", "").split())
+
+
 def problem(error: InputError) -> None:
     """One clear error: place and problem, with the file's name only, for its folder is the server's own."""
     path = Path(error.file or "")
@@ -122,6 +127,11 @@ def problem(error: InputError) -> None:
     said = error.problem.replace(f"{path.parent}/", "") if path.parent != Path() else error.problem
     shown = InputError(said, file=path.name or None, line=error.line, place=error.place)
     st.error(plain(str(shown)), icon=":material/error:")
+
+
+def said(sentence: str) -> str:
+    """A report's sentence on a page, where what it has in backticks for a terminal stands plainly."""
+    return plain(sentence.replace("`", ""))
 
 
 def plain(sentence: str) -> str:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from workbench.figures.style import BLACK, GREEN, GREY, ORANGE, YELLOW
+from workbench.figures.style import AFTER, BEFORE, BLACK, GREY, YELLOW
 
-BEFORE, AFTER = ORANGE, GREEN
 WINDOW, REST = YELLOW, "#BBBBBB"
 MEASURED: dict[str, Any] = {"color": BLACK, "dash": "solid", "width": 2.6, "simplify": False}
 LINE_BEFORE: dict[str, Any] = {"color": BEFORE, "dash": "solid", "width": 1.2, "simplify": False}

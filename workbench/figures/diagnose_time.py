@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.figures.diagnose_style import LINE_AFTER, LINE_BEFORE, MEASURED, NOISE_DASH, REST, WINDOW
-from workbench.figures.panels import Panels
+from workbench.figures.panels import Panels, ranges_below_names
 from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 COLUMNS = 2
-NAME_ROOM = 0.22  # above the highest value, of the span
 PANEL, AROUND = 200, 140  # px: of a row of panels, and of title, legend and axis
 Stretches = Sequence[tuple[float, float]]
 
@@ -132,14 +131,7 @@ def _grid(title: str, y_title: str, names: Sequence[str]) -> tuple[Panels, list[
 
 def _figure(panels: Panels, height: int, places: Sequence[tuple[int, int]], drawn: Sequence[Sequence[Array]]) -> Figure:
     """Each row from its lowest to its highest value, with room above for the runs' names."""
-    ranges = {}
-    for row in {row for row, _ in places}:
-        values = np.concatenate([v for (r, _), each in zip(places, drawn, strict=True) if r == row for v in each])
-        known = values[np.isfinite(values)]
-        low, high = (float(known.min()), float(known.max())) if len(known) else (-1.0, 1.0)
-        span = (high - low) or 1.0
-        ranges[row] = (low - 0.05 * span, high + NAME_ROOM * span)
-    figure = panels.figure(height, ranges)
+    figure = panels.figure(height, ranges_below_names(places, drawn))
     # Where the last row is not full, the panel above its empty place ends its column.
     columns, count = len(panels.column_titles), len(places)
     for index in range(max(count - columns, 0), count):

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.diagnose.records import Curve, Profile
 from workbench.figures.diagnose_style import heading
-from workbench.figures.style import FAINT, MARKERS, SPARE, TEMPLATE
+from workbench.figures.style import FAINT, GREY, MARKERS, SPARE, TEMPLATE
 from workbench.run import Array
 
 if TYPE_CHECKING:
@@ -24,40 +24,86 @@ SHARE_ROOM = 3.0  # the bars of the energy's share fill a third of a panel
 def profiles(found: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figure:
     """A panel a variable, as many as are given: mean residual in each bin, forward and backward; grey: energy's share.
 
-    The scale is common to all panels, so that they compare at a glance. ways: what the two directions are called.
+    The scale is common to all panels, so that they compare at a glance. A spectrum has no mean: its share of the
+    energy fills the panel, over frequency on a logarithmic axis. ways: what the two directions are called.
     """
     boxes, height = _boxes(len(found))
     data: list[dict[str, Any]] = []
     layout = _layout(f"Mean residual ({unit}) over what may explain it", height)
     largest = max((_largest(each.mean_forward, each.mean_backward) for each in found), default=0.0) or 1.0
+    told: set[str] = set()  # what the legend has
     for number, (each, box) in enumerate(zip(found, boxes, strict=True), start=1):
-        middle = (each.edges[1:] + each.edges[:-1]) / 2.0
-        share = {
-            "type": "bar", "x": middle, "y": 100.0 * each.share, "width": np.diff(each.edges),
-            "name": "share of the gap's energy (%, bars)", "legendgroup": "share", "showlegend": number == 1,
-            "marker": {"color": FAINT, "line": {"width": 0}}, "xaxis": f"x{number}", "yaxis": f"y{number + len(found)}",
-            "hovertemplate": "%{y:.1f} %",
-        }  # fmt: skip
-        data.append(share)
-        for way, values in enumerate((each.mean_forward, each.mean_backward)):
-            data.append(_line(middle, values, ways[way], way, unit, number, number == 1))
+        name, _, best = each.label.partition(", ")
         unit_of = f" ({each.unit})" if each.unit not in ("", "1") else ""
-        low, high, explains = (round(100.0 * x) for x in (*each.interval, each.explains))
-        _panel(layout, number, box, f"{each.label}{unit_of}")
-        if each.variable == "direction":  # a sign: backward or forward
-            layout[f"xaxis{number}"] |= {"tickvals": list(middle), "ticktext": list(ways[::-1])}
-        # Over the bars' axis, yet with ticks of its own.
-        scale = {"range": [-1.15 * largest, 1.15 * largest], "tickmode": "auto", "nticks": 7}
-        layout[f"yaxis{number}"] |= scale | {"overlaying": f"y{number + len(found)}"}
+        _panel(layout, number, box, f"{name}{unit_of}")
+        traces = _spectrum(each, number) if is_spectrum(each) else _means(each, unit, ways, number, len(found))
+        for trace in traces:
+            trace["showlegend"] = trace["legendgroup"] not in told
+            told.add(trace["legendgroup"])
+        data += traces
+        if is_spectrum(each):
+            axis = {"range": [0.0, 115.0 * _most(each.share)], "ticksuffix": " %", "rangemode": "tozero", "nticks": 6}
+            layout[f"xaxis{number}"] |= {"type": "log", "dtick": 1}
+            title = "share of the energy"
+        else:
+            _scales(layout, each, box, number, len(found), largest, ways)
+            axis, title = {}, f"mean residual ({unit})"
+        layout[f"yaxis{number}"] |= axis
         if box[0][0] == 0.0:
-            layout[f"yaxis{number}"]["title"] = {"text": f"mean residual ({unit})", "font": {"size": 12}}
-        layout[f"yaxis{number + len(found)}"] = {
-            "domain": box[1], "anchor": f"x{number}", "range": [0.0, SHARE_ROOM * 100.0 * _most(each.share)],
-            "showticklabels": False, "showgrid": False, "ticks": "", "showline": False, "zeroline": False,
-        }  # fmt: skip
-        said = f"<b>{each.label}</b><br>explains {explains} % ({low} to {high})"
-        layout["annotations"].append(_above(said, box))
+            layout[f"yaxis{number}"]["title"] = {"text": title, "font": {"size": 12}}
+        low, high, explains = (round(100.0 * x) for x in (*each.interval, each.explains))
+        said = f"{best}, explains" if best else "explains"
+        layout["annotations"].append(_above(f"<b>{name}</b><br>{said} {explains} % ({low} to {high})", box))
     return _figure(data, layout)
+
+
+def is_spectrum(each: Profile) -> bool:
+    """Whether a profile has no mean in any bin, only its share of the energy."""
+    return not np.any(np.isfinite([each.mean_forward, each.mean_backward]))
+
+
+def worth_a_panel(each: Profile) -> bool:
+    """A wave that explains nothing is nothing to look at; what a mean does not explain is."""
+    return not is_spectrum(each) or each.explains >= 0.005
+
+
+def _spectrum(each: Profile, number: int) -> list[dict[str, Any]]:
+    """Steps over frequency."""
+    share = 100.0 * np.append(each.share, each.share[-1])
+    return [{
+        "type": "scatter", "mode": "lines", "x": each.edges, "y": _gaps(share), "fill": "tozeroy", "fillcolor": FAINT,
+        "line": {"shape": "hv", "color": GREY, "width": 1.2}, "name": "share of the gap's energy (grey)",
+        "legendgroup": "share", "xaxis": f"x{number}", "yaxis": f"y{number}", "hovertemplate": "%{y:.1f} %",
+    }]  # fmt: skip
+
+
+def _means(each: Profile, unit: str, ways: tuple[str, str], number: int, count: int) -> list[dict[str, Any]]:
+    """Bars of the energy's share, and over them the mean of each way."""
+    middle = (each.edges[1:] + each.edges[:-1]) / 2.0
+    share = {
+        "type": "bar", "x": middle, "y": 100.0 * each.share, "width": np.diff(each.edges),
+        "name": "share of the gap's energy (grey)", "legendgroup": "share",
+        "marker": {"color": FAINT, "line": {"width": 0}}, "xaxis": f"x{number}", "yaxis": f"y{number + count}",
+        "hovertemplate": "%{y:.1f} %",
+    }  # fmt: skip
+    both = (each.mean_forward, each.mean_backward)
+    return [share, *(_line(middle, values, ways[way], way, unit, number, True) for way, values in enumerate(both))]
+
+
+def _scales(
+    layout: dict[str, Any], each: Profile, box: Box, number: int, count: int, largest: float, ways: tuple[str, str]
+) -> None:
+    """Of the means, common to all panels, and of the bars, which have their own."""
+    if each.variable == "direction":  # a sign: backward or forward
+        middle = (each.edges[1:] + each.edges[:-1]) / 2.0
+        layout[f"xaxis{number}"] |= {"tickvals": list(middle), "ticktext": list(ways[::-1])}
+    # Over the bars' axis, yet with ticks of its own.
+    scale = {"range": [-1.15 * largest, 1.15 * largest], "tickmode": "auto", "nticks": 7}
+    layout[f"yaxis{number}"] |= scale | {"overlaying": f"y{number + count}"}
+    layout[f"yaxis{number + count}"] = {
+        "domain": box[1], "anchor": f"x{number}", "range": [0.0, SHARE_ROOM * 100.0 * _most(each.share)],
+        "showticklabels": False, "showgrid": False, "ticks": "", "showline": False, "zeroline": False,
+    }  # fmt: skip
 
 
 def curves(

@@ -57,7 +57,7 @@ def estimates(found: Sequence[Estimate], unit: str, tolerance: float | None = No
         "hovermode": "closest",
         "title": {"text": f"Identified values, ± one standard error{said}", "y": 1.0 - 22.0 / height,
                   "yanchor": "middle", "font": {"size": 15}},
-        "margin": {"l": 12, "t": 52, "r": 130},
+        "margin": {"l": 12, "t": 52, "r": 164},
         "shapes": [] if tolerance is None else [band],
         "annotations": words,
         "xaxis": {"title": {"text": f"distance from nominal ({unit})"}, "range": [-reach, reach], "zeroline": True,

@@ -117,7 +117,8 @@ def _bar(panels: Panels, row: int, x: float, y0: float, y1: float, look: dict[st
 
 def _note(panels: Panels, row: int, x: float, y: float, text: str, up: bool = False) -> None:
     n = panels._number(row, 0)
-    ax, ay = (50, -30) if up else (-70, 26 if row == 0 else -34)
+    # Inside the panel: the crossover to the right above its line, the others where the curves are not.
+    ax, ay = (50, -30) if up else (-70, -20) if row == 0 else (-60, 62)
     panels.annotations.append(
         {"text": text, "x": math.log10(x), "y": y, "xref": f"x{n}", "yref": f"y{n}", "align": "right"}
         | {"showarrow": True, "arrowhead": 0, "ax": ax, "ay": ay, "xanchor": "left" if up else "right"}

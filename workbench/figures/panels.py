@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 FEW_POINTS = 200  # a line of fewer costs nothing, and the pointer finds each
 PAPER, LEGEND_LINE = 640, 20  # px: what a legend's line has room for on paper, and its height
 TITLE_LINE = 36  # px that a figure without a title does without
+NAME_ROOM = 0.22  # above the highest value, of the span, for a run's name in the corner
 
 
 class Panels:
@@ -171,3 +172,20 @@ class Panels:
             top = bottom - gap_y
         layout["annotations"] = annotations
         return go.Figure({"data": self.traces, "layout": layout})
+
+
+def ranges_below_names(
+    places: Sequence[tuple[int, int]], drawn: Sequence[Sequence[Array]]
+) -> dict[int, tuple[float, float]]:
+    """Each row's range from its lowest to its highest value, with room above for names in the panels' corners.
+
+    drawn: of each place all that is drawn in it.
+    """
+    ranges = {}
+    for row in {row for row, _ in places}:
+        values = np.concatenate([v for (r, _), each in zip(places, drawn, strict=True) if r == row for v in each])
+        known = values[np.isfinite(values)]
+        low, high = (float(known.min()), float(known.max())) if len(known) else (-1.0, 1.0)
+        span = (high - low) or 1.0
+        ranges[row] = (low - 0.05 * span, high + NAME_ROOM * span)
+    return ranges

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from workbench.figures.panels import Panels
-from workbench.figures.style import BLACK, BLUE, GREY, ORANGE, line
+from workbench.figures.panels import Panels, ranges_below_names
+from workbench.figures.style import AFTER, BEFORE, BLACK, GREY, ORANGE, PURPLE, line
 from workbench.run import Array, Run
 
 if TYPE_CHECKING:
@@ -37,15 +37,16 @@ def _grid(title: str, y_title: str, names: Sequence[str]) -> tuple[Panels, list[
 def torque_profiles(runs: Sequence[Run], nominal_torque_nm: float) -> Figure:
     """Fig. 6: both motors' measured torque over one motor's nominal torque, a panel a run."""
     panels, places, height = _grid("Measured motor torque", "torque / nominal", [run.name for run in runs])
+    drawn = []
     for (row, column), run in zip(places, runs, strict=True):
         if "torque_motor1_nm" in run and "torque_motor2_nm" in run:
-            for number in (1, 2):
-                torque = run[f"torque_motor{number}_nm"] / nominal_torque_nm
-                panels.line(row, column, run.time_s, torque, f"motor {number}", line(f"motor {number}", width=1.4))
+            each = {f"motor {number}": run[f"torque_motor{number}_nm"] / nominal_torque_nm for number in (1, 2)}
         else:
-            torque = run["torque_motor_nm"] / (2.0 * nominal_torque_nm)
-            panels.line(row, column, run.time_s, torque, "mean of both motors", line("measured", width=1.4))
-    return panels.figure(height)
+            each = {"mean of both motors": run["torque_motor_nm"] / (2.0 * nominal_torque_nm)}
+        for name, torque in each.items():
+            panels.line(row, column, run.time_s, torque, name, line(name if len(each) > 1 else "measured", width=1.4))
+        drawn.append(list(each.values()))
+    return panels.figure(height, ranges_below_names(places, drawn))
 
 
 def input_profiles(runs: Sequence[Run], signal: str, unit: str) -> Figure:
@@ -54,7 +55,7 @@ def input_profiles(runs: Sequence[Run], signal: str, unit: str) -> Figure:
     panels, places, height = _grid(f"Measured {quantity}", f"{quantity} ({unit})", [run.name for run in runs])
     for (row, column), run in zip(places, runs, strict=True):
         panels.line(row, column, run.time_s, run[signal], "measured", line("measured", width=1.2), unit)
-    return panels.figure(height)
+    return panels.figure(height, ranges_below_names(places, [[run[signal]] for run in runs]))
 
 
 def speed_comparison(
@@ -74,7 +75,9 @@ def speed_comparison(
     if rmse_percent is not None:
         names = [f"{name}</b>, RMSE {value:.2f} %<b>" for name, value in zip(names, rmse_percent, strict=True)]
     panels, places, height = _grid("Measured and simulated speed", f"speed (% of {scale_name})", names)
+    drawn = []
     for index, ((row, column), pair) in enumerate(zip(places, pairs, strict=True)):
+        drawn.append([run[signal] * (100.0 / nominal_speed) for run in pair])
         for name, run in zip(("measured", "simulated"), pair, strict=True):
             speed = run[signal] * (100.0 / nominal_speed)
             # The measured line is wide and lies below, so that it is seen where both agree.
@@ -82,9 +85,9 @@ def speed_comparison(
             panels.line(row, column, run.time_s, speed, name, line(name, width=width), "%")
         if restarted:
             speed = restarted[index] * (100.0 / nominal_speed)
-            look = {"color": BLUE, "dash": "5px,3px", "width": 1.3, "simplify": False}
+            look = {"color": PURPLE, "dash": "5px,3px", "width": 1.3, "simplify": False}
             panels.line(row, column, pair[1].time_s, speed, "restarted every 2 s", look, "%")
-    return panels.figure(height)
+    return panels.figure(height, ranges_below_names(places, drawn))
 
 
 def torque_residual(
@@ -111,10 +114,10 @@ def torque_residual(
     panels, places, height = _grid(title, f"{quantity} residual ({unit})", names)
     for index, (row, column) in enumerate(places):
         if before:
-            look = {"color": ORANGE, "dash": "solid", "width": 1.1, "simplify": False}
+            look = {"color": BEFORE, "dash": "solid", "width": 1.1, "simplify": False}
             panels.line(row, column, times_s[index], before[index], "before", look, unit)
-        look = {"color": BLACK, "dash": "solid", "width": 1.1, "simplify": False}
-        name = "after" if before else "measured − predicted"
+        name, colour = ("after", AFTER) if before else ("measured − predicted", BLACK)
+        look = {"color": colour, "dash": "solid", "width": 1.1, "simplify": False}
         panels.line(row, column, times_s[index], residuals[index], name, look, unit)
         if noise_rms is not None:
             panels.level(row, column, 2.0 * noise_rms)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -25,10 +26,11 @@ _PAGE = """<!DOCTYPE html>
  h2 {{ font-size: 17px; margin: 34px 16px 6px; padding-bottom: 3px; border-bottom: 1px solid #bbb; }}
  table {{ border-collapse: collapse; font-size: 13px; margin: 12px 16px; }}
  th, td {{ text-align: right; padding: 3px 10px; border-bottom: 1px solid #ddd; }}
- th {{ vertical-align: bottom; border-bottom: 1.5px solid #666; }}
+ th {{ vertical-align: bottom; border-bottom: 1.5px solid #666; white-space: pre-line; }}
  th.text, td.text {{ text-align: left; }} td.short {{ white-space: nowrap; }}
  ul.lead {{ font-size: 15px; line-height: 1.45; margin: 8px 16px; max-width: 75em; padding-left: 20px; }}
  ul.lead li {{ margin-bottom: 3px; }}
+ code {{ font-family: "DejaVu Sans Mono", Consolas, monospace; font-size: 0.93em; }}
  .table {{ overflow-x: auto; }}
  @page {{ size: A4; margin: 12mm; }}
  @media print {{
@@ -134,10 +136,15 @@ def _write(path: Path, title: str, body: Sequence[str], generator: str) -> None:
 
 
 def _words(sentences: Sequence[str], points: Sequence[str]) -> list[str]:
-    parts = [f'<p class="lead">{escape(sentence)}</p>' for sentence in sentences]
+    parts = [f'<p class="lead">{_text(sentence)}</p>' for sentence in sentences]
     if points:
-        parts.append(f'<ul class="lead">{"".join(f"<li>{escape(point)}</li>" for point in points)}</ul>')
+        parts.append(f'<ul class="lead">{"".join(f"<li>{_text(point)}</li>" for point in points)}</ul>')
     return parts
+
+
+def _text(sentence: str) -> str:
+    """Escaped; what stands in backticks is set as code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(sentence))
 
 
 def _caption(text: str) -> str:

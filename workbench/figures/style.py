@@ -11,6 +11,7 @@ from typing import Any
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY, FAINT = "#6B6B6B", "#E4E4E4"
+BEFORE, AFTER = ORANGE, GREEN  # a machine corrected or identified
 
 # Each line: colour and dash, so that a black-and-white print tells them apart too.
 LINES: dict[str, tuple[str, str]] = {
@@ -64,6 +65,7 @@ AXIS: dict[str, Any] = {
     "title": {"font": {"size": 13}, "standoff": 6},
     "tickfont": {"size": 12},
     "automargin": True,
+    "minexponent": 6,  # 10000 kg, not 10k
 }
 
 TEMPLATE: dict[str, Any] = {

@@ -83,7 +83,8 @@ def where_table(d: Diagnosis) -> list[Row]:
         mine = [w for w in d.where.windows if w.run == name]
         longest = sorted(mine, key=lambda w: w.from_s - w.to_s)[:MOST_WINDOWS]
         said = [f"{w.from_s:.1f} to {w.to_s:.1f}" for w in mine if w in longest]
-        more = f"; {len(mine) - len(said)} shorter ones" if len(said) < len(mine) else ""
+        rest = len(mine) - len(said)
+        more = f"; {rest} shorter one{'s' if rest > 1 else ''}" if rest else ""
         rows.append([name, f"{100.0 * share:.0f}", (", ".join(said) or NOTHING) + more])
     return rows
 

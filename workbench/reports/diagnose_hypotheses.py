@@ -46,7 +46,8 @@ def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = Fal
         row = [
             hypothesis_name("named", each.effects).replace(" + ", " +\n" if brief else " + "),
             NOTHING if p is None else percent(p),
-            NOTHING if each.explained is None else f"{100.0 * each.explained:.0f}",
+            # Of a gap that is none there is no share.
+            NOTHING if each.explained is None or d.verdict.word == "no_gap" else f"{100.0 * each.explained:.0f}",
             _known(each.residual_rms), _known(each.held_out_rms), _merit(each),
         ]  # fmt: skip
         rows.append(row if brief else [*row, _parameters(each), _against(each)])
@@ -80,8 +81,13 @@ def _parameters(each: Candidate) -> str:
 def _said(one: Estimate) -> str:
     pairs = [with_error(*pair) for pair in values_of(one)]
     if len(pairs) == 1:
-        return f"{pairs[0][0]} ± {pairs[0][1]}"
-    return f"of each run: {', '.join(f'{value} ± {error}' for value, error in pairs)}"
+        return _with(*pairs[0])
+    return f"of each run: {', '.join(_with(*pair) for pair in pairs)}"
+
+
+def _with(value: str, error: str) -> str:
+    """A value without an error does not move the prediction: it sits on a bound, or its effect has vanished."""
+    return f"{value} (not determined)" if error == NOTHING else f"{value} ± {error}"
 
 
 def values_of(one: Estimate) -> list[tuple[float, float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from workbench.diagnose.records import Diagnosis, Unknown
+from workbench.diagnose.unexplained.words import OVER
 from workbench.figures import diagnose_time, diagnose_where
 from workbench.figures.consequences import before_and_after
 from workbench.figures.diagnose_shrink import shrink_bars
@@ -92,11 +93,13 @@ def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
     table = (report.WHERE_HEAD, report.where_table(d), "Where most of the gap's energy lies, run by run.")
     note = f"Yellow: the windows that hold most of the gap's energy.{fewer}"
     figures = [(diagnose_time.inputs(runs, unit), note)]
-    order = sorted(d.where.profiles, key=lambda each: -each.explains)[:MOST_PROFILES]
+    shown = filter(diagnose_where.worth_a_panel, d.where.profiles)
+    order = sorted(shown, key=lambda each: -each.explains)[:MOST_PROFILES]
     if order:
         note = (
             "Explains: the share of the gap's energy that a function of this variable and the direction takes away, "
-            "with a 90 % interval over runs; the best first. One scale for all panels; bars in their own."
+            "with a 90 % interval over runs; the best first. One scale for all means; the share of the energy has its "
+            "own in each panel."
         )
         figures.append((diagnose_where.profiles(order, unit, direction_names(d.campaign.machine)), note))
     return Section("3. Where it lies", [words.where_sentence(d), *d.where.sentences], (), [table], figures)
@@ -126,24 +129,24 @@ def _isolability(d: Diagnosis) -> Section:
         "What refitted base parameters could explain is taken out first."
     )
     table = report.visible_table(d)
-    below = "The smallest amount of each effect that these runs would show."
+    below = "The smallest amount of each effect that these runs would show. A name's end is its unit."
     figure = [(isolability(i.names, i.angle, d.verdict.effects), note)] if len(i.names) > 1 else []
     return Section(
-        "5. What these runs can tell apart", i.sentences, (), [(report.VISIBLE_HEAD, table, below)] if table else [],
+        "5. What these runs can tell apart", (), i.sentences, [(report.VISIBLE_HEAD, table, below)] if table else [],
         figure,
     )  # fmt: skip
 
 
 def _verdict(d: Diagnosis) -> Section:
-    said = [d.verdict.sentence, words.alike_sentence(d)]
+    said = [d.verdict.sentence, words.alike_sentence(d), words.reasons_lead(d)]
     figure = ranking(hypotheses.ranking_table(d.verdict.ranking, MOST_RANKED))
-    return Section("6. Verdict", [s for s in said if s], d.verdict.reasons, (), [(figure, "")])
+    return Section("6. Verdict", [s for s in said if s], words.reasons_of(d), (), [(figure, "")])
 
 
 def _unknown(d: Diagnosis, unknown: Unknown) -> Section:
     note = "A level for each direction, with a band of two standard errors; positive opposes the motion."
     units = [words.curve_unit(d.campaign.machine, each.acts_on) for each in unknown.curves]
-    figure = diagnose_where.curves(unknown.curves, direction_names(d.campaign.machine), words.OVER, units)
+    figure = diagnose_where.curves(unknown.curves, direction_names(d.campaign.machine), OVER, units)
     drawn = [(figure, note)] if unknown.curves else []
     return Section("What is known of the unknown cause", words.unknown_sentences(d), (), (), drawn)
 

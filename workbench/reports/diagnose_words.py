@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from workbench.diagnose.records import Diagnosis, Hypothesis, VerdictWord
+from workbench.diagnose.unexplained.words import over_what
 from workbench.effects import Effect, effects_for
 from workbench.machine import Axis, Hoist
 from workbench.machine.axis import LinearAxis
@@ -14,23 +15,6 @@ from workbench.reports.words import listed, words_of
 
 SHRINKS = 1.02  # factor: less is none
 NO_GAP, UNKNOWN = "no gap", "unknown cause"
-
-# What a measured correction may be over: what it is called, and its unit.
-OVER: Mapping[str, tuple[str, str]] = {
-    "speed_carriage_m_s": ("carriage speed", "m/s"),
-    "speed_motor_rad_s": ("motor speed", "rad/s"),
-    "position_carriage_m": ("carriage height", "m"),
-    "angle_motor_rad": ("motor angle", "rad"),
-    "angle_drum_rad": ("drum angle", "rad"),
-    "payload_kg": ("payload", "kg"),
-    "velocity_m_s": ("speed", "m/s"),
-    "speed_rad_s": ("speed", "rad/s"),
-    "position_m": ("position", "m"),
-    "angle_rad": ("angle", "rad"),
-    "angle_in_turn_rad": ("angle within a turn", "rad"),
-    "time_s": ("time since the run's start", "s"),
-    "campaign_time_s": ("time since the campaign's start", "s"),
-}
 
 
 def hypothesis_name(verdict: VerdictWord, effects: Sequence[str]) -> str:
@@ -48,7 +32,7 @@ def _is_verdict(each: Hypothesis, word: VerdictWord, effects: Sequence[str]) -> 
 
 
 def probability_sentence(d: Diagnosis) -> str:
-    """The verdict's probability, and what that number means."""
+    """What the probability in the verdict's sentence means."""
     p, word = chosen_probability(d), d.verdict.word
     what = {
         "named": "the missing physics would be just this",
@@ -57,15 +41,11 @@ def probability_sentence(d: Diagnosis) -> str:
     }[word]
     count = round(100.0 * p)
     many = "more than 99" if p > 0.995 else "less than one" if p < 0.005 else f"about {count}"
-    said = f"Probability {_percent(p)}: of a hundred campaigns judged like this one, in {many} {what}."
+    said = f"That probability means: of a hundred campaigns judged like this one, in {many} {what}."
     named = sum(each.probability for each in d.verdict.ranking if each.verdict == "named")
     if word == "named" and p < 0.5 and named > p + 0.005:
         return f"{said} In about {100.0 * named:.0f} some effect would be missing, this one or another."
     return said
-
-
-def _percent(p: float) -> str:
-    return "above 99 %" if p > 0.995 else f"{100.0 * p:.0f} %"
 
 
 def alike_sentence(d: Diagnosis) -> str:
@@ -73,6 +53,20 @@ def alike_sentence(d: Diagnosis) -> str:
     if all(name in d.verdict.sentence for name in d.verdict.alike):
         return ""
     return f"These runs cannot tell it from {listed(d.verdict.alike)}: either explains them as well."
+
+
+def reasons_of(d: Diagnosis) -> list[str]:
+    """What speaks for a cause that the library does not hold, each as a sentence."""
+    return [f"{reason[0].upper()}{reason[1:]}." for reason in d.verdict.reasons]
+
+
+def reasons_lead(d: Diagnosis) -> str:
+    """What `reasons_of` stands under; "" where there are none."""
+    if not d.verdict.reasons:
+        return ""
+    if d.verdict.word == "unknown":
+        return "What speaks for a cause that the library does not hold:"
+    return "What speaks against it:"
 
 
 def effect_sentences(d: Diagnosis) -> list[str]:
@@ -94,8 +88,8 @@ def where_sentence(d: Diagnosis) -> str:
     side = {"drive": " It lies on the drive's side of the wire.", "carriage": " It lies on the carriage's side."}
     return (
         f"The gap lies at the {w.subsystem.replace('_', ' ')}, {REGIMES.get(w.regime, w.regime)}: "
-        f"{100.0 * w.share:.0f} % of its energy (90 % interval {low} to {high} %) is in the windows marked and in this "
-        f"regime.{side.get(w.side, '')}"
+        f"{100.0 * w.share:.0f} % of its energy (90 % interval {low} to {high} %) is of this kind and in the "
+        f"windows of time that the report marks.{side.get(w.side, '')}"
     )
 
 
@@ -147,10 +141,10 @@ def unknown_sentences(d: Diagnosis) -> list[str]:
         return []
     said = list(d.unknown.sentences)
     if d.corrected.measured_correction is not None:
-        over = OVER.get(d.corrected.measured_correction.over, (d.corrected.measured_correction.over, ""))[0]
+        over = over_what(d.corrected.measured_correction.over)
         said.append(
-            f"machine.yaml holds the first curve, over {over}, as `measured_correction`: a table that replay and study "
-            "take into account. It is a measurement, no explanation, and holds within the runs it was measured in only."
+            f"machine.yaml holds it, over {over}, as `measured_correction`, which replay and study take into account. "
+            "It is a measurement, no explanation."
         )
     return said
 

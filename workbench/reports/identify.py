@@ -82,16 +82,19 @@ def _measures(name: str, result: ReplayResult) -> list[str]:
     ]
 
 
-def sentences(found: Identification) -> list[str]:
-    """How far the residual fell, the paper's iteration, then what the data cannot tell."""
+REMEDY = "`workbench diagnose` names what"
+
+
+def sentences(found: Identification, remedy: str = REMEDY) -> list[str]:
+    """How far the residual fell, the paper's iteration, then what the data cannot tell, and the remedy."""
     w = words_of(found.machine)
     before, after = found.before.residual_percent, found.after.residual_percent
     fell = f"The {w.quantity} residual went from {before:.2f} to {after:.2f} % of the {w.quantity} itself."
     said = [fell, iteration(found.campaign.machine, found.levels), *found.fit.statements]
-    return [*said, *_lacking(found)]
+    return [*said, *_lacking(found, remedy)]
 
 
-def _lacking(found: Identification) -> list[str]:
+def _lacking(found: Identification, remedy: str) -> list[str]:
     """Where values alone do not explain the runs, the command that goes on from here."""
     off = max((tolerances_off(free, value) for free, value in zip(found.fit.free, found.fit.value, strict=True)))
     left, noise = found.after.residual_rms_moving, found.after.noise_rms
@@ -101,7 +104,7 @@ def _lacking(found: Identification) -> list[str]:
     if not signs:
         return []
     text = " and ".join(signs)
-    return [f"{text[0].upper()}{text[1:]}: the model may lack something; `workbench diagnose` names what."]
+    return [f"{text[0].upper()}{text[1:]}: the model may lack something; {remedy}."]
 
 
 def tolerances_off(free: Free, value: float) -> float:

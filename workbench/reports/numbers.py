@@ -18,15 +18,16 @@ def figures(value: float, digits: int = 3) -> str:
         return NOTHING
     if value == 0.0:
         return "0"
-    if not 1e-3 <= abs(value) < 1e6:
-        return _scaled(value, _exponent(value), digits - 1 - _magnitude(value))
-    return f"{value:.{max(digits - 1 - _magnitude(value), 0)}f}"
+    near = float(f"{value:.{digits - 1}e}")  # rounding may carry: 9.9996 is 10.0, not 10.00
+    decimals = digits - 1 - _magnitude(near)
+    return f"{value:.{max(decimals, 0)}f}" if 1e-3 <= abs(near) < 1e6 else _scaled(value, _exponent(near), decimals)
 
 
 def with_error(value: float, error: float) -> tuple[str, str]:
     """A value and its standard error, both to the error's second digit: 3942 and 26, 89.0e9 and 2.6e9."""
     if not (math.isfinite(error) and error > 0.0):
-        return figures(value, 5), NOTHING
+        return f"{value:.4g}" if 1e-3 <= abs(value) < 1e4 else figures(value, 4), NOTHING
+    error = float(f"{error:.1e}")
     largest = max(abs(value), error)
     decimals = 1 - _magnitude(error)
     exponent = _exponent(largest) if not 1e-3 <= largest < 1e6 else 0

@@ -54,13 +54,16 @@ def caption(machine: Hoist | Axis, result: ReplayResult) -> str:
     )
 
 
-def sentences(machine: Hoist | Axis, result: ReplayResult) -> list[str]:
-    """What these figures say of the model, the drifting one first."""
-    return [_open_loop(machine, result), _residual(machine, result)]
+REMEDY = "`workbench identify` fits the values, `workbench diagnose` names what the model lacks."
+
+
+def sentences(machine: Hoist | Axis, result: ReplayResult, remedy: str = REMEDY) -> list[str]:
+    """What these figures say of the model, the drifting one first. remedy: what to do where it explains too little."""
+    return [_open_loop(machine, result), _residual(machine, result, remedy)]
 
 
 def _open_loop(machine: Hoist | Axis, result: ReplayResult) -> str:
-    percent = f"{result.speed_rmse_percent:.2f} %"
+    percent = f"{figures(result.speed_rmse_percent)} %"
     said = f"Open loop the model is {percent} off; the paper has {PAPER_PERCENT} % for its own machine."
     if not isinstance(machine, Hoist):
         return f"{said} That figure adds up every bias from the run's first sample on: judge by the residual."
@@ -78,7 +81,7 @@ def _open_loop(machine: Hoist | Axis, result: ReplayResult) -> str:
     )
 
 
-def _residual(machine: Hoist | Axis, result: ReplayResult) -> str:
+def _residual(machine: Hoist | Axis, result: ReplayResult, remedy: str) -> str:
     w = words_of(machine)
     moving, noise = result.residual_rms_moving, result.noise_rms
     if not moving > 0.0:
@@ -92,7 +95,7 @@ def _residual(machine: Hoist | Axis, result: ReplayResult) -> str:
         return f"While moving, the residual is {moving / noise:.1f} times the noise: the model explains these runs."
     return (
         f"While moving, the residual is {moving / noise:.1f} times the noise: values are off, or the model lacks "
-        "something. `workbench identify` fits the values, `workbench diagnose` names what the model lacks."
+        f"something. {remedy}"
     )
 
 

@@ -167,8 +167,10 @@ def _why(problem: Problem, fits: Sequence[Fitted], best: Offer, now: float) -> s
     if now < 0.05:
         begin = f"The campaign does not set {names[0]} apart from {rivals}"
     if best.separation > APART:
-        return f"{begin}; {load}, {best.planned.words}{signals}, would do so by {best.separation:.1f}."
+        apart = f"{best.separation:.1f} standard deviations"
+        return f"{begin}; {load}, {best.planned.words}{signals}, would do so by {apart}."
     return (
         f"{begin}; no run on the menu decides. The best, {load}, {best.planned.words}{signals}, would set them apart "
-        f"by {best.separation:.1f}: a closer tolerance is needed, such as a weighed load or a checked sensor."
+        f"by {best.separation:.1f} standard deviations: a closer tolerance is needed, such as a weighed load or a "
+        "checked sensor."
     )

@@ -22,6 +22,7 @@ from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.records import Curve, Unknown
 from workbench.diagnose.unexplained.table_driven import Tables, with_table
 from workbench.diagnose.unexplained.tables import variables_of
+from workbench.diagnose.unexplained.words import OVER, over_what, span
 from workbench.machine import Axis, Hoist
 
 REFINED = 2  # tables that are tried on points of their own choice
@@ -86,8 +87,8 @@ def _in_vain(problem: Problem, fitted: Fitted, alone: HeldOut, best: Curve) -> E
     keys, before = base_knobs(problem.machine, problem.runs), fitted.rms(problem.inputs)
     machines = tuple(refitted_machine(problem, keys, setting) for setting in alone.settings)
     sentence = (
-        f"No force over speed, place, load or time explains what is left: the best, over {best.over}, takes "
-        f"{100.0 * max(best.explains, 0.0):.0f} % of its energy away on {_left_out(problem)}. "
+        f"No force over speed, place, load or time explains what is left: the best, over {over_what(best.over)}, "
+        f"takes {100.0 * max(best.explains, 0.0):.0f} % of its energy away on {_left_out(problem)}. "
         "The corrected machine holds no table."
     )
     return Explained((best,), (sentence,), fitted, before, before, alone, machines)
@@ -114,20 +115,21 @@ def _sentences(
 ) -> tuple[str, ...]:
     best = curves[0]
     unit = "N m" if problem.bench.plant.input.endswith("nm") else "N"
-    force = "N" if best.acts_on == "guide" or unit == "N" else "N m"
+    force, kind = ("N", "force") if best.acts_on == "guide" or unit == "N" else ("N m", "torque")
     low, high = (float(f(np.concatenate([best.forward, best.backward]))) for f in (np.min, np.max))
     found = [
-        f"A force over {best.over} at the {best.acts_on} explains it best: {100.0 * best.explains:.0f} % of its energy "
-        f"on {_left_out(problem)}; levels from {low:.3g} to {high:.3g} {force} against the motion. What they all share "
-        "cannot be told from the friction levels.",
-        f"With the table beside the base parameters, {after:.2g} {unit} rms are left of {before:.3g} {unit}, "
-        f"{unseen:.2g} {unit} on {_left_out(problem)}; the noise is {problem.noise:.2g} {unit}.",
-        "The table stands in for a cause that nobody knows: it holds from "
-        f"{best.at[0]:.3g} to {best.at[-1]:.3g} (the range of the runs), and no further.",
+        f"A {kind} at the {best.acts_on} that depends on {over_what(best.over)} explains it best: "
+        f"{100.0 * best.explains:.0f} % of its energy on {_left_out(problem)}. It lies between "
+        f"{span(low, high, force).replace(' to ', ' and ')} against the motion; a constant in it cannot be told from "
+        "the friction levels.",
+        f"With that {kind} as a table beside the base parameters, {after:.2g} {unit} rms are left of {before:.2g} "
+        f"{unit}; on {_left_out(problem)} {unseen:.2g} {unit}. The noise is {problem.noise:.2g} {unit}.",
+        "The table stands in for a cause that nobody knows. It holds where the runs have been, "
+        f"{span(float(best.at[0]), float(best.at[-1]), OVER.get(best.over, ('', ''))[1]).strip()}, and no further.",
     ]
     if len(curves) > 1 and curves[1].explains > 0.9 * best.explains:
         found.append(
-            f"Over {curves[1].over} at the {curves[1].acts_on} it is explained nearly as well, "
+            f"One at the {curves[1].acts_on} that depends on {over_what(curves[1].over)} explains nearly as much, "
             f"{100.0 * curves[1].explains:.0f} %."
         )
     return tuple(found)
