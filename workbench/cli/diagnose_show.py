@@ -36,7 +36,7 @@ def show(d: Diagnosis, out: Path | None) -> None:
         _titled("What is known of the unknown cause")
         _listed([*words.reasons_of(d), *words.unknown_sentences(d)])
     if d.verdict.word == "no_gap":
-        _titled("On held-out runs")
+        _titled("How far it shrinks")
         print_text([words.shrink_sentence(d)])
     else:
         _titled("How far it shrinks, on held-out runs", report.BRIEF_SHRINK_HEAD, report.brief_shrink_table(d))

@@ -213,7 +213,7 @@ def _reasons(left: Misfit, evidence: Mapping[str, float], weighed: Sequence[Weig
     reasons = []
     if weighed and weighed[0].rival:
         name = weighed[0].names[0]
-        reasons.append(f"an effect that is not named unasked explains more; weigh it with `--candidates {name}`")
+        reasons.append(f"an unlisted effect explains more: weigh it with `--candidates {name}`")
     if left.clear > 1.3:
         reasons.append(f"the best hypothesis leaves {left.clear:.1f} times the noise away from standstill")
     if left.slow > 1.5:
