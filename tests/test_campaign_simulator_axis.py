@@ -297,8 +297,23 @@ def test_a_cause_shows_in_the_force(name):
 def test_effects_that_want_a_load_or_none_have_their_axis():
     for seed in range(6):
         for name, loaded in (("gearbox_efficiency", True), ("friction_load_dependent", True), ("backlash", False)):
-            machine = draw(seed, "singles", names=[name]).axis.machine
-            assert (machine.role("gravity_constant") != 0.0 or machine.role("gravity_sine") != 0.0) == loaded
+            assert draw(seed, "singles", names=[name]).axis.loaded == loaded
+
+
+def test_what_tolerances_could_take_up_is_far_beyond_them():
+    for seed in range(30):
+        axis, rng = drawn_axis(np.random.default_rng(seed), MOTIONS[seed % 2]), np.random.default_rng(seed)
+        role, tol, scales = axis.machine.role, axis.machine.tolerances, scales_of(axis, 1000.0)
+        (offset,), (B,), (gain,), (inertia,) = (
+            LISTED[name](rng, scales).values.values()
+            for name in ("torque_offset", "friction_viscous", "torque_scale", "inertia_error")
+        )
+        assert abs(offset) > 5.0 * math.hypot(
+            axis.machine.offset_tolerance(axis.force), tol.gravity * role("gravity_constant")
+        )
+        assert 5.0 * tol.viscous * role("viscous") < B
+        assert abs(gain - 1.0) > 5.0 * role("gain_tolerance")
+        assert inertia < 0.0 or inertia > 5.0 * tol.inertia
 
 
 def test_pairs_are_not_alike_by_nature():
@@ -315,8 +330,7 @@ def test_axes_are_drawn_from_gram_to_tonne_with_and_without_a_load(motion):
     axes = [drawn_axis(np.random.default_rng(seed), motion) for seed in range(60)]
     inertias = [axis.machine.role("inertia") for axis in axes]
     assert max(inertias) > 1e4 * min(inertias)
-    loaded = [axis.machine.role("gravity_constant") != 0.0 or axis.machine.role("gravity_sine") != 0.0 for axis in axes]
-    assert 0.2 < np.mean(loaded) < 0.6
+    assert 0.2 < np.mean([axis.loaded for axis in axes]) < 0.6
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -59,8 +59,8 @@ def draw(seed: int | Sequence[int], kind: str, *, names: Sequence[str] | None = 
     drawn_motion = str(of_machine.choice(MOTIONS))
     if names is None:
         names = _names(of_causes, kind, motion)
-    if motion == "axis":
-        motion = "rotary" if set(names) & set(ROTARY_ONLY) else drawn_motion
+    if motion == "axis":  # a load that never changes tells little of what depends on it
+        motion = "rotary" if set(names) & {*ROTARY_ONLY, *OF_A_LOAD} else drawn_motion
     loaded = True if set(names) & set(OF_A_LOAD) else False if set(names) & set(OF_NO_LOAD) else None
     axis = drawn_axis(of_machine, motion, loaded)
     rate_hz = float(of_runs.choice(RATES_HZ, p=SHARES))

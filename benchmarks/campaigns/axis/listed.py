@@ -1,11 +1,13 @@
 """The effects of the campaign format that make sense on an axis, each with its size drawn for one axis.
 
-From just visible to large: some 2 to 15 per cent of the largest force. A cause says the value under the
-workbench's name, and what it changes in the truth or in the log.
+From just visible to large: some 2 to 15 per cent of the largest force, and what tolerances of the machine could
+take up at least PLAIN of them. A cause says the value under the workbench's name, and what it changes in the truth
+or in the log.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -17,7 +19,11 @@ from benchmarks.campaigns.listed import TURN, Cause, Numbers, about, either
 
 @dataclass(frozen=True)
 class Scales:
-    """What is large on one axis; the words of names with a unit for its motion. step_s: of the log."""
+    """What is large on one axis; the words of names with a unit for its motion. step_s: of the log.
+
+    level, offset, slope, inertia, gain: what tolerances allow, one standard deviation: of the friction levels, of a
+    constant force, of the viscous friction, and of inertia and sensor's gain, relative.
+    """
 
     force: float
     speed: float
@@ -26,6 +32,12 @@ class Scales:
     ramp_s: float
     step_s: float
     levels: tuple[float, float]
+    load: float
+    level: float
+    offset: float
+    slope: float
+    inertia: float
+    gain: float
     linear: bool
 
     @property
@@ -38,11 +50,35 @@ class Scales:
 
 
 def scales_of(axis: Drawn, rate_hz: float) -> Scales:
-    levels = axis.machine.role("coulomb_forward"), axis.machine.role("coulomb_backward")
-    return Scales(axis.force, axis.speed, axis.travel, axis.low, axis.ramp_s, 1.0 / rate_hz, levels, axis.linear)
+    machine, role, tol = axis.machine, axis.machine.role, axis.machine.tolerances
+    levels = role("coulomb_forward"), role("coulomb_backward")
+    level = tol.coulomb * sum(levels) / 2.0 / math.sqrt(2.0)  # the mean of two that are off each by itself
+    gain = machine.role("gain_tolerance")
+    # What scales the whole equation is taken up by the gain, or by all of its terms together.
+    terms = [tol.inertia, tol.coulomb / math.sqrt(2.0), tol.viscous, *([tol.gravity] if axis.loaded else [])]
+    return Scales(
+        force=axis.force,
+        speed=axis.speed,
+        travel=axis.travel,
+        low=axis.low,
+        ramp_s=axis.ramp_s,
+        step_s=1.0 / rate_hz,
+        levels=levels,
+        load=abs(role("gravity_constant")) + 0.5 * abs(role("gravity_sine")),
+        level=level,
+        offset=math.hypot(machine.offset_tolerance(axis.force), level, tol.gravity * role("gravity_constant")),
+        slope=tol.viscous * role("viscous"),
+        inertia=math.hypot(tol.inertia, gain),
+        gain=math.sqrt(gain**2 + 1.0 / sum(1.0 / each**2 for each in terms)),
+        linear=axis.linear,
+    )
 
 
 AxisDraw = Callable[[np.random.Generator, Scales], Cause]
+
+
+PLAIN = 5.5  # tolerances: an engineer would not put it down to chance
+_LEVELS = {True: ("friction_coulomb",), False: ()}  # under a linear axis' constant load a share of it is a level
 
 
 def caused(
@@ -54,7 +90,7 @@ def caused(
 
 
 def _viscous(rng: np.random.Generator, s: Scales) -> Cause:
-    B = s.force / s.speed * about(rng, 0.03, 0.15)
+    B = max(s.force / s.speed * about(rng, 0.03, 0.15), PLAIN * s.slope)
     return caused("friction_viscous", "speed", {f"viscous_{s.n}_s_per_{s.m}": B}, {"B_f": B, "B_b": B})
 
 
@@ -68,17 +104,17 @@ def _viscous_asymmetric(rng: np.random.Generator, s: Scales) -> Cause:
 
 
 def _coulomb(rng: np.random.Generator, s: Scales) -> Cause:
-    F = s.force * about(rng, 0.03, 0.15)
+    F = max(s.force * about(rng, 0.03, 0.15), PLAIN * s.level)
     if rng.random() < 0.25:  # less friction than the engineer believes
-        F = -rng.uniform(0.4, 0.8) * min(s.levels)
+        F = -rng.uniform(0.5, 0.8) * min(s.levels)
     return caused("friction_coulomb", "all", {f"level_{s.n}": F}, {"dF_f": F, "dF_b": F})
 
 
 def _coulomb_asymmetric(rng: np.random.Generator, s: Scales) -> Cause:
-    large = s.force * about(rng, 0.04, 0.15)
-    small = large * rng.uniform(-0.1, 0.3)
+    large, share = s.force * about(rng, 0.04, 0.15), rng.uniform(-0.1, 0.3)
+    large = max(large, 2.0 * PLAIN * s.offset / (1.0 - share))  # their difference acts like a constant force
+    small = max(share * large, -0.8 * min(s.levels))
     f, b = (large, small) if rng.random() < 0.5 else (small, large)
-    f, b = max(f, -0.8 * s.levels[0]), max(b, -0.8 * s.levels[1])
     numbers = {f"level_forward_{s.n}": f, f"level_backward_{s.n}": b}
     return caused("friction_coulomb_asymmetric", "all", numbers, {"dF_f": f, "dF_b": b}, alike=("torque_offset",))
 
@@ -90,15 +126,15 @@ def _stribeck(rng: np.random.Generator, s: Scales) -> Cause:
 
 
 def _load(rng: np.random.Generator, s: Scales) -> Cause:
-    a = about(rng, 0.06, 0.25)
-    return caused(
-        "friction_load_dependent", "load", {"friction_fraction": a}, {"a_load": a}, alike=("gearbox_efficiency",)
-    )
+    a = max(about(rng, 0.06, 0.25), PLAIN * s.level / s.load)
+    alike = ("gearbox_efficiency", *_LEVELS[s.linear])
+    return caused("friction_load_dependent", "load", {"friction_fraction": a}, {"a_load": a}, alike=alike)
 
 
 def _gear_loss(rng: np.random.Generator, s: Scales) -> Cause:
-    a = about(rng, 0.06, 0.25)
-    return caused("gearbox_efficiency", "load", {"loss_fraction": a}, {"a_load": a}, alike=("friction_load_dependent",))
+    a = max(about(rng, 0.06, 0.25), PLAIN * s.level / s.load)
+    alike = ("friction_load_dependent", *_LEVELS[s.linear])
+    return caused("gearbox_efficiency", "load", {"loss_fraction": a}, {"a_load": a}, alike=alike)
 
 
 def _bump(rng: np.random.Generator, s: Scales) -> Cause:
@@ -115,7 +151,9 @@ def _drift(rng: np.random.Generator, s: Scales) -> Cause:
 
 
 def _inertia(rng: np.random.Generator, s: Scales) -> Cause:
-    a = about(rng, 0.1, 0.5) if rng.random() < 0.6 else -about(rng, 0.1, 0.35)
+    a = max(about(rng, 0.1, 0.5), PLAIN * s.inertia)
+    if rng.random() < 0.4:
+        a = -min(a, 0.4)
     return caused("inertia_error", "acceleration", {"inertia_fraction": a}, {"inertia_fraction": a})
 
 
@@ -133,12 +171,14 @@ def _backlash(rng: np.random.Generator, s: Scales) -> Cause:
 
 
 def _gain(rng: np.random.Generator, s: Scales) -> Cause:
-    gain = 1.0 + either(rng, 0.03, 0.13)
+    change = either(rng, 0.03, 0.13)
+    gain = 1.0 + math.copysign(max(abs(change), PLAIN * s.gain), change)
     return caused("torque_scale", "all", {"gain": gain}, log={"gain": gain}, subsystem="torque_sensor")
 
 
 def _offset(rng: np.random.Generator, s: Scales) -> Cause:
     offset = s.force * either(rng, 0.02, 0.08)
+    offset = math.copysign(max(abs(offset), PLAIN * s.offset), offset)
     return caused(
         "torque_offset", "all", {f"offset_{s.n}": offset}, log={"offset": offset}, subsystem="torque_sensor",
         alike=("friction_coulomb_asymmetric",),

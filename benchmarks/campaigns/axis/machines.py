@@ -35,6 +35,11 @@ class Drawn:
     def linear(self) -> bool:
         return isinstance(self.machine, LinearAxis)
 
+    @property
+    def loaded(self) -> bool:
+        """Whether it works against gravity."""
+        return any(self.machine.role(f"gravity_{part}") != 0.0 for part in ("constant", "sine"))
+
 
 def drawn_axis(rng: np.random.Generator, motion: str, loaded: bool | None = None) -> Drawn:
     """An axis of `motion` (linear, rotary). loaded: with or without gravity, drawn where None."""
