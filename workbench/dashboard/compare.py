@@ -130,7 +130,7 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
 def difference(value: float, base: float, metric: str) -> str:
     """The difference in brackets, green where it is better and red where it is worse."""
     by = value - base
-    if not math.isfinite(by) or abs(by) <= SAME * max(abs(base), abs(value)):
+    if not math.isfinite(by) or (abs(by) <= SAME * max(abs(base), abs(value)) and text(value) == text(base)):
         return " (=)"
     better = BETTER.get(metric)
     gain = {"lower": -by, "higher": by, "zero": abs(base) - abs(value)}.get(better or "", 0.0)

@@ -62,7 +62,7 @@ def offer(found: Identification) -> None:
     with right:
         law = friction(found).update_layout(height=470, title_text="")
         chart(law, "validate friction", "Law of friction, nominal and identified, with the log's points")
-    st.markdown(plain(" ".join(report.sentences(found, "the page Gap names what"))))
+    st.markdown("\n".join(f"- {plain(each)}" for each in report.sentences(found, "the page Gap names what")))
     with st.expander("Values, standard errors, correlations"):
         lines = report.table(found.fit)
         heads = [in_a_line(head) for head in report.HEAD]

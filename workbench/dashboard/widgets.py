@@ -131,7 +131,7 @@ def problem(error: InputError) -> None:
 
 def said(sentence: str) -> str:
     """A report's sentence on a page, where what it has in backticks for a terminal stands plainly."""
-    return plain(sentence.replace("`", ""))
+    return plain(sentence.replace("`", "").replace(" N m", "\u00a0N\u00a0m"))
 
 
 def plain(sentence: str) -> str:

@@ -52,7 +52,7 @@ def inputs(runs: Sequence[RunSeries], unit: str) -> Figure:
     )
     for run, place in zip(runs, places, strict=True):
         panels.line(*place, run.time_s, run.measured, "measured", MEASURED, unit)
-        panels.line(*place, run.time_s, run.before, "predicted before", LINE_BEFORE, unit)
+        panels.line(*place, run.time_s, run.before, _before(run, "predicted"), LINE_BEFORE, unit)
         _shade(panels, place, run.windows, WINDOW)
     return _figure(panels, height, places, [[run.measured, run.before] for run in runs])
 
@@ -69,7 +69,7 @@ def residuals(runs: Sequence[RunSeries], unit: str, noise_rms: float) -> Figure:
     for run, place in zip(runs, places, strict=True):
         left = _moving(run, run.before)
         largest = max(largest, 1.15 * float(np.max(np.abs(left[np.isfinite(left)]), initial=0.0)))
-        panels.line(*place, run.time_s, left, "before", LINE_BEFORE, unit)
+        panels.line(*place, run.time_s, left, "residual" if run.after is None else "before", LINE_BEFORE, unit)
         if run.after is not None:
             panels.line(*place, run.time_s, _moving(run, run.after), "after", LINE_AFTER, unit)
         for level in (2.0 * noise_rms, -2.0 * noise_rms):
@@ -85,11 +85,16 @@ def speeds(runs: Sequence[RunSeries], scale: str) -> Figure:
     panels, places, height = _grid(f"Speed replayed open loop, in % of {scale}", "speed (%)", names)
     for run, place in zip(runs, places, strict=True):
         panels.line(*place, run.time_s, run.speed, "measured", MEASURED, "%")
-        panels.line(*place, run.time_s, run.speed_before, "replayed before", LINE_BEFORE, "%")
+        panels.line(*place, run.time_s, run.speed_before, _before(run, "replayed"), LINE_BEFORE, "%")
         if run.speed_after is not None:
             panels.line(*place, run.time_s, run.speed_after, "replayed after", LINE_AFTER, "%")
     drawn = [[run.speed, run.speed_before, *([] if run.speed_after is None else [run.speed_after])] for run in runs]
     return _figure(panels, height, places, drawn)
+
+
+def _before(run: RunSeries, what: str) -> str:
+    """Where nothing was corrected there is no before."""
+    return what if run.after is None else f"{what} before"
 
 
 def _moving(run: RunSeries, predicted: Array) -> Array:

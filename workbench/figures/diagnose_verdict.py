@@ -67,7 +67,7 @@ def isolability(names: Sequence[str], angle: Array, chosen: Sequence[str] = ()) 
         "zmin": 0.0, "zmax": 90.0, "xgap": 1, "ygap": 1, "hoverongaps": False,
         "colorscale": [[0.0, "#D55E00"], [0.17, "#E69F00"], [0.5, "#F8E6C0"], [1.0, "#FFFFFF"]],
         "text": [["" if np.isnan(v) else f"{v:.0f}" for v in row] for row in below],
-        "texttemplate": "%{text}", "textfont": {"size": 10, "color": "#222222"},
+        "texttemplate": "%{text}", "textfont": {"size": 10},  # dark or light as the cell asks for
         "colorbar": {"title": {"text": "angle (°)", "side": "right"}, "thickness": 14, "tickvals": [*range(0, 91, 15)]},
         "hovertemplate": "%{y} and %{x}: %{z:.1f}°<extra></extra>",
     }  # fmt: skip

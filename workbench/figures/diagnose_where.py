@@ -126,7 +126,7 @@ def curves(
         layout[f"yaxis{number}"]["title"] = {
             "text": f"{'force' if of == 'N' else 'torque'} at the {each.acts_on} ({of})"
         }
-        said = f"<b>over {name}</b><br>explains {100.0 * each.explains:.0f} %"
+        said = f"<b>{name}</b><br>explains {100.0 * each.explains:.0f} %"
         layout["annotations"].append(_above(said, box))
     return _figure(data, layout)
 

@@ -100,7 +100,7 @@ def _draw_margins(panels: Panels, member: Member, f: Array, phase: Array, name: 
         foot = -180.0 + 360.0 * round((at + 180.0) / 360.0)
         x = per_hz * m.crossover_hz
         _bar(panels, 1, x, foot, at, dark)
-        _note(panels, 1, x, at, f"phase margin {m.phase_deg:.0f}° at {x:.3g} {name_of}<br>{name}")
+        _note(panels, 1, x, foot, f"phase margin {m.phase_deg:.0f}° at {x:.3g} {name_of}<br>{name}")
         _note(panels, 0, x, 0.0, f"crossover {x:.3g} {name_of}", up=True)
     if math.isfinite(m.gain_up):
         gain = -20.0 * math.log10(m.gain_up)
@@ -117,8 +117,8 @@ def _bar(panels: Panels, row: int, x: float, y0: float, y1: float, look: dict[st
 
 def _note(panels: Panels, row: int, x: float, y: float, text: str, up: bool = False) -> None:
     n = panels._number(row, 0)
-    # Inside the panel: the crossover to the right above its line, the others where the curves are not.
-    ax, ay = (50, -30) if up else (-70, -20) if row == 0 else (-60, 62)
+    # Where the curves are not: the phase's note stands below its foot, left of the crossover.
+    ax, ay = (50, -30) if up else (-70, 22) if row == 0 else (-14, 34)
     panels.annotations.append(
         {"text": text, "x": math.log10(x), "y": y, "xref": f"x{n}", "yref": f"y{n}", "align": "right"}
         | {"showarrow": True, "arrowhead": 0, "ax": ax, "ay": ay, "xanchor": "left" if up else "right"}

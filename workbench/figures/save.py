@@ -27,6 +27,7 @@ _PAGE = """<!DOCTYPE html>
  table {{ border-collapse: collapse; font-size: 13px; margin: 12px 16px; }}
  th, td {{ text-align: right; padding: 3px 10px; border-bottom: 1px solid #ddd; }}
  th {{ vertical-align: bottom; border-bottom: 1.5px solid #666; white-space: pre-line; }}
+ td {{ white-space: nowrap; }} td.text {{ white-space: normal; }}
  th.text, td.text {{ text-align: left; }} td.short {{ white-space: nowrap; }}
  ul.lead {{ font-size: 15px; line-height: 1.45; margin: 8px 16px; max-width: 75em; padding-left: 20px; }}
  ul.lead li {{ margin-bottom: 3px; }}

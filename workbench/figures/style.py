@@ -76,6 +76,7 @@ TEMPLATE: dict[str, Any] = {
         "title": {"x": 0.0, "xref": "container", "xanchor": "left", "pad": {"l": 16}, "font": {"size": 17}},
         "margin": {"l": 84, "r": 28, "t": 84, "b": 52},
         "hovermode": "x",
+        "separators": ".\u2009",  # 10 000, with a thin space
         "hoverlabel": {"font": {"size": 12}, "namelength": -1},
         "legend": {
             "orientation": "h",

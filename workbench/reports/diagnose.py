@@ -96,14 +96,18 @@ def visible_table(d: Diagnosis) -> list[Row]:
 
 def shrink_head(d: Diagnosis) -> Head:
     unit = unit_of(d)
+    if d.verdict.word == "no_gap":
+        return (" held out", f"residual\n{unit}", "times\nthe noise")
     return (" held out", f"before\n{unit}", f"after\n{unit}", "factor", "after, times\nthe noise")
 
 
 def shrink_table(d: Diagnosis) -> list[Row]:
+    """Under its head; without a gap there is no before."""
     s = d.shrink
     rows = [_shrunk(name, *both, s.noise) for name, both in s.by_run.items()]
-    together = _shrunk("all runs", s.before, s.after, s.noise)
-    return rows if len(rows) == 1 else [*rows, together]
+    if len(rows) > 1:
+        rows.append(_shrunk("all runs", s.before, s.after, s.noise))
+    return [[name, after, times] for name, _, after, _, times in rows] if d.verdict.word == "no_gap" else rows
 
 
 def _shrunk(name: str, before: float, after: float, noise: float) -> Row:

@@ -154,18 +154,25 @@ def _unknown(d: Diagnosis, unknown: Unknown) -> Section:
 def _shrink(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
     s, w = d.shrink, words_of(d.campaign.machine)
     table = (report.shrink_head(d), report.shrink_table(d), f"Residual rms below {s.band_hz:.3g} Hz.")
+    left = "Dashed: ± twice the noise. Grey: left out, at an end or at rest, where friction may hold any load."
+    driven = f"The measured {w.quantity} drives the machine"
     figures = [
-        (shrink_bars(s.by_run, (s.before, s.after), s.noise, s.unit), "Each run predicted by a fit to the others."),
         (
             diagnose_time.residuals(runs, s.unit, d.gap.noise_rms),
-            "Dashed: ± twice the noise. Grey: left out, at an end or at rest, where friction may hold any load. "
-            "Yellow: the gap's windows. After: the corrected machine, fitted to all runs.",
+            left
+            if d.verdict.word == "no_gap"
+            else f"{left} Yellow: the gap's windows. After: the corrected machine, fitted to all runs.",
         ),
         (
             diagnose_time.speeds(runs, w.scale),
-            f"The measured {w.quantity} drives the machine before and after its correction, from the first sample on.",
+            f"{driven} from the first sample on."
+            if d.verdict.word == "no_gap"
+            else f"{driven} before and after its correction, from the first sample on.",
         ),
     ]
+    if d.verdict.word != "no_gap":
+        bars = shrink_bars(s.by_run, (s.before, s.after), s.noise, s.unit)
+        figures.insert(0, (bars, "Each run predicted by a fit to the others."))
     return Section("7. How far it shrinks", [words.shrink_sentence(d), *s.sentences], (), [table], figures)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 NOTHING = "–"
+LEAST, MOST = 1e-4, 1e6  # between them a number reads well without an exponent
 
 
 def rounded(value: float, digits: int = 6) -> float | None:
@@ -20,17 +21,17 @@ def figures(value: float, digits: int = 3) -> str:
         return "0"
     near = float(f"{value:.{digits - 1}e}")  # rounding may carry: 9.9996 is 10.0, not 10.00
     decimals = digits - 1 - _magnitude(near)
-    return f"{value:.{max(decimals, 0)}f}" if 1e-3 <= abs(near) < 1e6 else _scaled(value, _exponent(near), decimals)
+    return f"{value:.{max(decimals, 0)}f}" if LEAST <= abs(near) < MOST else _scaled(value, _exponent(near), decimals)
 
 
 def with_error(value: float, error: float) -> tuple[str, str]:
     """A value and its standard error, both to the error's second digit: 3942 and 26, 89.0e9 and 2.6e9."""
     if not (math.isfinite(error) and error > 0.0):
-        return f"{value:.4g}" if 1e-3 <= abs(value) < 1e4 else figures(value, 4), NOTHING
+        return f"{value:.4g}" if LEAST <= abs(value) < 1e4 else figures(value, 4), NOTHING
     error = float(f"{error:.1e}")
     largest = max(abs(value), error)
     decimals = 1 - _magnitude(error)
-    exponent = _exponent(largest) if not 1e-3 <= largest < 1e6 else 0
+    exponent = _exponent(largest) if not LEAST <= largest < MOST else 0
     return _scaled(value, exponent, decimals), _scaled(error, exponent, decimals)
 
 
