@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from benchmarks.diagnosis import calibrate, score
-from benchmarks.diagnosis.answers import load
+from benchmarks.diagnosis.answers import answer, load, save
 from workbench.diagnose.verdict.judge import calibration, rank
 
 EVIDENCE = {"clear": 0.0, "slow": 0.0, "prior": 0.0, "bound": 0.0}
@@ -133,6 +133,27 @@ def test_errors_are_relative_to_what_the_effect_changes():
     wave = {"heave": {"amplitude_m": 0.2, "phase_rad": 1.0}}
     waves = made(["heave"], "named", ["heave"], truth=wave, found={"heave": {"phase_rad": (6.0, 0.1)}})
     assert list(score.estimates_within(waves)) == []
+
+
+def test_a_campaign_that_the_diagnosis_refuses_is_a_miss_that_says_so(tmp_path: Path):
+    """Runs that all stand still."""
+    (tmp_path / "labels").mkdir()
+    label = tmp_path / "labels" / "still.json"
+    label.write_text(json.dumps({"effects": [VISCOUS], "torque_change_rms_nm": 5.0}))
+    folder = tmp_path / "still"
+    folder.mkdir()
+    friction = "{coulomb_forward_n: 1.0, coulomb_backward_n: 1.0, viscous_n_s_per_m: 1.0}"
+    (folder / "machine.yaml").write_text(f"kind: axis\nmotion: linear\nmass_kg: 1.0\nfriction: {friction}\n")
+    (folder / "runs.yaml").write_text("runs: [{name: still, file: still.csv}]\n")
+    rows = "".join(f"{0.01 * k:.2f},{0.1 * (k % 7)},1.0\n" for k in range(2000))
+    (folder / "still.csv").write_text("time_s,force_n,position_m\n" + rows)
+    save(answer(folder, label), tmp_path / "answers" / "still.json")
+    (row,) = load(tmp_path / "answers")
+    assert row["word"] == "refused"
+    assert row["warnings"]
+    assert not score.right(row)
+    assert table([row])["single effect named, visible ones"] == "0 % (0)"
+    assert "| still | friction_viscous | nan | refused | 1.00 |" in score.report([row], misses=1)
 
 
 def test_answers_are_read_in_the_order_of_their_names(tmp_path: Path):

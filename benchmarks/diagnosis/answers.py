@@ -11,6 +11,7 @@ from typing import Any
 
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
 from workbench.diagnose.verdict.judge import same_but_freer
+from workbench.errors import InputError
 from workbench.logs import read_campaign
 from workbench.plants import plant_of
 
@@ -19,6 +20,7 @@ from workbench.plants import plant_of
 class Answer:
     """A campaign's label, and the diagnosis' answer beside what it weighed.
 
+    word: the verdict, or "refused" where it took the runs for unfit; `warnings` says why.
     weighed: a row for each hypothesis: names, merit, earned. misfit: clear, slow, and the tolerances' pull
     of the best hypothesis. estimates: effect -> name -> (value, standard error).
     """
@@ -55,8 +57,21 @@ def answer(folder: Path, label: Path, withheld: Sequence[str] = (), most_effects
     }
     listed = [each.id for each in chosen_effects(campaign, None) if each.id not in gone]
     cpu, wall = time.process_time(), time.monotonic()
-    found = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
+    try:
+        found = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
+    except InputError as error:
+        return _refused(folder, label, tuple(withheld), str(error), time.process_time() - cpu, time.monotonic() - wall)
     return _kept(found, folder, label, tuple(withheld), time.process_time() - cpu, time.monotonic() - wall)
+
+
+def _refused(folder: Path, label: Path, withheld: tuple[str, ...], why: str, cpu: float, wall: float) -> Answer:
+    told = json.loads(label.read_text(encoding="utf-8"))
+    told.pop("truth", None)
+    return Answer(
+        folder=folder.name, withheld=withheld, label=told, word="refused", names=(), alike=(),
+        ranking=[("refused", [], 1.0)], weighed=[], evidence={}, estimates={}, before=0.0, after=0.0, noise=0.0,
+        subsystem="", regime="", windows=[], cpu_s=cpu, wall_s=wall, warnings=(why,),
+    )  # fmt: skip
 
 
 def _kept(d: Diagnosis, folder: Path, label: Path, withheld: tuple[str, ...], cpu: float, wall: float) -> Answer:

@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("answers", type=Path, nargs="+")
     parser.add_argument("--write", action="store_true", help="write workbench/diagnose/verdict/calibration.json")
     given = parser.parse_args()
-    rows = [row for folder in given.answers for row in load(folder)]
+    rows = [row for folder in given.answers for row in load(folder) if row["word"] != "refused"]
     numbers = fitted(rows)
     print(json.dumps(numbers, indent=1))
     if given.write:

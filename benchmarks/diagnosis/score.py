@@ -153,7 +153,7 @@ def _misses(rows: Sequence[Row], most: int) -> list[str]:
     wrong = sorted((r for r in rows if not right(r)), key=lambda r: -(r["label"].get("torque_change_rms_nm") or 0.0))
     lines = ["| campaign | in the machine | size / noise | answer | probability |", "|---|---|---|---|---|"]
     for r in wrong[:most]:
-        size = (r["label"].get("torque_change_rms_nm") or 0.0) / r["noise"]
+        size = (r["label"].get("torque_change_rms_nm") or 0.0) / r["noise"] if r["noise"] else math.nan
         said = "+".join(r["names"]) or r["word"]
         told = "+".join(r["label"]["effects"]) or "none"
         kept = " (withheld)" if r["withheld"] else ""
