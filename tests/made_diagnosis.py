@@ -56,6 +56,13 @@ friction: {coulomb_forward_n: 2.0, coulomb_backward_n: 2.0, viscous_n_s_per_m: 2
 """
 
 
+REASONS = (
+    "an unlisted effect explains more: weigh it with `--candidates friction_step`",
+    "the best hypothesis leaves 3.6 times the noise away from standstill",
+)
+CLOSE = ("it sits on the bound of one of its parameters",)
+
+
 @cache
 def made_diagnosis(kind: str, with_consequences: bool = False) -> Diagnosis:
     """One of KINDS. Runs and residuals are simulated; probabilities, angles and the like are invented."""
@@ -222,13 +229,13 @@ def _verdict(kind: str, effects: tuple[str, ...]) -> Verdict:
     unknown, no_gap = Hypothesis("unknown", (), 0.041), Hypothesis("no_gap", (), 0.0251)
     if kind == "no_gap":
         ranking = (Hypothesis("no_gap", (), 0.97), Hypothesis("named", ("friction_viscous",), 0.02), unknown)
-        return Verdict("no_gap", (), ranking, (), "No gap: what is left is noise.", ("It is within the tolerances.",))
+        return Verdict("no_gap", (), ranking, (), "No gap: what is left is noise.")
     if kind == "unknown":
         ranking = (Hypothesis("unknown", (), 0.88), Hypothesis("named", ("friction_position_dependent",), 0.12), no_gap)
-        return Verdict("unknown", (), ranking, (), "A gap without a known cause.", ("No candidate explains it.",))
+        return Verdict("unknown", (), ranking, (), "A gap without a known cause.", REASONS)
     ranking = (Hypothesis("named", effects, 0.93), unknown, no_gap, Hypothesis("named", ("friction_stribeck",), 1e-7))
     alike = ("carriage_mass_error",) if kind == "pair" else ()
-    return Verdict("named", effects, ranking, alike, f"The machine lacks {' and '.join(effects)}.", ("It fits best.",))
+    return Verdict("named", effects, ranking, alike, f"The machine lacks {' and '.join(effects)}.", CLOSE)
 
 
 def _next_run(kind: str) -> NextRun | None:

@@ -37,6 +37,8 @@ def test_a_tight_stretch_is_named_with_its_place_and_size(shared_data: Path):
 def test_a_rail_that_changes_its_friction_at_one_height_is_unknown_and_in_the_machine_as_a_table(shared_data: Path):
     found, _ = answer(shared_data, "33")
     assert (found.verdict.word, found.verdict.effects) == ("unknown", ())
+    assert "no listed effect explains" in found.verdict.sentence
+    assert found.verdict.reasons[0].endswith("weigh it with `--candidates friction_step`")
     assert found.corrected.measured_correction is not None
     assert found.shrink.after < 1.3 * found.shrink.noise
 

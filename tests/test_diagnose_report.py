@@ -230,6 +230,21 @@ def test_a_probability_says_what_it_means(p: float, said: str):
     assert words.probability_sentence(d) == f"That probability means: {said}the missing physics would be just this."
 
 
+def test_the_verdicts_section_says_what_speaks_for_another_cause_and_for_an_unknown_one(tmp_path: Path):
+    assert '<p class="lead">What speaks against it:</p>' in page_of(made_diagnosis("named"), tmp_path)
+    page = page_of(made_diagnosis("unknown"), tmp_path)
+    assert "What speaks for a cause that the library does not hold:" in page
+    assert "weigh it with <code>--candidates friction_step</code>.</li>" in page
+
+
+def test_a_report_without_a_gap_has_no_before_and_after(tmp_path: Path):
+    d = made_diagnosis("no_gap")
+    assert report.shrink_head(d) == (" held out", "residual\nN\u00a0m", "times\nthe noise")
+    assert {len(row) for row in report.shrink_table(d)} == {3}
+    page = page_of(d, tmp_path)
+    assert not re.search(r"\bbefore\b|After:|Yellow", page[page.index("7. How far") :])
+
+
 def test_a_gap_that_is_none_is_not_said_to_shrink():
     said = words.shrink_sentence(made_diagnosis("no_gap"))
     assert said.startswith("Nothing to shrink")

@@ -17,9 +17,10 @@ def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: b
     if judged.word == "no_gap":
         return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
     if judged.word == "unknown":
+        # Rivals are weighed beside what may be named: one of them may well explain it.
+        which = "listed effect" if any(each.rival for each in judged.weighed) else "effect of the library"
         return (
-            f"The gap ({size}) has a cause that no effect of the library explains "
-            f"({chance(sure)}); "
+            f"The gap ({size}) has a cause that no {which} explains ({chance(sure)}); "
             + (
                 f"with its measured force, which is in the corrected machine, {shrink.after:.2g} {unit} are left"
                 if tabled
