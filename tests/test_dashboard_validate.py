@@ -260,8 +260,8 @@ def test_machines_that_are_kept_here_are_offered_elsewhere(offered):
 
 
 def test_a_fitted_value_is_called_by_words_with_its_unit():
-    assert _in_words("guide.coulomb_hoisting_n", 7570.2, 171.0) == ("guide coulomb hoisting", "7570 ± 170 N")
-    assert _in_words("wire.youngs_modulus_pa", 1.028e11, 1.8e9) == ("wire youngs modulus", "102.8 ± 1.8 GPa")
+    assert _in_words("guide.coulomb_hoisting_n", 7570.2, 171.0) == ("guide Coulomb hoisting", "7570 ± 170 N")
+    assert _in_words("wire.youngs_modulus_pa", 1.028e11, 1.8e9) == ("wire Young's modulus", "102.8 ± 1.8 GPa")
     assert _in_words("sensors.torque_gain", 0.9995, 0.0031) == ("torque gain", "0.9995 ± 0.0031")
 
 

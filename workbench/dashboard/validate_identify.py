@@ -100,4 +100,5 @@ def _in_words(key: str, value: float, error: float) -> tuple[str, str]:
     """What a value is called, and it with its error and unit."""
     label = field_label(f"machine.{key}")
     prefix, scale = ("G", 1e-9) if label.unit == "Pa" else ("", 1.0)
-    return label.words, f"{' ± '.join(with_error(scale * value, scale * error))} {prefix}{label.unit}".strip()
+    words = label.words.replace("coulomb", "Coulomb").replace("youngs", "Young's")
+    return words, f"{' ± '.join(with_error(scale * value, scale * error))} {prefix}{label.unit}".strip()

@@ -118,7 +118,7 @@ def _bar(panels: Panels, row: int, x: float, y0: float, y1: float, look: dict[st
 def _note(panels: Panels, row: int, x: float, y: float, text: str, up: bool = False) -> None:
     n = panels._number(row, 0)
     # Where the curves are not: the phase's note stands below its foot, left of the crossover.
-    ax, ay = (50, -30) if up else (-70, 22) if row == 0 else (-14, 34)
+    ax, ay = (50, -30) if up else (-70, 22) if row == 0 else (-4, 34)
     panels.annotations.append(
         {"text": text, "x": math.log10(x), "y": y, "xref": f"x{n}", "yref": f"y{n}", "align": "right"}
         | {"showarrow": True, "arrowhead": 0, "ax": ax, "ay": ay, "xanchor": "left" if up else "right"}
