@@ -153,7 +153,7 @@ def test_a_diagnosis_is_run_in_a_process_of_its_own_and_its_answer_shown(server,
     until(app, lambda: jobs.poll(job).ended)
     assert errors(app) == [] and jobs.poll(job).state == "done"
     said = json.loads((job.file("result") / "diagnosis.json").read_text())
-    assert f"#### {said['sentence']}" in words(app)
+    assert f"#### {said['sentence']}" in words(app).replace("\u00a0", " ")
     assert "one effect at most · 1 candidate" in words(app)
     ranked = json.loads(app.get("plotly_chart")[0].proto.spec)["data"][0]
     assert set(ranked["y"]) >= {"no gap", "unknown cause"}

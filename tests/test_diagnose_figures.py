@@ -148,7 +148,7 @@ def test_a_spectrum_fills_its_panel_with_the_share_of_the_energy():
     assert list(steps.x) == [0.1, 0.3, 0.9, 2.7]
     assert list(steps.y) == pytest.approx([20.0, 70.0, 10.0, 10.0])
     assert (steps.line.shape, figure.layout.xaxis.type) == ("hv", "log")
-    assert titles(figure) == ["frequency (Hz)", "share of the energy"]
+    assert titles(figure) == ["frequency (Hz)", "one wave's share of the energy"]
     assert list(figure.layout.yaxis.range) == pytest.approx([0.0, 80.5])
     assert "best at 0.5 Hz, explains 34 %" in figure.layout.annotations[0].text
 

@@ -44,7 +44,7 @@ def show_results(job: Job) -> None:
         of = plain(" · ".join([f"Campaign {view.campaign}", view.machine, *_unusual(job)]))
         # One block of words, so that they stand close.
         st.markdown(
-            f"{BADGES.get(view.verdict, '')} :small[{of}]\n#### {plain(view.sentence)}\n{plain(' '.join(view.lead))}"
+            f"{BADGES.get(view.verdict, '')} :small[{of}]\n#### {said(view.sentence)}\n{said(' '.join(view.lead))}"
         )
     for warning in view.warnings:
         st.warning(plain(warning), icon=":material/warning:")

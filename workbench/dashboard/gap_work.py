@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 PARTS = 100  # that a stage is counted in
+NEARLY = 0.05  # of the gap: what explains so little less may explain it more plainly
 _OF = re.compile(r"(\d+) of (\d+)")
 
 
@@ -94,13 +95,18 @@ def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
     profiles = [] if d.where is None else [each for each in d.where.profiles if diagnose_where.worth_a_panel(each)]
     if not profiles:
         return []
-    best = max(profiles, key=lambda each: each.explains)
+    most = max(each.explains for each in profiles)
+    # A mean shows more than a spectrum that explains hardly more.
+    best = max(
+        (each for each in profiles if each.explains >= most - NEARLY),
+        key=lambda each: (not diagnose_where.is_spectrum(each), each.explains),
+    )
     machine = d.campaign.machine
     figure = diagnose_where.profiles([best], words_of(machine).unit, direction_names(machine))
     figure.update_traces(showlegend=False, selector={"legendgroup": "share"})
     figure.update_layout(title_text="How the gap shows", margin_t=92).layout.annotations = ()
     explains = round(100.0 * best.explains)
-    note = f"Over the {best.label}: this explains {explains} % of the gap. Grey: the share of the gap's energy."
+    note = f"{best.label[0].upper()}{best.label[1:]}: explains {explains} % of the gap. Grey: the share of its energy."
     return [(figure, note)]
 
 

@@ -11,6 +11,7 @@ text(value, digits)     a number with sane digits
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from workbench.figures.save import Table
 
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader
+_UNIT = re.compile(r"(?<=\d) (?:N m|k?N|Hz|%|k?g|m?[ms])(?!\w)")  # that stays on its number's line
 Better = Literal["lower", "higher"]
 
 
@@ -131,7 +133,7 @@ def problem(error: InputError) -> None:
 
 def said(sentence: str) -> str:
     """A report's sentence on a page, where what it has in backticks for a terminal stands plainly."""
-    return plain(sentence.replace("`", "").replace(" N m", "\u00a0N\u00a0m"))
+    return plain(_UNIT.sub(lambda found: found[0].replace(" ", "\u00a0"), sentence.replace("`", "")))
 
 
 def plain(sentence: str) -> str:

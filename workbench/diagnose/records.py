@@ -76,8 +76,9 @@ class Window:
 class Profile:
     """The gap over one variable: in each bin its mean and rms, N m (N), and its share of the energy.
 
-    edges: (k + 1,); mean_forward, mean_backward, share: (k,), NaN where nothing lies. explains: share of the gap's
-    energy that a function of this variable (and direction) takes away; interval: of it, 90 %, over runs.
+    edges: (k + 1,); mean_forward, mean_backward, share: (k,), NaN where nothing lies; over frequency there is no mean,
+    and share is what the best single wave of a bin takes of the energy. explains: share of the gap's energy that a
+    function of this variable (and direction) takes away; interval: of it, 90 %, over runs.
     """
 
     variable: str

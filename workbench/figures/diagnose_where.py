@@ -24,8 +24,9 @@ SHARE_ROOM = 3.0  # the bars of the energy's share fill a third of a panel
 def profiles(found: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figure:
     """A panel a variable, as many as are given: mean residual in each bin, forward and backward; grey: energy's share.
 
-    The scale is common to all panels, so that they compare at a glance. A spectrum has no mean: its share of the
-    energy fills the panel, over frequency on a logarithmic axis. ways: what the two directions are called.
+    The scale is common to all panels, so that they compare at a glance. A spectrum has no mean: what one
+    wave takes of the energy fills the panel, over frequency on a logarithmic axis. ways: what the two directions are
+    called.
     """
     boxes, height = _boxes(len(found))
     data: list[dict[str, Any]] = []
@@ -44,7 +45,7 @@ def profiles(found: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
         if is_spectrum(each):
             axis = {"range": [0.0, 115.0 * _most(each.share)], "ticksuffix": " %", "rangemode": "tozero", "nticks": 6}
             layout[f"xaxis{number}"] |= {"type": "log", "dtick": 1}
-            title = "share of the energy"
+            title = "one wave's share of the energy"
         else:
             _scales(layout, each, box, number, len(found), largest, ways)
             axis, title = {}, f"mean residual ({unit})"

@@ -99,7 +99,7 @@ def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
         note = (
             "Explains: the share of the gap's energy that a function of this variable and the direction takes away, "
             "with a 90 % interval over runs; the best first. One scale for all means; the share of the energy has its "
-            "own in each panel."
+            "own in each panel. Over a frequency: the share that one wave in each band takes."
         )
         figures.append((diagnose_where.profiles(order, unit, direction_names(d.campaign.machine)), note))
     return Section("3. Where it lies", [words.where_sentence(d), *d.where.sentences], (), [table], figures)

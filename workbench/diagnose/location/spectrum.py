@@ -62,11 +62,13 @@ def _wave(
     name, label, unit, regime = said
     found = Explained(Variable(name, label, unit, regime, np.full(problem.inputs, best), edges), part, share, interval)
     bins = np.clip(np.searchsorted(edges, tried, side="right") - 1, 0, BINS - 1)
-    spread = np.bincount(bins, power, BINS)
+    # Of each bin its best wave: a sum would count the noise of ever more frequencies, the higher they are.
+    taken = np.zeros(BINS)
+    np.maximum.at(taken, bins, power)
     nothing = np.full(BINS, np.nan)
     profile = Profile(
         name, f"{label}, best at {best:.3g} {unit}", unit, regime, edges, nothing, nothing,
-        spread / max(float(spread.sum()), 1e-300), share, interval,
+        taken / max(float(gap @ gap), 1e-300), share, interval,
     )  # fmt: skip
     return found, profile
 
