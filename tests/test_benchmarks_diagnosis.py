@@ -14,7 +14,7 @@ from benchmarks.diagnosis import calibrate, score
 from benchmarks.diagnosis.answers import answer, load, save
 from workbench.diagnose.verdict.judge import calibration, rank
 
-EVIDENCE = {"clear": 0.0, "slow": 0.0, "prior": 0.0, "bound": 0.0}
+EVIDENCE = {"clear": 0.0, "slow": 0.0, "prior": 0.0, "bound": 0.0, "against": 0.0}
 GUIDE = {"subsystem": "guide", "regime": "speed"}
 
 
@@ -211,7 +211,7 @@ def campaigns() -> list[dict[str, Any]]:
     for k in range(30):
         left = {**EVIDENCE, "clear": 0.03 * (k % 5), "prior": 0.1 * (k % 3), "bound": float(k % 4 == 0)}
         rows.append({**sure(5.0 + k, k % 10 != 0), "evidence": left})
-        left = {"clear": 0.1 + 0.05 * (k % 6), "slow": 0.2 + 0.04 * (k % 4), "prior": 0.4 * (k % 3), "bound": 0.0}
+        left = {**EVIDENCE, "clear": 0.1 + 0.05 * (k % 6), "slow": 0.2 + 0.04 * (k % 4), "prior": 0.4 * (k % 3)}
         rows.append(
             made(["unlisted: a fan"], "unknown", merits=[((VISCOUS,), 30.0 + k)], evidence=left, folder=f"{k:03d}")
         )

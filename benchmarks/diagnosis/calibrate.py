@@ -21,7 +21,7 @@ from benchmarks.diagnosis.answers import load
 from benchmarks.diagnosis.score import estimates_within, right_word
 from workbench.diagnose.verdict.judge import CALIBRATION, calibration, rank
 
-EVIDENCE = ("clear", "slow", "prior", "bound")
+EVIDENCE = ("clear", "slow", "prior", "bound", "against")
 LEAST_THRESHOLD = 4.0
 FALSE_ALARMS = 0.02
 INSIDE = 0.90

@@ -17,15 +17,21 @@ from pathlib import Path
 import numpy as np
 
 from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.score import Scale, merit, scale_of
+from workbench.diagnose.hypotheses.score import SECOND, Scale, merit, scale_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.records import Hypothesis, Names, VerdictWord
+from workbench.diagnose.verdict.against import against
 from workbench.diagnose.verdict.misfit import Misfit, misfit_of
+from workbench.diagnose.verdict.stretch import stretch
 from workbench.diagnose.verdict.structure import floor_of, reducible
 from workbench.effects import find
 from workbench.machine import Axis
 
 MUCH = 0.5  # of the gap's energy
+# Standard deviations by which tolerances are stretched by chance: more without a cause that explains anything than with
+# one, for of all causes weighed one would have relieved them.
+BY_CHANCE = {False: 2.0, True: 1.0}
+UNDONE = 0.15  # logarithm of energies: as far two effects undo each other by chance
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
@@ -190,11 +196,11 @@ def evidence_of(found: Found, held: Fitted, left: Misfit, share: float, floor: f
     clear, slow: logarithms of the misfit, in full where much of the gap is left or a variable
     explains what is left, less where neither is so: no model of a large effect is exact.
     prior: how far beyond chance the base parameters are off their tolerances, in standard
-    deviations above 2 (R. A. Fisher's sqrt(2 chi^2) - sqrt(2 k - 1)). bound: an effect's value at
-    its limit.
+    deviations (see `stretch`) above BY_CHANCE, and more than an inexact effect bends them.
+    bound: an effect's value at its limit. against: how far two effects undo each other, above UNDONE.
     """
-    dof = sum(1 for knob in found.base.knobs if all(math.isfinite(s) for s in knob.prior_std))
-    beyond = math.sqrt(2.0 * held.prior) - math.sqrt(max(2.0 * dof - 1.0, 0.0))
+    own = len(found.base.z)
+    inexact = SECOND**2 * max(found.base.chi2 - held.chi2, 0.0) if held.effects else 0.0
     inputs = found.problem.inputs
     gap = found.near.rms(inputs) ** 2 - floor**2
     # An axis' floor is structured as it is: without a gap nothing there is left open but what a variable explains.
@@ -204,8 +210,9 @@ def evidence_of(found: Found, held: Fitted, left: Misfit, share: float, floor: f
     return {
         "clear": weight * math.log(max(left.clear, 1.0)),
         "slow": weight * math.log(max(left.slow, 1.0)),
-        "prior": max(beyond - 2.0, 0.0),
-        "bound": float(_on_bound(held, len(found.base.z))),
+        "prior": max(stretch(found.problem, held, inexact) - BY_CHANCE[bool(held.effects)], 0.0),
+        "bound": float(_on_bound(held, own)),
+        "against": max(against(found.problem, held, own) - UNDONE, 0.0),
     }
 
 
@@ -218,10 +225,12 @@ def _reasons(left: Misfit, evidence: Mapping[str, float], weighed: Sequence[Weig
         reasons.append(f"the best hypothesis leaves {left.clear:.1f} times the noise away from standstill")
     if left.slow > 1.5:
         reasons.append(f"what it leaves hangs together over seconds ({left.slow:.1f} times what noise would)")
-    if evidence["prior"] > 1.0:
+    if evidence["prior"] > 1.5:
         reasons.append("it needs base parameters further off than their tolerances allow together")
     if evidence["bound"]:
         reasons.append("it sits on the bound of one of its parameters")
+    if evidence["against"] > 0.0:
+        reasons.append("its two effects largely undo each other, as two do that stand in for a third")
     return tuple(reasons)
 
 

@@ -14,6 +14,7 @@ from workbench.run import Array
 SLOW = 0.04  # of the speed scale: nearer to standstill the friction law is anybody's
 TRIMMED = 0.02  # of the samples, the largest: single blows that no machine model has
 BLOCK_PERIODS = 2.0  # of the band, that a block lasts
+BLOCKS_TRIMMED = 0.05  # of the blocks, the largest
 
 
 @dataclass(frozen=True)
@@ -44,14 +45,19 @@ def misfit(residual: Array, speed: Array, time_s: Array, run: np.ndarray, band_h
     clear = residual[speed > SLOW]
     if len(clear) < 8:
         clear = residual
-    size = np.sort(clear**2)[: max(1, math.ceil((1.0 - TRIMMED) * len(clear)))]
-    # Of Gaussian noise, trimming takes this share of the variance away.
-    kept = 1.0 - 2.0 * _tail(TRIMMED)
     return Misfit(
         everywhere=float(np.sqrt(np.mean(residual**2))),
-        clear=float(np.sqrt(np.mean(size) / (kept / (1.0 - TRIMMED)))),
+        clear=_trimmed_rms(clear, TRIMMED),
         slow=_slow(residual, speed, time_s, run, band_hz),
     )
+
+
+def _trimmed_rms(values: Array, trimmed: float) -> float:
+    """The rms without the largest `trimmed` of them, scaled so that a unit Gaussian's is 1."""
+    kept = max(1, math.ceil((1.0 - trimmed) * len(values)))
+    share = kept / len(values)
+    left = 1.0 - 2.0 * _tail(1.0 - share) if kept < len(values) else 1.0
+    return float(np.sqrt(np.mean(np.sort(values**2)[:kept]) * share / left))
 
 
 def _tail(share: float) -> float:
@@ -74,6 +80,4 @@ def _slow(residual: Array, speed: Array, time_s: Array, run: np.ndarray, band_hz
     step = float(np.median(np.diff(time_s)[np.diff(run) == 0])) if len(time_s) > 1 else length
     independent = np.maximum(count * min(1.0, 2.0 * band_hz * step), 1.0)
     full = independent >= 0.5 * np.max(independent)
-    scaled = np.abs(mean[full]) * np.sqrt(independent[full])
-    top = np.sort(scaled**2)[: max(1, math.ceil(0.95 * np.count_nonzero(full)))]
-    return float(np.sqrt(np.mean(top)))
+    return _trimmed_rms(mean[full] * np.sqrt(independent[full]), BLOCKS_TRIMMED)

@@ -1,0 +1,45 @@
+"""How far two effects undo each other: a pair that stands in for one cause is a difference of two large shares.
+
+Two causes that a machine really has know nothing of each other: their shares of the residual add as often as they
+cancel, and mostly are at right angles. Two effects that together stand in for a third are alike in what they can
+explain, and opposed in what they must not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.fits import Fitted, Projection
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.location.where import parts_of
+from workbench.effects import find
+from workbench.run import Array
+
+
+def against(problem: Problem, fit: Fitted, base: int) -> float:
+    """The logarithm of the energy of both effects' shares over that of their sum; 0 where they add, and for one effect.
+
+    base: how many of the fit's first z are the base parameters'. What these could explain of a share is taken out.
+    """
+    if len(fit.effects) != 2:
+        return 0.0
+    parts = parts_of(problem, fit, [find(name, problem.active.kind) for name in fit.effects])
+    knobs = _knobs_of(fit, base)
+    plain = replace(fit, knobs=fit.knobs[:knobs], z=fit.z[:base], jacobian=fit.jacobian[:, :base])
+    shares = Projection.of(problem, plain, fit.sigma).clean(np.stack([part.rows for part in parts], axis=1))
+    return undone(shares)
+
+
+def _knobs_of(fit: Fitted, z: int) -> int:
+    """How many knobs the first z are of."""
+    ends = np.cumsum([len(knob.lowest) for knob in fit.knobs])
+    return int(np.searchsorted(ends, z)) + 1
+
+
+def undone(shares: Array) -> float:
+    """The same of (rows, 2) shares."""
+    apart, together = float(np.sum(shares**2)), float(np.sum(np.sum(shares, axis=1) ** 2))
+    return max(math.log(max(apart, 1e-300) / max(together, 1e-12 * apart, 1e-300)), 0.0)
