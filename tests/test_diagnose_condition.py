@@ -111,14 +111,22 @@ def test_what_is_wrong_with_a_run_is_said_with_its_name(campaign: Campaign):
 
 def test_the_motions_noise_is_measured_as_it_was_made(campaign: Campaign):
     for run in campaign.runs:
-        assert white_noise(run["speed_motor_rad_s"]) == pytest.approx(SPEED_NOISE_RAD_S, rel=0.1)
+        assert white_noise(run["speed_motor_rad_s"], run.time_s) == pytest.approx(SPEED_NOISE_RAD_S, rel=0.1)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_the_motions_noise_is_as_large_at_uneven_steps(jitter: float):
+    random = np.random.default_rng(2)
+    time = (np.arange(20000) + random.uniform(-jitter, jitter, size=20000)) / 1000.0
+    noisy = 5.0 * np.sin(3.0 * time) + random.normal(scale=1e-4, size=len(time))
+    assert white_noise(noisy, time) == pytest.approx(1e-4, rel=0.03)
 
 
 def test_a_rounded_channel_is_as_noisy_as_its_rounding():
     time = np.arange(20000) / 1000.0
     rounded = np.round(0.1 * np.sin(0.05 * time) / 1e-4) * 1e-4
     assert resolution(rounded) == pytest.approx(1e-4, rel=1e-6)
-    assert white_noise(rounded) == pytest.approx(1e-4 / math.sqrt(12.0), rel=1e-6)
+    assert white_noise(rounded, time) == pytest.approx(1e-4 / math.sqrt(12.0), rel=1e-6)
     assert resolution(0.1 * np.sin(time)) == 0.0
 
 

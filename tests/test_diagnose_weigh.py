@@ -255,6 +255,9 @@ def test_what_may_not_be_named_speaks_for_an_unknown_cause():
 # What is left
 
 
+SHARE = 2.0 * 1.7 * 0.14  # independent values a sample of what follows: two a period of the band
+
+
 def coloured(random: np.random.Generator, runs: int = 4, band_hz: float = 1.7) -> tuple[Array, Array, np.ndarray]:
     """Noise of 1 rms as it is behind the low-pass, every quarter of the band's period: values, times, runs."""
     time = np.arange(6000, dtype=np.float64) * 0.01
@@ -267,14 +270,14 @@ def coloured(random: np.random.Generator, runs: int = 4, band_hz: float = 1.7) -
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_alone_is_a_misfit_of_one(seed: int):
     value, time, run = coloured(np.random.default_rng(seed))
-    found = misfit(value, np.ones_like(value), time, run, 1.7)
+    found = misfit(value, np.ones_like(value), time, run, 1.7, SHARE)
     assert found.everywhere == pytest.approx(1.0)
     assert found.clear == pytest.approx(1.0, abs=0.06)
 
 
 def test_noise_alone_is_a_slow_misfit_of_one():
     found = [
-        misfit(value, np.ones_like(value), time, run, 1.7).slow
+        misfit(value, np.ones_like(value), time, run, 1.7, SHARE).slow
         for value, time, run in (coloured(np.random.default_rng(seed)) for seed in range(20))
     ]
     assert np.mean(found) == pytest.approx(1.0, abs=0.05)
@@ -283,7 +286,7 @@ def test_noise_alone_is_a_slow_misfit_of_one():
 def test_white_noise_is_trimmed_without_bias():
     value = np.random.default_rng(3).normal(size=200_000)
     time = np.arange(len(value), dtype=np.float64) * 0.3
-    assert misfit(value, np.ones_like(value), time, np.zeros(len(value), int), 1.7).clear == pytest.approx(
+    assert misfit(value, np.ones_like(value), time, np.zeros(len(value), int), 1.7, 1.0).clear == pytest.approx(
         1.0, abs=0.01
     )
 
@@ -291,7 +294,7 @@ def test_white_noise_is_trimmed_without_bias():
 def test_what_hangs_together_over_seconds_shows_in_the_slow_misfit_most():
     value, time, run = coloured(np.random.default_rng(1))
     bent = value + np.sin(0.5 * time)
-    found = misfit(bent, np.ones_like(value), time, run, 1.7)
+    found = misfit(bent, np.ones_like(value), time, run, 1.7, SHARE)
     assert found.slow > 1.25 * found.clear > 1.5
 
 
@@ -301,9 +304,9 @@ def test_single_blows_and_what_happens_at_standstill_are_left_out_of_the_clear_m
     blows[::101] = 30.0
     slow = np.arange(len(value)) % 7 == 0
     speed[slow], stops[slow] = 0.0, 20.0
-    assert misfit(blows, np.ones_like(value), time, run, 1.7).clear == pytest.approx(1.0, abs=0.08)
-    assert misfit(stops, speed, time, run, 1.7).clear == pytest.approx(1.0, abs=0.08)
-    assert misfit(stops, speed, time, run, 1.7).everywhere > 5.0
+    assert misfit(blows, np.ones_like(value), time, run, 1.7, SHARE).clear == pytest.approx(1.0, abs=0.08)
+    assert misfit(stops, speed, time, run, 1.7, SHARE).clear == pytest.approx(1.0, abs=0.08)
+    assert misfit(stops, speed, time, run, 1.7, SHARE).everywhere > 5.0
 
 
 # The shrink

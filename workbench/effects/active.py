@@ -7,10 +7,12 @@ at the value where it vanishes. A user's effects make one more, library and thei
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
+
+import numpy as np
 
 from workbench.effects.correction import corrected
 from workbench.effects.declare import Effect, Ranged
@@ -177,4 +179,15 @@ def _memory(effect: Effect, kind: str) -> Memory:
 
 def ranges_of(effect: Effect, machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Ranged, ...]:
     """The effect's parameters on this machine: names, symbols, bounds, scales, starts in SI."""
-    return effect.ranges(sizes_of(machine, runs))
+    return tuple(_where_it_went(each, machine, runs) for each in effect.ranges(sizes_of(machine, runs)))
+
+
+def _where_it_went(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ranged:
+    """An axis' zero may lie anywhere: a place along its way is looked for where its runs have been."""
+    if r.scan != "position" or not isinstance(machine, Axis):
+        return r
+    been = [run[machine.position_signal] for run in runs if machine.position_signal in run]
+    low, high = min(map(np.min, been), default=0.0), max(map(np.max, been), default=0.0)
+    if not high > low:
+        return r
+    return replace(r, lowest=float(low - 0.1 * (high - low)), highest=float(high + 0.1 * (high - low)))

@@ -19,6 +19,7 @@ SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
 STEP = 1e-3  # of z, for derivatives
 LATE_STEP = 0.5  # of a sample, for derivatives by a delay: friction jumps between two samples, not on the way
+LATE_OF_BAND = 0.05  # of its period, at least: over less, the jumps of friction outweigh what the band shows
 
 
 TENSION = "tension_dead_line_n"
@@ -92,7 +93,7 @@ class Problem:
     def _steps(self, knob: Knob) -> Array:
         """Of each z of a knob, for derivatives."""
         if isinstance(knob, Value) and knob.symbol in (LOG_TIMING, self.late):
-            return np.array([LATE_STEP * self.runs[0].sample_time_s / knob.scale])
+            return np.array([max(LATE_STEP * self.runs[0].sample_time_s, LATE_OF_BAND / self.band_hz) / knob.scale])
         return np.full(len(knob.lowest), STEP)
 
     def _group(self, settings: Sequence[Setting]) -> Array:

@@ -7,7 +7,6 @@ axis, the motion's part is larger and is what the residual of a perfect machine 
 from __future__ import annotations
 
 from dataclasses import replace
-from math import comb
 
 import numpy as np
 
@@ -41,18 +40,29 @@ def motion_noise(problem: Problem, seed: int) -> float:
 
 def noisier(run: Run, channels: tuple[str, ...], random: np.random.Generator) -> Run:
     """The run with as much white noise once more on its channels."""
-    added = {name: run[name] + random.normal(scale=white_noise(run[name]), size=len(run.time_s)) for name in channels}
+    added = {
+        name: run[name] + random.normal(scale=white_noise(run[name], run.time_s), size=len(run.time_s))
+        for name in channels
+    }
     return replace(run, signals={**run.signals, **added})
 
 
-def white_noise(values: Array) -> float:
+def white_noise(values: Array, time_s: Array) -> float:
     """Standard deviation of a channel's white noise, in its unit; of its rounding, where that is larger.
 
-    sigma = 1.4826 median|d4| / sqrt(8 over 4), differences of fourth order; a step of q rounds by q/sqrt(12).
+    sigma = 1.4826 median of what each sample is off the cubic through its four neighbours, over what white noise
+    of size 1 makes of that; exact for uneven steps. A step of q rounds by q/sqrt(12).
     """
-    differences = np.abs(np.diff(values, ORDER))
-    sigma = 1.4826 * float(np.median(differences)) / np.sqrt(comb(2 * ORDER, ORDER)) if len(differences) else 0.0
-    return max(sigma, resolution(values) / np.sqrt(12.0))
+    n = ORDER + 1
+    if len(values) < n:
+        return resolution(values) / np.sqrt(12.0)
+    t = np.lib.stride_tricks.sliding_window_view(time_s, n)
+    y = np.lib.stride_tricks.sliding_window_view(values, n)
+    apart = t[:, :, None] - t[:, None, :] + np.eye(n)
+    weights = 1.0 / np.prod(apart, axis=2)  # of the divided difference
+    weights /= np.linalg.norm(weights, axis=1)[:, None]
+    off = np.abs(np.sum(weights * (y - y[:, :1]), axis=1))
+    return max(1.4826 * float(np.median(off)), resolution(values) / np.sqrt(12.0))
 
 
 def resolution(values: Array) -> float:

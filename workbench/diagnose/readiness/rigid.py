@@ -22,6 +22,7 @@ BAND_SHARE = 0.5  # of the band: farther below the wire's resonance the machine 
 TURNS_OVER = 0.005  # of the speed scale: where friction takes on its full value
 SURE = 5.0  # standard errors
 SHOWN = 0.05  # of the input, rms: beside a lag of friction or load, less of it says nothing of the inertia
+SHOWN_OF_AXIS = 0.25  # the same of the nominal inertia's part: friction before sliding is as large as the rest
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,10 @@ def rigid_of(bench: Bench, j: int) -> Rigid:
     if independent < 2.0 * x.shape[1]:
         return Rigid(run.name, None, float("inf"), None, 0.0)
     found, std = _least_squares(x, y, independent)
-    taken = abs(found[0]) * float(np.sqrt(np.mean(x[:, 0] ** 2)))
-    told = std[0] < np.inf and abs(found[0]) > SURE * std[0] and taken > SHOWN * float(np.std(y))
+    # Of an axis, what the nominal inertia takes: one that friction's lag has bent far off says nothing of itself.
+    inertia = float(np.sqrt(np.mean(x[:, 0] ** 2)))
+    taken, least = (inertia, SHOWN_OF_AXIS) if isinstance(machine, Axis) else (abs(found[0]) * inertia, SHOWN)
+    told = std[0] < np.inf and abs(found[0]) > SURE * std[0] and taken > least * float(np.std(y))
     hold = float(found[1]) / load if load and std[1] < 0.1 * load else None
     return Rigid(run.name, float(found[0]) if told else None, float(std[0]), hold, float(found[2]))
 

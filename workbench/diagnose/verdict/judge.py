@@ -23,7 +23,7 @@ from workbench.diagnose.records import Hypothesis, Names, VerdictWord
 from workbench.diagnose.verdict.against import against
 from workbench.diagnose.verdict.misfit import Misfit, misfit_of
 from workbench.diagnose.verdict.stretch import stretch
-from workbench.diagnose.verdict.structure import floor_of, reducible
+from workbench.diagnose.verdict.structure import Reducible, floor_of, reducible
 from workbench.effects import find
 from workbench.machine import Axis
 
@@ -62,7 +62,7 @@ class Weighed:
 class Judged:
     """word, names: the answer. best: the best named hypothesis, also where it is not the answer.
 
-    held: the fit that what is left was judged on. reducible: the share of that which a variable explains.
+    held: the fit that what is left was judged on. reducible: what a variable explains of that.
     """
 
     word: VerdictWord
@@ -71,7 +71,7 @@ class Judged:
     weighed: tuple[Weighed, ...]
     best: Weighed | None
     held: Fitted
-    reducible: float
+    reducible: Reducible
     misfit: Misfit
     evidence: Mapping[str, float]
     floor: float
@@ -149,16 +149,16 @@ def judge(found: Found, seed: int = 0) -> Judged:
     weighed = weigh(found)
     best = next((each for each in weighed if not each.rival), None)
     held = best.fit if best is not None and best.merit > calibration()["threshold"] else found.near
-    share = reducible(found.problem, held, seed)
-    floor = floor_of(found.problem, held, share)
+    open_to = reducible(found.problem, held, seed)
+    floor = floor_of(found.problem, held, open_to)
     left = misfit_of(found.problem, held, floor)
-    evidence = evidence_of(found, held, left, share, floor)
+    evidence = evidence_of(found, held, left, open_to.share, floor)
     rows = rank([(() if each.rival else each.names, each.merit) for each in weighed], evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, weighed)
     answer = rows[0]
     return Judged(
-        answer.verdict, answer.effects, rows, weighed, best, held, share, left, evidence, floor, unknown, reasons
+        answer.verdict, answer.effects, rows, weighed, best, held, open_to, left, evidence, floor, unknown, reasons
     )
 
 

@@ -37,18 +37,22 @@ def misfit_of(problem: Problem, fitted: Fitted, noise: float) -> Misfit:
     motions = zip(problem.bench.motions, problem.rows, strict=True)
     speed = np.concatenate([np.abs(motion.speed[rows]) for motion, rows in motions]) / problem.bench.scale
     time = np.concatenate([run.time_s[rows] for run, rows in zip(problem.runs, problem.rows, strict=True)])
-    return misfit(residual / noise, speed, time, problem.run_of_row[: problem.inputs], problem.band_hz)
+    run = problem.run_of_row[: problem.inputs]
+    return misfit(residual / noise, speed, time, run, problem.band_hz, problem.share)
 
 
-def misfit(residual: Array, speed: Array, time_s: Array, run: np.ndarray, band_hz: float) -> Misfit:
-    """residual: (n,) over the noise; speed: (n,) size, of the speed scale; run: (n,) number of the run."""
+def misfit(residual: Array, speed: Array, time_s: Array, run: np.ndarray, band_hz: float, share: float) -> Misfit:
+    """residual: (n,) over the noise; speed: (n,) size, of the speed scale; run: (n,) number of the run.
+
+    share: how many independent values one sample of the noise stands for.
+    """
     clear = residual[speed > SLOW]
     if len(clear) < 8:
         clear = residual
     return Misfit(
         everywhere=float(np.sqrt(np.mean(residual**2))),
         clear=_trimmed_rms(clear, TRIMMED),
-        slow=_slow(residual, speed, time_s, run, band_hz),
+        slow=_slow(residual, speed, time_s, run, band_hz, share),
     )
 
 
@@ -69,7 +73,7 @@ def _tail(share: float) -> float:
     return x * normal.pdf(x) + share / 2.0
 
 
-def _slow(residual: Array, speed: Array, time_s: Array, run: np.ndarray, band_hz: float) -> float:
+def _slow(residual: Array, speed: Array, time_s: Array, run: np.ndarray, band_hz: float, share: float) -> float:
     length = BLOCK_PERIODS / band_hz
     block = np.floor(time_s / length).astype(int) + run * (int(np.max(time_s) / length) + 2)
     keep = speed > SLOW
@@ -77,7 +81,6 @@ def _slow(residual: Array, speed: Array, time_s: Array, run: np.ndarray, band_hz
         keep = np.ones(len(residual), dtype=bool)
     _, at, count = np.unique(block[keep], return_inverse=True, return_counts=True)
     mean = np.bincount(at, residual[keep]) / count
-    step = float(np.median(np.diff(time_s)[np.diff(run) == 0])) if len(time_s) > 1 else length
-    independent = np.maximum(count * min(1.0, 2.0 * band_hz * step), 1.0)
+    independent = np.maximum(count * share, 1.0)
     full = independent >= 0.5 * np.max(independent)
     return _trimmed_rms(mean[full] * np.sqrt(independent[full]), BLOCKS_TRIMMED)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,40 +16,60 @@ from workbench.diagnose.location.where import free_of
 from workbench.machine import Axis
 from workbench.run import Array
 
+RIPPLE = 0.01  # of the largest input: cogging and the like, which every axis has and which is nobody's gap
+OWN = 0.02  # of the largest input: more is a gap, whatever it hangs on; the EMPS axis leaves 0.008 to 0.016
 WINDOW = 5.0  # correlation times
 
 
-def reducible(problem: Problem, fit: Fitted, seed: int) -> float:
-    """The share of the residual's energy that a function of one variable takes away on runs it was not fitted to."""
+@dataclass(frozen=True)
+class Reducible:
+    """share: of the residual's energy, that a function of one variable takes away on runs it was not fitted to.
+
+    along: whether the variable is the place along the way, or an angle.
+    """
+
+    share: float
+    along: bool
+
+
+def reducible(problem: Problem, fit: Fitted, seed: int) -> Reducible:
+    """What the best variable explains of what `fit` leaves."""
     residual = fit.residual[: problem.inputs]
     count = len(base_knobs(problem.machine, problem.runs))
     base = replace(fit, knobs=fit.knobs[:count], z=fit.z[:count], jacobian=fit.jacobian[:, :count])
     free = free_of(problem, base)
-    shares = best_of([explain(problem, residual, each, free, seed) for each in variables(problem)]).share
-    return min(max(float(shares), 0.0), 1.0)
+    best = best_of([explain(problem, residual, each, free, seed) for each in variables(problem)])
+    return Reducible(min(max(float(best.share), 0.0), 1.0), best.variable.regime in ("position", "periodic"))
 
 
-def floor_of(problem: Problem, fit: Fitted, share: float) -> float:
+def floor_of(problem: Problem, fit: Fitted, left: Reducible) -> float:
     """What a machine without a gap leaves, rms, in the input's unit.
 
     A hoist's is its sensors' noise: below its band the lumped plant is exact enough. A stiff axis is
     compared up to frequencies where every real one has ripple and resonances that no lumped law
-    holds: there it is also what no hypothesis and no function of one variable explains.
+    holds: there it is also what no hypothesis and no function of one variable explains, up to OWN of the largest
+    input; and RIPPLE of that, though the place along the way explain it.
     """
     if not isinstance(problem.machine, Axis):
         return problem.noise
-    return max(problem.sensor_noise, fit.rms(problem.inputs) * math.sqrt(1.0 - share))
+    largest = max(float(np.max(np.abs(run[problem.machine.input_signal]))) for run in problem.runs)
+    rms = fit.rms(problem.inputs)
+    unexplained = min(rms * math.sqrt(1.0 - left.share), OWN * largest)
+    cogging = min(rms, RIPPLE * largest) if left.along else 0.0
+    return max(problem.sensor_noise, cogging, unexplained)
 
 
-def weigh_against(problem: Problem, fit: Fitted, share: float) -> None:
-    """Henceforth the data count against the floor of `fit`, as large and as coloured as that is.
+def weigh_against(problem: Problem, fit: Fitted, left: Reducible, least: Fitted) -> None:
+    """Henceforth the data count against the floor of `fit`, and for as many values as are independent in `least`.
+
+    least: the fit that leaves least. What a good hypothesis leaves for a second one is not the machine's own colour.
 
     What a hoist leaves is noise, of which one band holds so many independent values a second. What an axis leaves
     itself hangs together far longer, and says the less about a parameter: taken for noise it would drag the base
     parameters off by many tolerances for a thousandth of the residual.
     """
-    problem.noise = floor_of(problem, fit, share)
-    problem.share = min(problem.band_share, independent_share(problem, fit))
+    problem.noise = floor_of(problem, fit, left)
+    problem.share = min(problem.band_share, independent_share(problem, least))
 
 
 def independent_share(problem: Problem, fit: Fitted) -> float:
