@@ -225,7 +225,7 @@ def test_an_unknown_cause_is_said_to_be_a_measured_correction(capsys: pytest.Cap
 
 def test_the_terminal_says_why_a_cause_is_unknown(capsys: pytest.CaptureFixture[str]):
     show(made_diagnosis("unknown"), None)
-    said = capsys.readouterr().out
+    said = " ".join(capsys.readouterr().out.split())
     assert "- An unlisted effect explains more: weigh it with `--candidates friction_step`." in said
     assert "- The best hypothesis leaves 3.6 times the noise away from standstill." in said
 

@@ -22,6 +22,7 @@ from workbench.diagnose.hypotheses.knobs import Knob
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import Atom
 from workbench.diagnose.readiness.checks import check_runs
+from workbench.diagnose.readiness.rigid import Rigid, as_well_shown
 from workbench.diagnose.records import Diagnosis, Estimate
 from workbench.effects import Effect, effects_for, find, forget_users, load_effects, ranges_of
 from workbench.errors import InputError
@@ -220,6 +221,13 @@ def test_an_axis_under_gravity_passes_for_no_other_machine_unless_its_torque_is_
     assert check_runs(Campaign("made", Path("made"), nominal("axis-rotary"), runs)) == ()
     with pytest.raises(InputError, match="speed rises against torque_nm in"):
         check_runs(Campaign("made", Path("made"), nominal("axis-rotary"), flipped))
+
+
+def test_an_inertia_that_friction_bends_in_a_slow_run_counts_only_where_it_takes_most_of_the_input():
+    quick, slow = Rigid("quick", 1.0, 0.01, None, 1.0, shown=0.8), Rigid("slow", -1.7, 0.1, None, 1.0, shown=0.1)
+    slip = Rigid("slip", 900.0, 1.0, None, 1.0, shown=0.001)
+    assert [r.inertia for r in as_well_shown([quick, slow, slip])] == [1.0, None, 900.0]
+    assert as_well_shown([slow]) == [slow]
 
 
 def test_the_same_seed_gives_the_same_answer_to_the_last_digit():

@@ -172,10 +172,10 @@ def test_force_gain_and_torque_gain_are_one_tolerance():
     assert "'torque_gain' and 'force_gain' mean the same; give one of them" in refusal(both)
 
 
-def test_offset_tolerance_of_an_axis_is_a_fifth_of_a_per_cent_of_the_largest_input_unless_stated():
+def test_offset_tolerance_of_an_axis_is_a_tenth_of_a_per_cent_of_the_largest_input_unless_stated():
     machine = machine_of(LINEAR)
     assert isinstance(machine, LinearAxis)
-    assert machine.offset_tolerance(150.0) == pytest.approx(0.3)
+    assert machine.offset_tolerance(150.0) == pytest.approx(0.15)
     stated = machine_of(LINEAR + "tolerances: {force_offset_n: 0.7}\n")
     assert isinstance(stated, LinearAxis)
     assert stated.offset_tolerance(150.0) == 0.7

@@ -15,7 +15,6 @@ from workbench.run import Run
 
 STANDSTILL_STD = math.log(10.0)  # nobody knows how friction turns over at standstill: a factor of ten either way
 
-MOST_STEPS = 3.0  # that one channel of a log may be behind another
 LOAD_CELL_STD = 0.005  # of a dead line's load cell: its gain
 
 
@@ -63,9 +62,9 @@ def _axis(machine: Axis, runs: Sequence[Run]) -> dict[str, Value]:
     if offset > 0.0:
         key = machine.value_of["offset"]
         found[key] = Value(OFFSET, get_value(machine, key), offset, std=1.0)
-    # The channels of one log are rarely sampled at one instant: one sampling step is no gap, and three are the most.
+    # The channels of one log are rarely sampled at one instant: one sampling step is no gap.
     step = float(np.median([run.sample_time_s for run in runs]))
-    found[LOG_TIMING] = Value(LOG_TIMING, 0.0, step, 0.0, MOST_STEPS * step, std=1.0)
+    found[LOG_TIMING] = Value(LOG_TIMING, 0.0, step, 0.0, std=1.0)
     standstill = next(key for key in symbols if "standstill" in key)
     found[standstill] = Value(
         symbols[standstill], get_value(machine, standstill), 1.0, 0.0, std=STANDSTILL_STD, logarithmic=True

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from workbench.diagnose.readiness.cross_checks import check_other_signals
-from workbench.diagnose.readiness.rigid import rigid_of
+from workbench.diagnose.readiness.rigid import as_well_shown, rigid_of
 from workbench.diagnose.readiness.same_machine import check_machine, listed
 from workbench.diagnose.readiness.variety import variety
 from workbench.errors import InputError
@@ -43,7 +43,7 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
     if isinstance(bench.machine, Hoist):  # its load says which signal is upside down; an axis' signals have to say it
         odd, warnings = check_machine(bench, rigid, file), check_other_signals(bench, going, file)
     else:
-        warnings, odd = check_other_signals(bench, going, file), check_machine(bench, rigid, file)
+        warnings, odd = check_other_signals(bench, going, file), check_machine(bench, as_well_shown(rigid), file)
     still = [run.name for j, run in enumerate(bench.runs) if j not in going]
     if still:
         one = len(still) == 1

@@ -9,7 +9,8 @@ effect of the library leaves inertia and load within a third of the nominal ones
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +23,8 @@ BAND_SHARE = 0.5  # of the band: farther below the wire's resonance the machine 
 TURNS_OVER = 0.005  # of the speed scale: where friction takes on its full value
 SURE = 5.0  # standard errors
 SHOWN = 0.05  # of the input, rms: beside a lag of friction or load, less of it says nothing of the inertia
-SHOWN_OF_AXIS = 0.25  # the same of the nominal inertia's part: friction before sliding is as large as the rest
+MOST = 0.5  # of the input
+AS_WELL = 0.4  # of what the inertia takes in the run that shows it best: an axis' slower runs show friction's lag
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class Rigid:
     """What one run needs beside the nominal machine: ratios, 1 where they agree, with standard errors.
 
     inertia: None where the run does not accelerate enough to tell. hold: mean load, None on an axis or where
-    friction hides it. friction: in the input's unit, against the motion positive.
+    friction hides it. friction: in the input's unit, against the motion positive. shown: what the nominal inertia
+    takes of the input, rms.
     """
 
     run: str
@@ -38,6 +41,7 @@ class Rigid:
     inertia_std: float
     hold: float | None
     friction: float
+    shown: float = 0.0
 
 
 def rigid_of(bench: Bench, j: int) -> Rigid:
@@ -60,12 +64,23 @@ def rigid_of(bench: Bench, j: int) -> Rigid:
     if independent < 2.0 * x.shape[1]:
         return Rigid(run.name, None, float("inf"), None, 0.0)
     found, std = _least_squares(x, y, independent)
-    # Of an axis, what the nominal inertia takes: one that friction's lag has bent far off says nothing of itself.
-    inertia = float(np.sqrt(np.mean(x[:, 0] ** 2)))
-    taken, least = (inertia, SHOWN_OF_AXIS) if isinstance(machine, Axis) else (abs(found[0]) * inertia, SHOWN)
-    told = std[0] < np.inf and abs(found[0]) > SURE * std[0] and taken > least * float(np.std(y))
+    size = max(float(np.std(y)), 1e-300)
+    shown = float(np.sqrt(np.mean(x[:, 0] ** 2))) / size
+    told = std[0] < np.inf and abs(found[0]) > SURE * std[0] and abs(found[0]) * shown > SHOWN
     hold = float(found[1]) / load if load and std[1] < 0.1 * load else None
-    return Rigid(run.name, float(found[0]) if told else None, float(std[0]), hold, float(found[2]))
+    return Rigid(run.name, float(found[0]) if told else None, float(std[0]), hold, float(found[2]), shown)
+
+
+def as_well_shown(rigid: Sequence[Rigid]) -> list[Rigid]:
+    """Of an axis, without the inertia of runs that should show it far less than others do: friction's lag bends it
+    there. Unless it takes most of the input all the same, as in a wrong unit."""
+    most = max((r.shown for r in rigid), default=0.0)
+    return [
+        r
+        if r.inertia is None or r.shown >= AS_WELL * most or abs(r.inertia) * r.shown > MOST
+        else replace(r, inertia=None)
+        for r in rigid
+    ]
 
 
 def nominal(machine: Hoist | Axis, run: Run) -> tuple[float, float]:
