@@ -153,6 +153,25 @@ def test_a_stop_is_heard_when_the_server_was_put_into_the_background(workspace: 
     assert ended(job).state == "stopped"
 
 
+@pytest.mark.parametrize("wait_s", [0.0, 0.02, 0.1])
+def test_a_stop_before_the_worker_can_hear_of_it_is_not_lost(workspace: Path, wait_s: float):
+    job = begin(workspace, "counted", to=40, each_s=0.1)
+    time.sleep(wait_s)
+    stop(job, grace_s=60.0)
+    assert ended(job).state == "stopped"
+    assert jobs.result_folder(job) is None
+
+
+def test_the_end_of_an_earlier_stop_leaves_a_job_alone_that_was_started_again(workspace: Path):
+    job = begin(workspace, "counted", to=15, each_s=0.1)
+    until(job, lambda progress: progress.done > 1)
+    stop(job, grace_s=0.6)
+    assert ended(job).state == "stopped"
+    jobs.restart(job)
+    assert ended(job).state == "done"
+    assert said(job).endswith("to 15")
+
+
 def test_a_command_line_is_run_and_its_counts_are_read_from_its_lines(workspace: Path, tmp_path: Path):
     scenario = write(tmp_path, GOOD)
     job = start("study", ["study", f"{INPUTS}/s.yaml", "--out", RESULT], workspace, inputs={"s.yaml": scenario})

@@ -108,8 +108,9 @@ def stop(job: Job, grace_s: float = GRACE_S) -> None:
     if not is_alive(job.folder):
         return
     job.file("stopping").touch()
-    _send(job, signal.SIGINT)
-    timer = threading.Timer(grace_s, _send, (job, signal.SIGKILL))
+    group = _group(job)
+    _send(job, signal.SIGINT, group)
+    timer = threading.Timer(grace_s, _send, (job, signal.SIGKILL, group))
     timer.daemon = True
     timer.start()
 
@@ -160,11 +161,17 @@ def _reap(folder: Path, process: subprocess.Popen[bytes]) -> None:
         del _running[folder]
 
 
-def _send(job: Job, number: signal.Signals) -> None:
+def _group(job: Job) -> int | None:
+    """The process group of its worker, as it was started last."""
     said = read(job.file("pid"))
-    if said is not None and is_alive(job.folder):
+    return None if said is None else int(said["group"])
+
+
+def _send(job: Job, number: signal.Signals, group: int | None) -> None:
+    """To that worker only: a job may have been started again meanwhile."""
+    if group is not None and group == _group(job) and is_alive(job.folder):
         with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(int(said["group"]), number)
+            os.killpg(group, number)
 
 
 @atexit.register

@@ -66,7 +66,8 @@ def main() -> int:
     assert job is not None
     status = 1
     try:
-        status = work(job["spec"], folder)
+        # Stopped before it could hear of it: a Ctrl-C that came earlier may have been lost.
+        status = INTERRUPTED if (folder / "stopping").exists() else work(job["spec"], folder)
     finally:
         # A second Ctrl-C must not take the last word away.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
