@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.emps_campaign import RUNS
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.records import Diagnosis
 from workbench.logs import read_campaign
@@ -85,16 +86,6 @@ mass_kg: 95.1089
 gravity: {constant_n: 0.0}
 friction: {coulomb_forward_n: COULOMB, coulomb_backward_n: COULOMB, viscous_n_s_per_m: 203.5034}
 sensors: {force_offset_n: OFFSET}
-"""
-RUNS = """\
-columns:
-  time_s: t
-  position_m: qm
-  position_reference_m: qg
-  force_n: {column: vir, scale: 35.1507}
-runs:
-- {name: train, file: runs/DATA_EMPS.mat, start_time_s: 0.0}
-- {name: pulses, file: runs/DATA_EMPS_PULSES.mat, start_time_s: 60.0}
 """
 Emps = Callable[..., Diagnosis]
 

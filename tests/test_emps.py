@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from tests.commands import Commands
+from tests.emps_campaign import RUNS
 from workbench.machine import LinearAxis, load_machine
 
 # The knowledge taken out: a rough mass and viscous friction, nothing else.
@@ -22,16 +23,6 @@ motion: linear
 mass_kg: 50.0
 gravity: {constant_n: 0.0}
 friction: {coulomb_forward_n: 0.0, coulomb_backward_n: 0.0, viscous_n_s_per_m: 50.0}
-"""
-RUNS = """\
-columns:
-  time_s: t
-  position_m: qm
-  position_reference_m: qg
-  force_n: {column: vir, scale: 35.1507}
-runs:
-- {name: train, file: runs/DATA_EMPS.mat, start_time_s: 0.0}
-- {name: pulses, file: runs/DATA_EMPS_PULSES.mat, start_time_s: 60.0}
 """
 PUBLISHED = {"mass": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -3.1648}
 

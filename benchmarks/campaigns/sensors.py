@@ -56,7 +56,7 @@ def log_columns(
     speed = np.interp(time - sensors.delay_s, time, record[:, SPEED])
     rows = slice(None, None, every)
     n = len(record[rows])
-    torque = _dead_band(torque[rows], sensors.dead_band_nm)
+    torque = dead_band(torque[rows], sensors.dead_band_nm)
     share = 0.5 + sensors.share_std * rng.normal()
     noise = rng.normal(scale=sensors.torque_noise_nm, size=(2, n))
     first, second = share * torque + noise[0], (1.0 - share) * torque + noise[1]
@@ -101,7 +101,7 @@ def _low_passed(values: Array, tau_s: float) -> Array:
     return out
 
 
-def _dead_band(values: Array, band: float) -> Array:
+def dead_band(values: Array, band: float) -> Array:
     """The last value sent, until the true one is further off than the band."""
     if band <= 0.0:
         return values

@@ -35,18 +35,27 @@ def torque_change(content: Content, seed: int | Sequence[int]) -> Change:
     seeds = (seed,) if isinstance(seed, int) else tuple(seed)
     well = replace(content, causes=())
     ill_machine, well_machine = built(content, seeds), built(well, seeds)
-    squares, count, wander = 0.0, 0, 0.0
+    wander = 0.0
     walk = np.random.default_rng([*seeds, 8])
-    by_second: dict[str, list[float]] = {}
+    pairs = []
     for number, plan in enumerate(content.runs):
         ill = simulated(content, ill_machine, number, seeds)
         sound = simulated(well, well_machine, number, seeds)
         shown, wander = _shown(ill, ill_machine, walk, wander)
-        change = _smooth(shown - _shown(sound, well_machine, walk, 0.0)[0])
-        moving = ill.reference != 0.0
+        pairs.append((plan.name, shown - _shown(sound, well_machine, walk, 0.0)[0], ill.reference != 0.0))
+    return change_of(pairs, round(SMOOTH_S / RECORD_S), RECORD_S)
+
+
+def change_of(runs: Sequence[tuple[str, Array, npt.NDArray[np.bool_]]], width: int, step_s: float) -> Change:
+    """runs: each one's name, what is shown more with the causes than without, and where it moves; a row each step.
+    width: of the two boxes that smooth it, in steps."""
+    squares, count = 0.0, 0
+    by_second: dict[str, list[float]] = {}
+    for name, difference, moving in runs:
+        change = _smooth(difference, width)
         squares += float(np.sum(change[moving] ** 2))
         count += int(np.sum(moving))
-        by_second[plan.name] = _each_second(change)
+        by_second[name] = _each_second(change, round(1.0 / step_s))
     return Change(float(f"{np.sqrt(squares / max(count, 1)):.4g}"), by_second)
 
 
@@ -56,15 +65,13 @@ def _shown(run: Simulated, machine: Built, walk: np.random.Generator, wander: fl
     return np.interp(time + machine.sensors.delay_s, time, torque), wander
 
 
-def _smooth(values: Array) -> Array:
-    width = round(SMOOTH_S / RECORD_S)
+def _smooth(values: Array, width: int) -> Array:
     box = np.full(width, 1.0 / width)
     padded = np.pad(values, width, mode="edge")
     out: Array = np.convolve(np.convolve(padded, box, "same"), box, "same")[width:-width]
     return out
 
 
-def _each_second(values: Array) -> list[float]:
-    every = round(1.0 / RECORD_S)
+def _each_second(values: Array, every: int) -> list[float]:
     whole = len(values) // every
     return [float(f"{rms:.3g}") for rms in np.sqrt(np.mean(values[: whole * every].reshape(whole, every) ** 2, axis=1))]

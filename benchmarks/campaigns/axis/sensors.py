@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from benchmarks.campaigns.axis.kernel import FORCE, POSITION, RECORD_S, SPEED
+from benchmarks.campaigns.sensors import dead_band
 
 Array = npt.NDArray[np.float64]
 Columns = dict[str, tuple[Array, int]]
@@ -84,7 +85,7 @@ def log_columns(
     time = np.arange(len(record), dtype=np.float64) * RECORD_S
     rows = logged_rows(len(record), rate_hz, irregular, rng)
     force, wander = shown_force(record, sensors, walk, wander)
-    force = _dead_band(force[rows], sensors.dead_band) + rng.normal(scale=sensors.force_noise, size=len(rows))
+    force = dead_band(force[rows], sensors.dead_band) + rng.normal(scale=sensors.force_noise, size=len(rows))
     late = sensors.late_s + sensors.delay_s
     position, speed = (np.interp(time[rows] - late, time, record[:, column]) for column in (POSITION, SPEED))
     columns: Columns = {"time_s": (time[rows], 4), n_: (force, _digits(sensors.force_noise / 10.0))}
@@ -102,16 +103,3 @@ def log_columns(
 def _digits(smallest: float) -> int:
     """Behind the point, so that `smallest` is still written."""
     return max(0, math.ceil(-math.log10(smallest)))
-
-
-def _dead_band(values: Array, band: float) -> Array:
-    """The last value sent, until the true one is further off than the band."""
-    if band <= 0.0:
-        return values
-    out = np.empty_like(values)
-    held = values[0]
-    for k, value in enumerate(values):
-        if abs(value - held) > band:
-            held = value
-        out[k] = held
-    return out

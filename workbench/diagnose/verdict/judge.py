@@ -149,16 +149,16 @@ def judge(found: Found, seed: int = 0) -> Judged:
     weighed = weigh(found)
     best = next((each for each in weighed if not each.rival), None)
     held = best.fit if best is not None and best.merit > calibration()["threshold"] else found.near
-    open_to = reducible(found.problem, held, seed)
-    floor = floor_of(found.problem, held, open_to)
+    by_variable = reducible(found.problem, held, seed)
+    floor = floor_of(found.problem, held, by_variable)
     left = misfit_of(found.problem, held, floor)
-    evidence = evidence_of(found, held, left, open_to.share, floor)
+    evidence = evidence_of(found, held, left, by_variable.share, floor)
     rows = rank([(() if each.rival else each.names, each.merit) for each in weighed], evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, weighed)
     answer = rows[0]
     return Judged(
-        answer.verdict, answer.effects, rows, weighed, best, held, open_to, left, evidence, floor, unknown, reasons
+        answer.verdict, answer.effects, rows, weighed, best, held, by_variable, left, evidence, floor, unknown, reasons
     )
 
 

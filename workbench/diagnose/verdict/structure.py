@@ -62,11 +62,10 @@ def floor_of(problem: Problem, fit: Fitted, left: Reducible) -> float:
 def weigh_against(problem: Problem, fit: Fitted, left: Reducible, least: Fitted) -> None:
     """Henceforth the data count against the floor of `fit`, and for as many values as are independent in `least`.
 
-    least: the fit that leaves least. What a good hypothesis leaves for a second one is not the machine's own colour.
-
     What a hoist leaves is noise, of which one band holds so many independent values a second. What an axis leaves
     itself hangs together far longer, and says the less about a parameter: taken for noise it would drag the base
-    parameters off by many tolerances for a thousandth of the residual.
+    parameters off by many tolerances for a thousandth of the residual. left: what a variable explains of `fit`.
+    least: the fit that leaves least, for what a good hypothesis leaves to a second one is not the machine's own colour.
     """
     problem.noise = floor_of(problem, fit, left)
     problem.share = min(problem.band_share, independent_share(problem, least))
