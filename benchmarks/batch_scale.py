@@ -22,9 +22,9 @@ from functools import partial
 from pathlib import Path
 
 from workbench.cluster import spread_on
-from workbench.study.batch import Spread, chunk_sizes, on_this_computer, run_batch, run_chunk
-from workbench.study.load import Study, load_study
-from workbench.study.results import place_for
+from workbench.study.execute.batch import Spread, chunk_sizes, on_this_computer, run_batch, run_chunk
+from workbench.study.results.folder import place_for
+from workbench.study.scenario.load import Study, load_study
 
 SCENARIO = """\
 format: 1

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from workbench.errors import InputError
-from workbench.study.row import METRICS, Row
+from workbench.study.results.row import METRICS, Row
 from workbench.testing import StudyRows, assert_metric
 from workbench.testing import study_rows as study_rows
 

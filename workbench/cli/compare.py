@@ -12,7 +12,7 @@ from workbench.cli.show import TIE, filled, print_table
 from workbench.errors import InputError
 
 if TYPE_CHECKING:
-    from workbench.study.compare import Change, Comparison, Pair, Regression
+    from workbench.study.compare.compare import Change, Comparison, Pair, Regression
 
 MOST_LINES = 10
 
@@ -34,10 +34,10 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
     Runs are matched by their id, or by payload, reference and swept values. Exit status 1 where a
     metric got worse than its limit allows, or, with a limit, a run fails that did not; 2 where no run is in both.
     """
-    from workbench.study.compare import BETTER, compare, parse_limits, regressions
-    from workbench.study.compare_json import as_json
-    from workbench.study.compare_unmatched import why_unmatched
-    from workbench.study.index import read_rows
+    from workbench.study.compare.as_json import as_json
+    from workbench.study.compare.compare import BETTER, compare, parse_limits, regressions
+    from workbench.study.compare.unmatched import why_unmatched
+    from workbench.study.results.index import read_rows
     from workbench.whole_folder import write_json
 
     rows_a, rows_b = read_rows(a), read_rows(b)
@@ -84,7 +84,7 @@ def _unmoved(comparison: Comparison) -> str:
 
 
 def _line(change: Change) -> list[str]:
-    from workbench.study.compare_scale import plain, plain_percent
+    from workbench.study.compare.scale import plain, plain_percent
 
     numbers = change.mean_a, change.mean_b
     mean, *deltas = (
@@ -105,7 +105,7 @@ def _moved_most(change: Change) -> str:
 
 
 def _values(metric: str, pair: Pair) -> str:
-    from workbench.study.compare_scale import plain
+    from workbench.study.compare.scale import plain
 
     before, after = (plain(metric, row[metric]) for row in (pair.a, pair.b))
     return f"{pair.name}{TIE}{before}{TIE}→{TIE}{after}"

@@ -9,9 +9,8 @@ import click
 
 from workbench.cli.show import filled, print_table, print_text
 from workbench.diagnose.records import Diagnosis
-from workbench.reports import diagnose as report
-from workbench.reports import diagnose_hypotheses as hypotheses
-from workbench.reports import diagnose_words as words
+from workbench.reports.diagnosis import hypotheses, words
+from workbench.reports.diagnosis import tables as report
 
 MOST_CANDIDATES = 5
 

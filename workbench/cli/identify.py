@@ -33,9 +33,9 @@ def command(
     With --out the identified machine.yaml is written, which every other command accepts, with the
     figures and numbers behind it.
     """
+    from workbench.cli.campaign import load_campaign
     from workbench.cli.show import print_notes, print_table, print_text
-    from workbench.reports import identify as report
-    from workbench.reports.load import load_campaign
+    from workbench.reports.identify import report
     from workbench.reports.words import brief_notes
     from workbench.whole_folder import check_free
 
@@ -56,7 +56,7 @@ def command(
     if out is None:
         found = run()
     else:
-        from workbench.reports.write_identify import write_identification
+        from workbench.reports.identify.write import write_identification
 
         found = write_identification(run, out)
     print_notes(brief_notes(read))

@@ -43,8 +43,8 @@ def command(
     from workbench.analysis.tune import Goal
     from workbench.cli.show import print_table, print_text
     from workbench.plants import NO_EFFECTS
-    from workbench.reports import loop as report
-    from workbench.reports.loop_case import load_case
+    from workbench.reports.loop import report
+    from workbench.reports.loop.case import load_case
     from workbench.whole_folder import check_free, whole_folder
 
     if out is not None:

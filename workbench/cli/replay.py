@@ -22,9 +22,9 @@ def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | 
     The measured torque (force) drives the model; its speed is compared with the measured one, open loop
     and restarted every 2 s. Beside it stands the torque that the measured motion should have taken.
     """
+    from workbench.cli.campaign import load_campaign
     from workbench.cli.show import print_notes, print_table, print_text
-    from workbench.reports import replay as report
-    from workbench.reports.load import load_campaign
+    from workbench.reports.replay import report
     from workbench.reports.words import brief_notes
     from workbench.simulate.replay import replay_runs
     from workbench.whole_folder import check_free
@@ -35,7 +35,7 @@ def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | 
     if out is None:
         result = replay_runs(read.machine, read.runs, band)
     else:
-        from workbench.reports.write_replay import write_replay
+        from workbench.reports.replay.write import write_replay
 
         result = write_replay(lambda: replay_runs(read.machine, read.runs, band), read, out)
     print_notes(brief_notes(read))

@@ -13,9 +13,9 @@ import click
 def command(results: Path, out: Path | None) -> None:
     """Write the report of RESULTS, a folder that `workbench study` made: one HTML file that needs no network."""
     from workbench.cli.show import print_text
-    from workbench.reports.study import write_study_report
-    from workbench.reports.study_words import conclusions
-    from workbench.study.finished import read_finished
+    from workbench.reports.study.page import write_study_report
+    from workbench.reports.study.words import conclusions
+    from workbench.study.results.finished import read_finished
 
     result = read_finished(results)
     path = out or results / "report.html"

@@ -13,9 +13,9 @@ from workbench.cli.options import effects_option
 from workbench.errors import InputError
 
 if TYPE_CHECKING:
-    from workbench.study.batch import Spread, Tell
-    from workbench.study.load import Study
-    from workbench.study.results import Place
+    from workbench.study.execute.batch import Spread, Tell
+    from workbench.study.results.folder import Place
+    from workbench.study.scenario.load import Study
 
 MOST_ON_PAGE = 60
 MOST_IN_TABLE = 40
@@ -36,8 +36,8 @@ def command(files: tuple[Path, ...], out: Path | None, cluster: str | None) -> N
     What is done is kept: after Ctrl-C the same command goes on where it stopped.
     """
     from workbench.cli.progress import shown
-    from workbench.study.load import load_study
-    from workbench.study.results import place_for
+    from workbench.study.results.folder import place_for
+    from workbench.study.scenario.load import load_study
 
     studies = [load_study(file) for file in files]
     places = _out_folders(studies, files, out)
@@ -70,7 +70,7 @@ def _out_folders(studies: Sequence[Study], files: Sequence[Path], out: Path | No
 def _spread(cluster: str | None) -> Iterator[Spread]:
     """How chunks are run: on this computer, or on a cluster for as long as the block lasts."""
     if cluster is None:
-        from workbench.study.batch import on_this_computer
+        from workbench.study.execute.batch import on_this_computer
 
         yield on_this_computer
         return
@@ -82,7 +82,7 @@ def _spread(cluster: str | None) -> Iterator[Spread]:
 
 def _run(study: Study, place: Place, spread: Spread, tell: Tell) -> None:
     from workbench.figures.study_page import save_study_page
-    from workbench.study.batch import run_batch
+    from workbench.study.execute.batch import run_batch
 
     # Curves of more runs than this are a tangle, and a page of megabytes.
     fits = study.scenario.outputs.signals != "none" and len(study.specs) <= MOST_ON_PAGE
@@ -92,11 +92,11 @@ def _run(study: Study, place: Place, spread: Spread, tell: Tell) -> None:
 
 def _report(study: Study, place: Place) -> None:
     from workbench.cli.show import print_table, print_text
-    from workbench.study import aggregate
-    from workbench.study.index import read_rows
-    from workbench.study.run import motor_torque_limit_nm
-    from workbench.study.summary import CAPTION, head, sentences, table
-    from workbench.study.varied import swept_axes
+    from workbench.study.conclude import aggregate
+    from workbench.study.conclude.summary import CAPTION, head, sentences, table
+    from workbench.study.execute.run import motor_torque_limit_nm
+    from workbench.study.results.index import read_rows
+    from workbench.study.variations.varying import swept_axes
 
     rows = read_rows(place.folder)
     if len(rows) <= MOST_IN_TABLE:

@@ -40,8 +40,8 @@ def command(
     from workbench.analysis.family import operating_points
     from workbench.analysis.tune import Goal, tune
     from workbench.cli.show import filled, print_table, print_text
-    from workbench.reports import tune as report
-    from workbench.reports.loop_case import load_case
+    from workbench.reports.loop import tuning as report
+    from workbench.reports.loop.case import load_case
 
     if reject and bandwidth is not None:
         raise click.UsageError("--bandwidth and --reject are two goals; give one of them")

@@ -13,9 +13,9 @@ from typing import Any
 from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
 from workbench.effects.registry import files_behind
 from workbench.errors import InputError
-from workbench.study.batch import Spread
-from workbench.study.load import Study
-from workbench.study.store import Chunk
+from workbench.study.execute.batch import Spread
+from workbench.study.execute.store import Chunk
+from workbench.study.scenario.load import Study
 
 RETRIES = 3
 # Tasks handed out for each worker thread: one in work, one waiting, so that nobody idles.

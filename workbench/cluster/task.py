@@ -11,10 +11,10 @@ from functools import cache, lru_cache
 from workbench.effects.registry import know
 from workbench.effects.user_file import UserFile
 from workbench.errors import InputError
-from workbench.study.batch import run_chunk
-from workbench.study.load import Study
-from workbench.study.manifest import library_versions
-from workbench.study.store import Chunk
+from workbench.study.execute.batch import run_chunk
+from workbench.study.execute.store import Chunk
+from workbench.study.results.manifest import library_versions
+from workbench.study.scenario.load import Study
 
 _knowing = threading.Lock()
 

@@ -21,10 +21,10 @@ from workbench.errors import InputError
 from workbench.machine import Axis, Hoist
 from workbench.references import motion_time_s
 from workbench.run import Run
-from workbench.study.chunk import run_specs
-from workbench.study.conclude import NO_CHANGE
-from workbench.study.row import Row
-from workbench.study.spec import RunSpec
+from workbench.study.conclude.sentences import NO_CHANGE
+from workbench.study.execute.chunk import run_specs
+from workbench.study.results.row import Row
+from workbench.study.variations.run_spec import RunSpec
 
 MS_LIMIT = 1.4
 JUDGED = ("peak_torque_motor_nm", "speed_error_max_rad_s", "speed_error_rms_rad_s")

@@ -22,7 +22,7 @@ from pathlib import Path
 import streamlit as st
 
 from workbench.dashboard import session
-from workbench.dashboard.uploads import KEPT, Uploaded, read_uploaded
+from workbench.dashboard.uploads.campaign import KEPT, Uploaded, read_uploaded
 from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
 

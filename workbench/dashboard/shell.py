@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import streamlit as st
 
-from workbench.dashboard.jobs_place import jobs_workspace
+from workbench.dashboard.jobs.place import jobs_workspace
 from workbench.dashboard.widgets import is_dark
 
 if TYPE_CHECKING:
@@ -39,13 +39,13 @@ _ICON = (
 
 # title -> (where its function stands, its icon)
 PAGES: dict[str, tuple[str, str]] = {
-    "Study": ("workbench.dashboard.study:show", ":material/tune:"),
-    "Compare": ("workbench.dashboard.compare:show", ":material/compare_arrows:"),
-    "Loop": ("workbench.dashboard.loop:show", ":material/all_inclusive:"),
-    "Validate": ("workbench.dashboard.validate:show", ":material/fact_check:"),
-    "Gap": ("workbench.dashboard.gap:show", ":material/troubleshoot:"),
-    "Machine": ("workbench.dashboard.machine_view:show", ":material/precision_manufacturing:"),
-    "Batches": ("workbench.dashboard.batches:show", ":material/dynamic_feed:"),
+    "Study": ("workbench.dashboard.pages.study.page:show", ":material/tune:"),
+    "Compare": ("workbench.dashboard.pages.compare.page:show", ":material/compare_arrows:"),
+    "Loop": ("workbench.dashboard.pages.loop.page:show", ":material/all_inclusive:"),
+    "Validate": ("workbench.dashboard.pages.validate.page:show", ":material/fact_check:"),
+    "Gap": ("workbench.dashboard.pages.gap.page:show", ":material/troubleshoot:"),
+    "Machine": ("workbench.dashboard.pages.machine.page:show", ":material/precision_manufacturing:"),
+    "Batches": ("workbench.dashboard.pages.batches.page:show", ":material/dynamic_feed:"),
 }
 
 

@@ -38,13 +38,14 @@ def _load(later_s: float = LATER_S) -> None:
 
 def _study() -> None:
     """Imports and kernels."""
-    from workbench.dashboard import compare, study  # noqa: F401
-    from workbench.dashboard.study_controls import Desk, scenario_of
+    from workbench.dashboard.pages.compare import page as compare  # noqa: F401
+    from workbench.dashboard.pages.study import page as study  # noqa: F401
+    from workbench.dashboard.pages.study.controls import Desk, scenario_of
     from workbench.figures.study_page import study_figures
     from workbench.machine import default_hoist
-    from workbench.study.beside import over_ramps
-    from workbench.study.load import plan_study
-    from workbench.study.run import run_study
+    from workbench.study.conclude.side_studies import over_ramps
+    from workbench.study.execute.run import run_study
+    from workbench.study.scenario.load import plan_study
 
     machine = default_hoist()
     scenario = scenario_of(Desk(), machine)
@@ -55,10 +56,10 @@ def _study() -> None:
 def _loop() -> None:
     """A loop of the default machine: its plant is linearised by kernels of their own."""
     from workbench.analysis.family import family, operating_points
-    from workbench.dashboard import loop  # noqa: F401
+    from workbench.dashboard.pages.loop import page as loop  # noqa: F401
     from workbench.figures.loop import steps
     from workbench.machine import default_hoist
-    from workbench.reports.loop_case import usual_controller, usual_heights
+    from workbench.reports.loop.case import usual_controller, usual_heights
 
     machine = default_hoist()
     points = operating_points(machine, (0.0,), usual_heights(machine)[:1], "hoisting")
@@ -66,4 +67,7 @@ def _loop() -> None:
 
 
 def _others() -> None:
-    from workbench.dashboard import batches, gap, machine_view, validate  # noqa: F401
+    from workbench.dashboard.pages.batches import page as batches  # noqa: F401
+    from workbench.dashboard.pages.gap import page as gap  # noqa: F401
+    from workbench.dashboard.pages.machine import page as machine_view  # noqa: F401
+    from workbench.dashboard.pages.validate import page as validate  # noqa: F401

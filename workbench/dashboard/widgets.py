@@ -103,7 +103,7 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
 
 def table(shown: Table) -> None:
     """A report's table: heads with their unit; columns whose head starts with a blank are words."""
-    from workbench.study import arrow
+    from workbench.study.results import arrow
 
     head, rows, caption = shown
     names = [in_a_line(name) for name in head]

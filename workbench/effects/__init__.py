@@ -6,7 +6,7 @@ plant; `names()` and `effects_for(kind)` say what there is; `load_effects(file)`
 
 from workbench.effects.active import RUN_SYMBOLS, Active, all_off, check, joined, of, ranges_of, searchable
 from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
-from workbench.effects.registry import effects_for, find, forget_users, library, load_effects, names
+from workbench.effects.registry import effects_for, find, forget_users, library_effects, load_effects, names
 from workbench.effects.series import (
     logged,
     logged_input,
@@ -34,7 +34,7 @@ __all__ = [
     "find",
     "forget_users",
     "joined",
-    "library",
+    "library_effects",
     "load_effects",
     "logged",
     "logged_input",

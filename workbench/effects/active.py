@@ -16,7 +16,7 @@ import numpy as np
 
 from workbench.effects.correction import corrected
 from workbench.effects.declare import Effect, Ranged
-from workbench.effects.registry import effects_for, find, library
+from workbench.effects.registry import effects_for, find, library_effects
 from workbench.effects.sizes import Sizes, sizes_of
 from workbench.errors import InputError, nearest
 from workbench.machine import Axis, Hoist
@@ -70,7 +70,7 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     sensors = tuple(each for each in effects_for(kind).values() if each in found.values() and each.on_sensor)
     if not in_plant:
         return corrected(Active(kind, values=MappingProxyType(values), sensors=sensors), machine)
-    own = {each.id for each in library()}
+    own = {each.id for each in library_effects()}
     held = _in_plants(kind) if all(each.id in own for each in in_plant) else _with_users(kind)
     everything = {symbol: value for each in held for symbol, value in vanished(each, sizes).items()}
     return corrected(Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors), machine)
@@ -127,7 +127,7 @@ def vanished(effect: Effect, sizes: Sizes) -> dict[str, float]:
 
 
 def _in_plants(kind: str) -> tuple[Effect, ...]:
-    return tuple(each for each in library() if kind in each.kinds and not each.on_sensor)
+    return tuple(each for each in library_effects() if kind in each.kinds and not each.on_sensor)
 
 
 def _with_users(kind: str) -> tuple[Effect, ...]:

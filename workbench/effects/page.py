@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from workbench.effects.declare import Effect
 from workbench.effects.parameter import KINDS, Parameter, words
-from workbench.effects.registry import library
+from workbench.effects.registry import library_effects
 
 HEAD = """# Effects
 
@@ -96,7 +96,7 @@ file imports is not watched), its workers on a cluster get that very text, and t
 
 def page(effects: Sequence[Effect] | None = None) -> str:
     """The page for these effects, the library's by default."""
-    shown = sorted(library() if effects is None else effects, key=lambda each: (not each.listed, each.id))
+    shown = sorted(library_effects() if effects is None else effects, key=lambda each: (not each.listed, each.id))
     twice = {each.id for each in shown if sum(other.id == each.id for other in shown) > 1}
     titles = {each: f"{each.id}-{each.kinds[0].partition('-')[0]}" if each.id in twice else each.id for each in shown}
     index = [f"- [{title}](#{title}): {each.meaning}" for each, title in titles.items()]

@@ -29,9 +29,9 @@ _changing = threading.RLock()
 
 
 @cache
-def library() -> tuple[Effect, ...]:
+def library_effects() -> tuple[Effect, ...]:
     """The effects of the package, in the order of modules and lines."""
-    package = importlib.import_module(__package__ or "workbench.effects")
+    package = importlib.import_module("workbench.effects.library")
     modules = [name for _, name, _ in pkgutil.iter_modules(package.__path__, f"{package.__name__}.")]
     found: list[Effect] = []
     for name in modules:
@@ -92,7 +92,7 @@ def files_behind(names: Iterable[str], kind: str) -> tuple[UserFile, ...]:
 
 def digests_of(names: Iterable[str], kind: str) -> dict[str, str]:
     """id -> digest of the text that declares it, of those effects that are not the library's."""
-    own = {each.id for each in library() if kind in each.kinds}
+    own = {each.id for each in library_effects() if kind in each.kinds}
     return {name: _digest(find(name, kind)) for name in sorted(set(names) - own)}
 
 
@@ -111,7 +111,7 @@ def add(effects: Iterable[Effect], place: str = "effects") -> None:
     with _changing:
         for each in effects:
             for kind in each.kinds:
-                taken = {(e.id, k): e for e in library() for k in e.kinds} | _users
+                taken = {(e.id, k): e for e in library_effects() for k in e.kinds} | _users
                 before = taken.get((each.id, kind))
                 if before is not None and before.function.__module__ != each.function.__module__:
                     raise InputError(f"the effect name '{each.id}' is taken; choose another", place=place)
@@ -135,7 +135,7 @@ def users() -> Mapping[tuple[str, str], Effect]:
 
 def effects_for(kind: str) -> dict[str, Effect]:
     """id -> effect, for a kind of plant (hoist, axis-linear, axis-rotary)."""
-    own = {each.id: each for each in library() if kind in each.kinds}
+    own = {each.id: each for each in library_effects() if kind in each.kinds}
     return own | {name: each for (name, of), each in users().items() if of == kind}
 
 
@@ -143,7 +143,7 @@ def names(kind: str | None = None) -> tuple[str, ...]:
     """The ids of all effects, or of those for one kind of plant."""
     if kind is not None:
         return tuple(effects_for(kind))
-    return tuple(dict.fromkeys([each.id for each in library()] + [name for name, _ in users()]))
+    return tuple(dict.fromkeys([each.id for each in library_effects()] + [name for name, _ in users()]))
 
 
 def find(name: str, kind: str) -> Effect:

@@ -11,10 +11,10 @@ from workbench.figures.panels import Panels
 from workbench.figures.style import BLACK, MARKERS, SPARE, label, line
 from workbench.figures.thin import MOST_POINTS
 from workbench.run import Array
-from workbench.study.labels import drawn_in
-from workbench.study.pareto import Front, cost
-from workbench.study.row import Row
-from workbench.study.varied import Axis, said
+from workbench.study.conclude.pareto import Front, cost
+from workbench.study.results.labels import drawn_in
+from workbench.study.results.row import Row
+from workbench.study.variations.varying import Axis, said
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

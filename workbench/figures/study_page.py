@@ -9,8 +9,8 @@ import numpy as np
 
 from workbench.figures.save import save
 from workbench.figures.study import overview, peak_torque_over_payload
-from workbench.study.run import StudyResult, motor_torque_limit_nm
-from workbench.study.summary import CAPTION, head, sentences, table
+from workbench.study.conclude.summary import CAPTION, head, sentences, table
+from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

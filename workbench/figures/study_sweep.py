@@ -9,10 +9,10 @@ import numpy as np
 
 from workbench.figures.panels import Panels
 from workbench.figures.style import MARKERS, label, line
-from workbench.study.conclude import NO_CHANGE
-from workbench.study.labels import drawn_in, shown
-from workbench.study.row import Row
-from workbench.study.varied import Axis, Point
+from workbench.study.conclude.sentences import NO_CHANGE
+from workbench.study.results.labels import drawn_in, shown
+from workbench.study.results.row import Row
+from workbench.study.variations.varying import Axis, Point
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -1,0 +1,228 @@
+"""The linear loop of a machine with effects: closed forms, what is on the log stays out, off is exactly off."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from workbench.analysis.even_motion import EvenMotion
+from workbench.analysis.family import family, operating_points
+from workbench.analysis.linearise import MOTIONS, OUTPUTS, LinearPlant, OperatingPoint, linearise
+from workbench.analysis.loop import linear_loop
+from workbench.analysis.margins import Margins, margins
+from workbench.analysis.search import make_search
+from workbench.analysis.shape import for_bandwidth
+from workbench.analysis.trial import try_out, usual_trial
+from workbench.cli import cli
+from workbench.control import PiSettings
+from workbench.effects import effects_for, of, sizes_of
+from workbench.errors import InputError
+from workbench.machine import Hoist, default_hoist, save_machine, with_correction
+from workbench.plants import HOIST, Effects, Memory
+from workbench.reports.loop.report import effect_sentences
+from workbench.trace.emit import evaluate
+
+POINT = OperatingPoint(4500.0, 10.0)
+SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
+SENSORS = ("torque_scale", "torque_offset", "torque_filter", "speed_delay")
+INERTIA = 1.656  # kg m², drive and drum of the default machine at the motor shaft
+
+
+def with_effects(**effects: dict[str, float]) -> Hoist:
+    return default_hoist().model_copy(update={"effects": effects})
+
+
+def at_start(name: str, *, off: bool) -> Hoist:
+    """The default machine with one effect where a fit begins, or exactly off."""
+    ranges = effects_for("hoist")[name].ranges(sizes_of(default_hoist()))
+    gone = {r.name: r.start if r.vanishes_at is None else r.vanishes_at for r in ranges}
+    return with_effects(**{name: gone if off else {r.name: r.start for r in ranges}})
+
+
+def element(plant: LinearPlant, of_state: str, by: str) -> float:
+    return float(plant.A[plant.states.index(of_state), plant.states.index(by)])
+
+
+def damping(plant: LinearPlant) -> float:
+    """Of the slowest oscillating mode."""
+    s = min((e for e in np.linalg.eigvals(plant.A) if e.imag > 0.0), key=abs)
+    return float(-s.real / abs(s))
+
+
+def margins_of(machine: Hoist, settings: PiSettings = SETTINGS) -> Margins:
+    return margins(linear_loop(machine, settings, POINT))
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("name", effects_for("hoist"))
+def test_an_effect_that_vanishes_leaves_the_linear_plant_bit_for_bit(name: str, motion: Any):
+    plain, gone = (
+        linearise(machine, OperatingPoint(4500.0, 10.0, motion))
+        for machine in (default_hoist(), at_start(name, off=True))
+    )
+    assert gone.states == plain.states
+    for matrix in "ABC":
+        np.testing.assert_array_equal(getattr(gone, matrix), getattr(plain, matrix))
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_an_effect_on_a_sensor_leaves_the_margins_bit_for_bit(name: str):
+    assert margins_of(at_start(name, off=False)) == margins_of(default_hoist())
+
+
+@pytest.mark.parametrize("name", [n for n in effects_for("hoist") if n not in SENSORS])
+def test_the_operating_point_with_an_effect_accelerates_nothing(name: str):
+    machine = at_start(name, off=False)
+    active = of(machine)
+    p = HOIST.values(machine, 9000.0)
+    vars(p).update(active.values_of(0.0))
+    even = EvenMotion(HOIST, active.effects, p, OUTPUTS)
+    at = even.settled(10.0, 70.0)
+    rates = evaluate(list(even.rates), {s.args[0]: float(x) for s, x in zip(even.by, at, strict=True)})
+    np.testing.assert_allclose(rates, 0.0, atol=1e-8)
+    assert at[2] == 10.0
+    assert at[3] == 70.0
+
+
+@pytest.mark.parametrize("more", [0.2, 0.8])
+def test_gearbox_inertia_lowers_the_crossover_in_proportion_to_the_inertia(more: float):
+    # Far above the wire's 2.5 Hz the motor turns alone: |L| = kp / (J w), so the crossover is kp / (2 pi J).
+    stiff = SETTINGS.model_copy(update={"kp_nm_s_per_rad": 300.0})
+    heavier = with_effects(gearbox_inertia={"inertia_kg_m2": more})
+    before, after = margins_of(default_hoist(), stiff), margins_of(heavier, stiff)
+    plain = linearise(default_hoist(), POINT)
+    assert 1.0 / plain.B[plain.states.index("speed_motor_rad_s"), 0] == pytest.approx(INERTIA, rel=1e-3)
+    assert after.crossover_hz == pytest.approx(300.0 / (2.0 * math.pi * (INERTIA + more)), rel=0.01)
+    assert before.crossover_hz / after.crossover_hz == pytest.approx(1.0 + more / INERTIA, rel=0.005)
+
+
+def test_viscous_friction_damps_the_carriage_by_its_slope_over_the_mass():
+    slope, mass = 9000.0, default_hoist().carriage.mass_kg + 4500.0
+    plain, damped = (
+        linearise(m, POINT) for m in (default_hoist(), with_effects(friction_viscous={"viscous_n_s_per_m": slope}))
+    )
+    own = "speed_carriage_m_s"
+    assert element(damped, own, own) - element(plain, own, own) == pytest.approx(-slope / mass, rel=1e-9)
+    assert damping(damped) > damping(plain) + 0.01
+
+
+def test_a_carriage_error_and_a_payload_error_of_the_same_mass_are_the_same_plant():
+    plants = [
+        linearise(with_effects(**effects), POINT)
+        for effects in ({"carriage_mass_error": {"mass_kg": 450.0}}, {"payload_mass_error": {"payload_scale": 1.1}})
+    ]
+    np.testing.assert_allclose(plants[0].A, plants[1].A, rtol=1e-9, atol=1e-9)
+
+
+def test_a_ripple_is_no_spring_on_the_shaft():
+    # Its slope over the angle, 900 N m/rad, is seven times the wire's; under way it averages out.
+    rippled = with_effects(torque_ripple={"amplitude_nm": 30.0, "order_per_turn": 30.0})
+    np.testing.assert_allclose(linearise(rippled, POINT).A, linearise(default_hoist(), POINT).A, rtol=1e-9, atol=1e-9)
+
+
+def test_a_thicker_layer_of_wire_lifts_more_and_holds_with_more_torque():
+    radius = default_hoist().winch.drum_diameter_m / 2.0
+    thick = with_effects(drum_layer_change={"radius_step_m": radius / 8.0, "drum_angle_rad": -400.0})
+    plain, layered = (linearise(m, POINT) for m in (default_hoist(), thick))
+    assert layered.start[1][2] / plain.start[1][2] == pytest.approx(9.0 / 8.0, rel=1e-6)
+    assert layered.start[2] / plain.start[2] == pytest.approx(9.0 / 8.0, rel=0.01)
+
+
+def test_a_measured_table_over_speed_is_the_viscous_friction_that_it_holds():
+    at = (0.0, 0.2, 0.5, 0.8)
+    levels = [5000.0 * v for v in at]
+    table = with_correction(default_hoist(), "speed_carriage_m_s", "guide", at, levels, levels)
+    viscous = with_effects(friction_viscous={"viscous_n_s_per_m": 5000.0})
+    measured, known = (linearise(machine, POINT) for machine in (table, viscous))
+    np.testing.assert_allclose(measured.A, known.A, rtol=1e-9, atol=1e-9)
+    assert effect_sentences(table) == ["In the machine: measured_correction."]
+
+
+def lagging(tau: float) -> Effects:
+    """Friction of 6000 N s/m on a carriage speed that is late by a first-order lag."""
+    memory = Memory(
+        "late_speed", lambda s, p: (s.speed_carriage_m_s - p.late_speed) / tau, lambda p: 0.0, lambda p: 1.0
+    )
+    return Effects({"guide_force_n": [lambda s, p: -(6000.0 * p.late_speed)]}, (), [memory])
+
+
+def test_a_memory_that_the_motion_moves_is_a_state_of_the_loop():
+    mass, tau = default_hoist().carriage.mass_kg + 4500.0, 0.2
+    plant = linearise(default_hoist(), POINT, effects=lagging(tau))
+    assert plant.states[-1] == "late_speed"
+    assert element(plant, "late_speed", "speed_carriage_m_s") == pytest.approx(1.0 / tau)
+    assert element(plant, "late_speed", "late_speed") == pytest.approx(-1.0 / tau)
+    assert element(plant, "speed_carriage_m_s", "late_speed") == pytest.approx(-6000.0 / mass)
+    assert plant.start[1][-1] == pytest.approx(plant.start[1][2])  # settled at the even speed
+
+
+def test_the_memory_of_a_brake_that_has_let_go_is_no_state_of_the_loop():
+    released = with_effects(brake_drag={"torque_nm": 60.0})
+    assert linearise(released, POINT).states == linearise(default_hoist(), POINT).states
+    assert margins_of(released) == margins_of(default_hoist())
+
+
+def test_a_memory_without_a_steady_state_is_an_error_and_no_traceback():
+    counting = Memory("count", lambda s, p: s.speed_carriage_m_s + 1.0, lambda p: 0.0, lambda p: 1.0)
+    with pytest.raises(InputError, match="no steady state"):
+        linearise(default_hoist(), POINT, effects=Effects({}, (), [counting]))
+
+
+def test_the_gains_for_a_bandwidth_grow_with_the_inertia_of_the_gearbox():
+    points = operating_points(default_hoist(), (0.0, 9000.0), (10.0,))
+    heavier = with_effects(gearbox_inertia={"inertia_kg_m2": 0.5})
+    before, after = (for_bandwidth(make_search(m, SETTINGS, points), 30.0, 1.4) for m in (default_hoist(), heavier))
+    assert after.kp / before.kp == pytest.approx(1.0 + 0.5 / INERTIA, rel=0.02)
+    settings = SETTINGS.model_copy(update={"kp_nm_s_per_rad": after.kp, "ki_nm_per_rad": after.ki})
+    slowest = min(m.margins.bandwidth_hz for m in family(heavier, settings, points))
+    assert slowest == pytest.approx(30.0, rel=2e-3)
+
+
+def test_the_trials_runs_bear_the_machines_effects():
+    rough = with_effects(friction_coulomb={"level_n": 6000.0})
+    scores = [try_out(usual_trial(m, (9000.0,), 0.001), [SETTINGS])[0] for m in (default_hoist(), rough)]
+    # Saturated as soon as it moves: the level, seen by one of two motors through drum and gearbox, and its overshoot.
+    torque = 6000.0 * default_hoist().lift_m_per_rad / 2.0
+    more = scores[1].peak_percent - scores[0].peak_percent
+    level = 100.0 * torque / default_hoist().motor.nominal_torque_nm
+    assert level < more < 1.3 * level
+
+
+def test_the_loop_command_says_what_is_in_the_loop_and_what_is_not(tmp_path: Path):
+    file, out = tmp_path / "machine.yaml", tmp_path / "loop"
+    machine = with_effects(gearbox_inertia={"inertia_kg_m2": 0.5}, torque_scale={"gain": 1.1})
+    save_machine(machine, file)
+    words = ["loop", "--machine", str(file), "--payloads", "0", "--heights", "5", "--out", str(out)]
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split())
+    assert "In the machine: gearbox_inertia." in said
+    assert "Not in the loop, for they act on the log alone: torque_scale." in said
+    written = json.loads((out / "loop.json").read_text(encoding="utf-8"))
+    assert written["effects"]["gearbox_inertia"] == {"inertia_kg_m2": 0.5}
+    found = margins(linear_loop(machine, _rule(machine), OperatingPoint(0.0, 5.0)))
+    assert written["loops"][0]["crossover_hz"] == pytest.approx(found.crossover_hz, rel=1e-6)
+
+
+def _rule(machine: Hoist) -> PiSettings:
+    from workbench.reports.loop.case import usual_controller
+
+    return usual_controller(machine)
+
+
+def test_an_unknown_effect_of_the_loops_machine_is_named_with_its_file(tmp_path: Path):
+    file = tmp_path / "machine.yaml"
+    save_machine(default_hoist(), file)
+    file.write_text(
+        file.read_text(encoding="utf-8") + "effects: {gearbox_inertja: {inertia_kg_m2: 1.0}}\n", encoding="utf-8"
+    )
+    done = CliRunner().invoke(cli, ["loop", "--machine", str(file)])
+    assert isinstance(done.exception, InputError)
+    assert str(done.exception.file) == str(file)
+    assert "did you mean 'gearbox_inertia'" in str(done.exception)

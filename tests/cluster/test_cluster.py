@@ -1,0 +1,228 @@
+"""Studies on Dask: the same bytes, a killed worker costs nothing but time, and other programs are refused."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from tests.support.batches import ROOT, RUNS, SCENARIO, environment
+from workbench.cluster import spread_on
+from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
+from workbench.errors import InputError
+from workbench.study.execute.batch import Progress, run_batch
+from workbench.study.results.folder import place_for
+from workbench.study.scenario.load import Study, load_study
+
+pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+
+KEEPS_SIGNALS = f"""\
+{SCENARIO.replace("name: batch", "name: signals").replace(f"steps: {RUNS // 4}", "steps: 20")}
+"""
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    path = tmp_path_factory.mktemp("cluster") / "batch.yaml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    return load_study(path)
+
+
+@pytest.fixture(scope="module")
+def index(study: Study, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The batch run without a cluster."""
+    out = tmp_path_factory.mktemp("local") / "out"
+    run_batch(study, place_for(study, out))
+    return (out / "index.parquet").read_bytes()
+
+
+class Computers:
+    """A scheduler and workers as real processes without a nanny: what dies stays dead."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self.scheduler = self._start("dask_scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", self.file)
+        for _ in range(600):
+            with contextlib.suppress(OSError, ValueError):
+                self.address: str = json.loads(self.file.read_text())["address"]
+                break
+            time.sleep(0.05)
+        self.workers = [
+            self._start("dask_worker", self.address, "--no-nanny", "--nthreads", "1", "--no-dashboard")
+            for _ in range(2)
+        ]
+        from distributed import Client
+
+        with Client(self.address) as client:  # both are at work before anything is killed
+            client.wait_for_workers(2, timeout=30)
+
+    @property
+    def file(self) -> Path:
+        return self.folder / "scheduler.json"
+
+    def _start(self, module: str, *words: object) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.{module}", *map(str, words), "--host", "127.0.0.1"]
+        process = subprocess.Popen(
+            command, cwd=self.folder, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        self.processes.append(process)
+        return process
+
+    def stop(self) -> None:
+        for process in self.processes:
+            process.kill()
+        for process in self.processes:
+            process.wait()
+
+
+@pytest.fixture
+def computers(tmp_path: Path) -> Iterator[Computers]:
+    made = Computers(tmp_path)
+    try:
+        yield made
+    finally:
+        made.stop()
+
+
+def killing_after(chunks: int, kill: Callable[[], object]) -> Callable[[Progress], None]:
+    told: list[Progress] = []
+
+    def tell(progress: Progress) -> None:
+        told.append(progress)
+        if len(told) == 1 + chunks:  # the first is told before any chunk
+            kill()
+
+    return tell
+
+
+def test_a_worker_killed_in_the_middle_is_survived_by_the_rest_with_the_same_bytes(
+    computers: Computers, study: Study, index: bytes, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    victim = computers.workers[0]
+    with spread_on(computers.address) as spread:
+        # Two more chunks are on the victim's hands at any time.
+        run_batch(study, place_for(study, out), spread=spread, tell=killing_after(3, victim.kill))
+    assert victim.wait(10) == -signal.SIGKILL
+    assert (out / "index.parquet").read_bytes() == index
+
+
+def test_processes_of_local_n_do_the_same_and_one_that_is_killed_is_replaced(
+    study: Study, index: bytes, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+
+    def kill_one() -> None:
+        child = multiprocessing.active_children()[0]
+        assert child.pid is not None
+        os.kill(child.pid, signal.SIGKILL)
+
+    with spread_on("local:2") as spread:
+        assert len(multiprocessing.active_children()) == 2
+        run_batch(study, place_for(study, out), spread=spread, tell=killing_after(2, kill_one))
+    assert (out / "index.parquet").read_bytes() == index
+    assert multiprocessing.active_children() == []
+
+
+def test_processes_of_local_n_have_one_thread_each_and_listen_on_loopback_only() -> None:
+    psutil = pytest.importorskip("psutil")
+    with spread_on("local:2"):
+        here = psutil.Process()
+        listening = [
+            each.laddr
+            for process in (here, *here.children(recursive=True))
+            for each in process.net_connections()
+            if each.status == "LISTEN"
+        ]
+        from distributed import default_client
+
+        assert list(default_client().nthreads().values()) == [1, 1]
+    assert len(listening) >= 3
+    assert {address.ip for address in listening} == {"127.0.0.1"}
+    assert 8787 not in {address.port for address in listening}, "no dashboard"
+
+
+def test_a_scheduler_that_dies_is_an_error_that_says_so_and_keeps_what_is_done(
+    computers: Computers, study: Study, index: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("workbench.cluster.spread.CONNECT_S", 2)
+    out = tmp_path / "out"
+    place = place_for(study, out)
+    with pytest.raises(InputError, match=r"tcp://127.*the cluster is gone"), spread_on(computers.address) as spread:
+        run_batch(study, place, spread=spread, tell=killing_after(2, computers.stop))
+    assert not out.exists()
+    told: list[Progress] = []
+    run_batch(study, place, tell=told.append)
+    assert 256 <= told[0].kept < RUNS
+    assert (out / "index.parquet").read_bytes() == index
+
+
+def test_signals_come_back_from_the_workers_too(tmp_path: Path) -> None:
+    path = tmp_path / "signals.yaml"
+    path.write_text(KEEPS_SIGNALS.replace("none", "thinned"), encoding="utf-8")
+    study = load_study(path)
+    run_batch(study, place_for(study, tmp_path / "here"))
+    with spread_on("local:1") as spread:
+        run_batch(study, place_for(study, tmp_path / "there"), spread=spread)
+    here = sorted((tmp_path / "here").glob("runs/*/signals.parquet"))
+    assert len(here) == 80
+    for file in here:
+        assert file.read_bytes() == (tmp_path / "there" / file.relative_to(tmp_path / "here")).read_bytes()
+
+
+def test_a_worker_with_other_versions_is_refused(study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = pickle.dumps(study)
+    other = run_remote_chunk(asked, 0, study.fingerprint, versions() | {"numpy": "1.0"})
+    assert isinstance(other, OtherProgram) and "numpy" in other.what and "here 1.0" in other.what
+    older = run_remote_chunk(asked, 0, "0123456789abcdef", versions())
+    assert older == OtherProgram(older.where, "another version of workbench")  # type: ignore[union-attr]
+    monkeypatch.setattr("workbench.cluster.spread.versions", lambda: {"numpy": "1.0"})
+    wanted = r"local:1: worker on .* has numpy .*, here 1\.0; the numbers would differ"
+    with pytest.raises(InputError, match=wanted), spread_on("local:1") as spread:
+        run_batch(study, place_for(study, tmp_path / "out"), spread=spread)
+
+
+@pytest.mark.parametrize("text", ["local:0", "local", "tcp:/x", "8786", "local:2 "])
+def test_a_text_that_names_no_cluster_is_refused(text: str) -> None:
+    wanted = f"'{text}' is no cluster; expected tcp://host:port, or local:N"
+    with pytest.raises(InputError, match=wanted), spread_on(text):
+        raise AssertionError("went on")
+
+
+def test_an_address_where_nobody_answers_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("workbench.cluster.spread.CONNECT_S", 1)
+    wanted = r"tcp://127\.0\.0\.1:1: no Dask scheduler answers there"
+    with pytest.raises(InputError, match=wanted), spread_on("tcp://127.0.0.1:1"):
+        raise AssertionError("went on")
+
+
+def test_the_command_runs_on_a_cluster(tmp_path: Path) -> None:
+    path = tmp_path / "few.yaml"
+    path.write_text(KEEPS_SIGNALS, encoding="utf-8")
+    words = ["study", str(path), "--out", str(tmp_path / "out"), "--cluster", "local:1"]
+    done = subprocess.run(
+        [sys.executable, "-m", "workbench", *words], cwd=ROOT, env=environment(), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert (tmp_path / "out" / "index.parquet").is_file()
+
+
+def numbers_of(spread: Callable[[Study, Sequence[int]], Iterator[tuple[int, object]]], study: Study) -> list[int]:
+    return sorted(number for number, _ in spread(study, [1, 3]))
+
+
+def test_only_the_chunks_asked_for_are_run(study: Study) -> None:
+    with spread_on("local:1") as spread:
+        assert numbers_of(spread, study) == [1, 3]

@@ -1,0 +1,337 @@
+"""What effects change in the control study: figures by closed forms and by the closed loop itself, words by figures."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tests.support.effect_machines import linear_axis
+from workbench.analysis.family import family, operating_points, weakest
+from workbench.analysis.tune import Goal
+from workbench.consequences import Consequences, as_json, consequences_of, percent, small_study
+from workbench.control import PiSettings
+from workbench.errors import InputError
+from workbench.figures.consequences import before_and_after
+from workbench.figures.style import LINES
+from workbench.machine import Hoist, default_hoist, with_correction, with_values
+from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
+from workbench.reports.diagnosis.consequences import HEAD, table
+from workbench.run import Run
+from workbench.simulate.loop import LoopCase, simulate_loop
+
+INERTIA = 1.656  # kg m², drive and drum of the default machine at the motor shaft
+PAYLOADS = (0.0, 9000.0)
+
+
+def with_effects(**effects: dict[str, float]) -> Hoist:
+    return default_hoist().model_copy(update={"effects": effects})
+
+
+def found_for(corrected: Hoist, nominal: Hoist | None = None, **how: object) -> Consequences:
+    found, why = consequences_of(nominal or default_hoist(), corrected, payloads_kg=PAYLOADS, **how)  # type: ignore[arg-type]
+    assert found is not None, why
+    return found
+
+
+@pytest.fixture(scope="module")
+def heavier() -> Consequences:
+    return found_for(with_effects(gearbox_inertia={"inertia_kg_m2": 0.3}))
+
+
+@pytest.fixture(scope="module")
+def overloaded() -> Consequences:
+    return found_for(with_effects(payload_mass_error={"payload_scale": 4.0}))
+
+
+def said(found: Consequences, start: str) -> str:
+    (one,) = [sentence for sentence in found.sentences if sentence.startswith(start)]
+    return one
+
+
+def test_the_same_machine_twice_changes_nothing_and_says_so():
+    found = found_for(default_hoist())
+    assert found.effects == ()
+    assert all(row.before == row.after for row in found.rows)
+    assert found.loop_before == found.loop_after
+    assert found.gains_before == found.gains_after
+    assert not found.better_reference_changes
+    text = " ".join(found.sentences)
+    assert "before and after its correction" in text
+    for unchanged in ("torque peak per motor does not change", "margins do not change", "recommended gains stay"):
+        assert unchanged in text
+
+
+def test_gearbox_inertia_adds_its_torque_to_the_peak(heavier: Consequences):
+    # Both motors together carry dJ · alpha; a jerk-limited ramp overshoots little.
+    alpha = heavier.study.limits.acceleration_m_s2 / default_hoist().lift_m_per_rad
+    for row in (row for row in heavier.rows if row.reference == "ruckig"):
+        more = row.after.peak_torque_motor_nm - row.before.peak_torque_motor_nm
+        assert more == pytest.approx(0.3 * alpha / 2.0, rel=0.15)
+        assert row.percent("peak_torque_motor_nm") == pytest.approx(100.0 * more / row.before.peak_torque_motor_nm)
+
+
+def test_a_row_is_the_run_of_the_closed_loop(heavier: Consequences):
+    s, machine = heavier.study, with_effects(gearbox_inertia={"inertia_kg_m2": 0.3})
+    steps = [Step(by_m=s.travel_m), Step(dwell_s=2.0), Step(by_m=-s.travel_m)]
+    plan = plan_motion("trapezoid", steps, s.start_position_m, s.limits, (0.0, 25.0), 1.0, 2.0)
+    speed = motor_speed_rad_s(plan.sample(0.001).speed_m_s, machine.gearbox.ratio, machine.winch.drum_diameter_m)
+    (run,) = simulate_loop([LoopCase("", machine, 9000.0, s.start_position_m, s.controller, speed)])
+    (row,) = [r for r in heavier.rows if (r.payload_kg, r.reference) == (9000.0, "trapezoid")]
+    for metric in ("peak_torque_motor_nm", "speed_error_max_rad_s", "min_wire_tension_n"):
+        assert getattr(row.after, metric) == pytest.approx(run.metrics[metric], rel=1e-9)
+    assert row.after.move_time_s == pytest.approx(sum(end - start for start, end in plan.move_windows))
+
+
+def test_the_loop_is_the_weakest_of_the_family_of_each_machine(heavier: Consequences):
+    s = heavier.study
+    points = operating_points(default_hoist(), PAYLOADS, s.heights_m)
+    worst = weakest(family(with_effects(gearbox_inertia={"inertia_kg_m2": 0.3}), s.controller, points))
+    assert heavier.loop_after.ms == worst.margins.ms
+    assert heavier.loop_after.phase_margin_deg == worst.margins.phase_deg
+    assert heavier.loop_after.gain_margin_db == pytest.approx(20.0 * math.log10(worst.margins.gain_up))
+    assert heavier.loop_after.phase_margin_deg < heavier.loop_before.phase_margin_deg - 3.0
+    assert "the phase margin goes from" in said(heavier, "Of the weakest loop")
+
+
+def test_the_gain_for_the_same_bandwidth_grows_with_the_inertia():
+    # Far above the wire's frequency the motor turns alone.
+    found = found_for(with_effects(gearbox_inertia={"inertia_kg_m2": 0.3}), goal=Goal(30.0))
+    ratio = found.gains_after.kp_nm_s_per_rad / found.gains_before.kp_nm_s_per_rad
+    assert ratio == pytest.approx(1.0 + 0.3 / INERTIA, rel=0.02)
+    assert found.gains_goal == (30.0, 1.4)
+    assert found.old_gains_bandwidth_hz < 28.0
+    words = said(found, "For a bandwidth of 30 Hz")
+    assert "others now" in words
+    assert "the old ones give" in words
+
+
+def test_a_goal_out_of_reach_is_a_sentence_and_no_error():
+    found = found_for(with_effects(friction_viscous={"viscous_n_s_per_m": 4000.0}), goal=Goal(900.0))
+    assert not found.gains_before.ok
+    assert "finds no gains, nor before: 900 Hz is out of reach" in said(found, "For a bandwidth of 900 Hz")
+
+
+def test_an_effect_on_a_sensor_changes_no_run_and_no_loop_and_the_sentence_says_why():
+    found = found_for(with_effects(torque_scale={"gain": 1.1}))
+    assert all(row.before == row.after for row in found.rows)
+    assert found.loop_before == found.loop_after
+    assert "torque_scale" in said(found, "On the log alone")
+
+
+def test_heave_counts_with_the_worst_of_four_phases_figure_by_figure():
+    wave = {"amplitude_m": 1.0, "frequency_rad_s": 1.1}
+    found = found_for(with_effects(heave=wave))
+    each = [_at_phase(wave, k * math.pi / 2.0, found) for k in range(4)]
+    for i, row in enumerate(found.rows):
+        assert row.after.peak_torque_motor_nm == max(figures[i]["peak_torque_motor_nm"] for figures in each)
+        assert row.after.min_wire_tension_n == min(figures[i]["min_wire_tension_n"] for figures in each)
+    peaks = [figures[0]["peak_torque_motor_nm"] for figures in each]
+    assert max(peaks) > 1.01 * min(peaks)
+    assert "4 phases" in said(found, "In each run heave")
+
+
+def _at_phase(wave: dict[str, float], phase: float, found: Consequences) -> list[dict[str, float]]:
+    machine, s = with_effects(heave=wave | {"phase_rad": phase}), found.study
+    steps = [Step(by_m=s.travel_m), Step(dwell_s=2.0), Step(by_m=-s.travel_m)]
+    cases = []
+    for row in found.rows:
+        plan = plan_motion(row.reference, steps, s.start_position_m, s.limits, (0.0, 25.0), 1.0, 2.0)
+        slowest = plan_motion("ruckig", steps, s.start_position_m, s.limits, (0.0, 25.0), 1.0, 2.0).duration_s
+        speed = plan.sample(0.001, slowest).speed_m_s
+        motor = motor_speed_rad_s(speed, machine.gearbox.ratio, machine.winch.drum_diameter_m)
+        cases.append(LoopCase("", machine, row.payload_kg, s.start_position_m, s.controller, motor))
+    return [result.metrics for result in simulate_loop(cases, record_every=0)]
+
+
+def test_a_load_that_the_motors_no_longer_hold_is_a_row_with_its_reason_and_a_sentence(overloaded: Consequences):
+    failed = [row for row in overloaded.rows if row.payload_kg == 9000.0]
+    assert all(row.before.ok and not row.after.ok and "the motors give at most" in row.after.reason for row in failed)
+    assert all(math.isnan(row.percent("peak_torque_motor_nm")) for row in failed)
+    words = said(overloaded, "At 9000 kg with either reference the move is no longer possible")
+    assert "holding the load takes" in words
+    assert "stays the better reference at 0 kg" in said(overloaded, "By torque peak")
+
+
+def test_a_load_that_could_be_held_all_along_is_said_the_other_way_round():
+    found = found_for(default_hoist(), nominal=with_effects(payload_mass_error={"payload_scale": 4.0}))
+    assert said(found, "At 9000 kg with either reference the move is possible now; before: holding the load takes")
+
+
+def test_a_wide_tight_stretch_makes_the_reference_indifferent_and_that_is_another_choice():
+    stretch = {"peak_n": 70_000.0, "centre_m": 8.0, "width_m": 0.5}
+    found = found_for(with_effects(friction_position_dependent=stretch))
+    moved = [c for c in found.choices if c.changed and c.metric == "peak_torque_motor_nm"]
+    assert found.better_reference_changes
+    assert {(c.payload_kg, c.before, c.after) for c in moved} >= {(0.0, "ruckig", "alike")}
+    assert "at 0 kg neither instead of ruckig" in said(found, "By torque peak at equal limits the better")
+
+
+def test_friction_that_warms_up_is_taken_cold():
+    found = found_for(with_effects(friction_thermal_drift={"friction_fraction": 0.8, "time_constant_s": 100.0}))
+    assert "friction_thermal_drift is as on the cold machine" in said(found, "Time counts")
+    assert all(row.after.min_wire_tension_n < row.before.min_wire_tension_n for row in found.rows)
+
+
+def test_what_the_nominal_machine_knows_already_is_not_counted_as_new():
+    known = with_effects(wire_mass={"mass_kg_per_m": 4.0})
+    both = with_effects(wire_mass={"mass_kg_per_m": 4.0}, friction_viscous={"viscous_n_s_per_m": 4000.0})
+    found = found_for(both, nominal=known)
+    assert found.effects == ("friction_viscous",)
+
+
+def test_a_measured_correction_is_new_too_and_its_friction_is_in_the_runs():
+    levels = (4000.0, 4000.0, 4000.0)
+    table = with_correction(default_hoist(), "position_carriage_m", "guide", (2.0, 8.0, 20.0), levels, levels)
+    found = found_for(table)
+    assert found.effects == ("measured_correction",)
+    level = 4000.0 * default_hoist().lift_m_per_rad / 2.0  # seen by one of two motors
+    for row in (row for row in found.rows if row.reference == "ruckig"):
+        more = row.after.peak_torque_motor_nm - row.before.peak_torque_motor_nm
+        assert 0.9 * level < more < 1.4 * level
+
+
+def test_an_axis_has_no_consequences_but_a_reason():
+    found, why = consequences_of(linear_axis(), linear_axis())
+    assert found is None
+    assert "'hoist'" in why
+
+
+def test_a_payload_that_cannot_be_is_an_error():
+    with pytest.raises(InputError, match="-5 kg"):
+        consequences_of(default_hoist(), default_hoist(), payloads_kg=(-5.0, 0.0))
+
+
+def test_the_records_are_frozen(heavier: Consequences):
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        heavier.rows[0].after.reason = "other"  # type: ignore[misc]
+
+
+def test_the_json_holds_every_figure_and_null_for_what_failed(overloaded: Consequences):
+    plain = json.loads(json.dumps(as_json(overloaded), allow_nan=False))
+    assert plain["sentences"] == list(overloaded.sentences)
+    assert [row["payload_kg"] for row in plain["rows"]] == [0.0, 0.0, 9000.0, 9000.0]
+    last = plain["rows"][-1]
+    assert last["after"]["peak_torque_motor_nm"] is None
+    assert "the motors give" in last["after"]["reason"]
+    assert last["change_percent"]["peak_torque_motor_nm"] is None
+    assert plain["loop"]["before"]["ms"] == pytest.approx(overloaded.loop_before.ms, rel=1e-5)
+    assert plain["study"]["controller"]["kp_nm_s_per_rad"] == overloaded.study.controller.kp_nm_s_per_rad
+
+
+def test_nothing_to_compare_with_is_no_change_or_no_number():
+    assert percent(0.0, 0.0) == 0.0
+    assert math.isnan(percent(0.0, 1.0))
+    assert percent(-2.0, -1.0) == 50.0
+
+
+def measured(payload: float, start_m: float, by_m: float, seed: int, irregular: bool = False) -> Run:
+    """A log of one move up and down, 0.5 m/s and 0.4 m/s², with a sensor's noise."""
+    machine, rng = default_hoist(), np.random.default_rng(seed)
+    plan = plan_motion(
+        "trapezoid", [Step(by_m=by_m), Step(by_m=-by_m)], start_m, Limits(0.5, 0.4), (0.0, 25.0), 1.0, 1.0
+    )
+    t = np.arange(0.0, plan.duration_s, 0.01)
+    if irregular:
+        t = np.sort(rng.uniform(0.0, plan.duration_s, len(t)))
+    speed = motor_speed_rad_s(plan.at(t)[1], machine.gearbox.ratio, machine.winch.drum_diameter_m)
+    return Run(f"run{seed}", t, {"speed_motor_rad_s": speed + rng.normal(scale=0.1, size=len(t))}, payload, start_m)
+
+
+@pytest.mark.parametrize("irregular", [False, True], ids=["even time", "irregular time"])
+def test_the_small_study_is_that_of_the_campaigns_runs(irregular: bool):
+    loads = (0.0, 3000.0, 5000.0, 9000.0)
+    runs = [measured(load, 8.0 - k, 2.5 + k, k, irregular) for k, load in enumerate(loads)]
+    study = small_study(default_hoist(), runs)
+    assert study.from_runs
+    assert study.payloads_kg == (0.0, 5000.0, 9000.0)
+    assert study.limits.speed_m_s == pytest.approx(0.5, rel=0.02)
+    assert study.limits.acceleration_m_s2 == pytest.approx(0.4, rel=0.05)
+    assert study.start_position_m == pytest.approx(5.0, abs=0.05)
+    assert study.travel_m == pytest.approx(5.5, abs=0.1)
+    limits = study.limits
+    assert limits.acceleration_m_s2 / limits.jerk_m_s3 == pytest.approx(
+        limits.speed_m_s / limits.acceleration_m_s2 / 1.5, rel=0.01
+    )
+
+
+def test_runs_at_rest_say_nothing_and_the_machines_own_moves_stand_in():
+    still = Run("still", np.arange(0.0, 5.0, 0.01), {"speed_motor_rad_s": np.zeros(500)}, 4000.0, 9.0)
+    study = small_study(default_hoist(), [still])
+    assert not study.from_runs
+    assert study.payloads_kg == (4000.0,)
+    allowed = default_hoist().motor.nominal_speed_rad_s * default_hoist().lift_m_per_rad
+    assert study.limits.speed_m_s == pytest.approx(0.9 * allowed, rel=0.01)
+
+
+def test_moves_of_a_campaign_at_the_ends_of_the_rail_stay_on_it():
+    run = measured(0.0, 0.05, 24.0, 1)
+    study = small_study(default_hoist(), [run])
+    assert 0.2 < study.start_position_m < study.start_position_m + study.travel_m < 24.8
+    found, _ = consequences_of(default_hoist(), default_hoist(), runs=[run])
+    assert found is not None
+    assert all(row.ok for row in found.rows)
+
+
+def test_a_machine_of_a_tenth_the_size_has_a_study_of_its_own_size():
+    small = with_values(
+        default_hoist(),
+        {
+            "carriage.mass_kg": 300.0,
+            "wire.segment_length_m": 6.0,
+            "motor.rotor_inertia_kg_m2": 0.05,
+            "winch.inertia_kg_m2": 4.0,
+            "guide.coulomb_hoisting_n": 225.0,
+            "guide.coulomb_lowering_n": 170.0,
+        },
+    )
+    corrected = small.model_copy(update={"effects": {"friction_viscous": {"viscous_n_s_per_m": 500.0}}})
+    found, _ = consequences_of(small, corrected)
+    assert found is not None
+    assert found.study.payloads_kg == (0.0, 150.0, 300.0)
+    assert found.study.controller.kp_nm_s_per_rad < 5.0
+    assert all(row.ok for row in found.rows)
+
+
+def test_a_given_controller_is_kept_and_named():
+    settings = PiSettings(kp_nm_s_per_rad=40.0, ki_nm_per_rad=200.0)
+    found = found_for(default_hoist(), controller=settings)
+    assert found.study.controller == settings
+    assert "kp 40 N m s/rad, ki 200 N m/rad)" in found.sentences[0]
+
+
+def test_it_takes_less_than_three_seconds_of_computing_once_warm(heavier: Consequences):
+    machine = with_effects(friction_viscous={"viscous_n_s_per_m": 4000.0}, gearbox_inertia={"inertia_kg_m2": 0.3})
+    begun = time.process_time()
+    consequences_of(default_hoist(), machine, payloads_kg=(0.0, 4500.0, 9000.0))
+    assert time.process_time() - begun < 3.0
+
+
+def test_the_figure_keeps_the_references_colours_and_marks_what_is_new(overloaded: Consequences):
+    figure = before_and_after(overloaded)
+    assert [trace.name for trace in figure.data[:4]] == [
+        "trapezoid, before", "trapezoid, after", "ruckig, before", "ruckig, after"
+    ]  # fmt: skip
+    for before, after in pairwise(figure.data[:4]):
+        if before.name.endswith("before"):
+            colour = LINES[before.name.split(",")[0]][0]
+            assert after.marker.color == colour
+            assert before.marker.pattern.shape == "/"
+            assert after.marker.pattern.shape is None
+    assert figure.data[1].text[-1] == "failed"
+    assert figure.data[0].y[0] == pytest.approx(overloaded.rows[0].before.peak_torque_motor_nm)
+    assert "N m" in figure.layout.yaxis.title.text
+    assert "rad/s" in figure.layout.yaxis2.title.text
+
+
+def test_the_table_has_a_line_for_each_case_and_dashes_for_failed_runs(overloaded: Consequences):
+    lines = table(overloaded)
+    assert [len(line) for line in lines] == [len(HEAD)] * 4
+    assert lines[-1][:2] == ["9000", "ruckig"]
+    assert lines[-1][3] == "–"
+    assert lines[0][4] == "+0.0"

@@ -1,0 +1,62 @@
+"""Which names a browser may call the server by: a page from elsewhere that names this computer is refused."""
+
+from __future__ import annotations
+
+import base64
+import os
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("streamlit")
+
+from tests.support import browser
+from workbench.dashboard import warm
+from workbench.dashboard.options import OPTIONS, flags, hosts_allowed
+
+LOCAL = ["localhost", "127.0.0.1", "::1"]
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of a server that a proxy calls workbench.example."""
+    words = ["-m", "workbench", "app", "--no-browser", "--host", "workbench.example", "--port"]
+    with browser.dashboard(tmp_path_factory.mktemp("hosts") / "server", words) as address:
+        yield address
+
+
+def status(address: str, host: str) -> int:
+    """Of the answer to a browser that opens the page's WebSocket under that name."""
+    port = int(address.rpartition(":")[2])
+    lines = [
+        "GET /_stcore/stream HTTP/1.1", f"Host: {host}", f"Origin: http://{host}", "Upgrade: websocket",
+        "Connection: Upgrade", f"Sec-WebSocket-Key: {base64.b64encode(os.urandom(16)).decode()}",
+        "Sec-WebSocket-Version: 13", "", "",
+    ]  # fmt: skip
+    with socket.create_connection(("127.0.0.1", port), timeout=10.0) as line:
+        line.sendall("\r\n".join(lines).encode())
+        return int(line.recv(100).split()[1])
+
+
+@pytest.mark.parametrize("host", ["localhost:8501", "127.0.0.1", "[::1]:8501", "workbench.example"])
+def test_this_computers_names_and_the_proxys_are_taken(server: str, host: str):
+    assert status(server, host) == 101
+
+
+@pytest.mark.parametrize("host", ["elsewhere.example:8501", "localhost.elsewhere.example", "192.0.2.1"])
+def test_another_name_is_refused(server: str, host: str):
+    assert status(server, host) == 403
+
+
+def test_who_listens_to_others_without_a_name_is_reached_by_any():
+    assert OPTIONS["server.allowedHosts"] == LOCAL
+    assert hosts_allowed("127.0.0.1", ()) == LOCAL
+    assert hosts_allowed("0.0.0.0", ()) == [*LOCAL, "*"]
+    assert hosts_allowed("0.0.0.0", ("lifts.example",)) == [*LOCAL, "lifts.example"]
+    assert [flag for flag in flags({}) if "allowedHosts" in flag] == [f"--server.allowedHosts={h}" for h in LOCAL]
+
+
+def test_all_that_is_loaded_ahead_of_time_can_be(caplog: pytest.LogCaptureFixture):
+    warm._load(later_s=0.0)
+    assert not [record for record in caplog.records if record.exc_info]

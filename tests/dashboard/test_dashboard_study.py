@@ -1,0 +1,501 @@
+"""The pages Study and Compare, the frame around them, and the command that serves them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import tomllib
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("streamlit")
+
+from tests.support.dashboard_app import errors, page
+from workbench.cli import cli
+from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2
+from workbench.dashboard import machines, session, shell, widgets
+from workbench.dashboard.options import OPTIONS, flags
+from workbench.dashboard.pages.compare import kept
+from workbench.dashboard.pages.compare.page import difference
+from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
+from workbench.errors import InputError
+from workbench.figures.dark import GROUND, INK, for_dark
+from workbench.figures.study import peak_torque_over_payload
+from workbench.machine import default_hoist, with_values
+from workbench.study.conclude.side_studies import over_payload, over_ramps
+from workbench.study.execute.run import run_study
+from workbench.study.scenario.load import load_study, plan_study
+from workbench.study.scenario.record import Scenario
+from workbench.study.scenario.standalone import alone_text, read_alone
+from workbench.yaml_strict import loads
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENARIO = """\
+format: 1
+name: heavy
+payloads_kg: [8000]
+start_position_m: 3.0
+moves: [{by_m: 10.0}, {dwell_s: 1.5}, {by_m: -10.0}]
+limits: {speed_m_s: 0.5, acceleration_m_s2: 0.4, jerk_m_s3: 1.2}
+references: [trapezoid, ruckig]
+controller: {kp_nm_s_per_rad: 25.0, ki_nm_per_rad: 90.0}
+"""
+
+
+def metrics(app: Any) -> dict[str, tuple[str, str]]:
+    return {each.label: (each.value, each.delta) for each in app.metric}
+
+
+def upload(app: Any, text: str) -> Any:
+    app.file_uploader(key="study upload").upload("../../etc/scenario.yaml", text.encode(), "application/yaml")
+    return app.run()
+
+
+@pytest.fixture(scope="module")
+def drawn() -> Any:
+    """The Study page, run once; tests that change it take a page of their own."""
+    return page("Study").run()
+
+
+def test_the_study_page_runs_and_leads_with_the_deciding_numbers(drawn):
+    assert not drawn.exception and not drawn.error
+    assert list(metrics(drawn)) == [
+        "Torque peak per motor", "Largest speed error", "Time in motion", "Smallest wire tension",
+    ]  # fmt: skip
+    assert len(drawn.get("plotly_chart")) == 4
+
+
+def test_the_numbers_are_those_of_the_library(drawn):
+    result = run_study(plan_study(scenario_of(Desk(), default_hoist()), default_hoist()))
+    worst = {
+        kind: max(row["peak_torque_motor_nm"] for row in result.rows if row.reference == kind)
+        for kind in ("ruckig", "trapezoid")
+    }
+    value, delta = metrics(drawn)["Torque peak per motor"]
+    assert value == f"{widgets.text(worst['ruckig'])} N m"
+    assert delta == f"{worst['ruckig'] - worst['trapezoid']:+.0f} N m"
+
+
+def test_less_torque_is_green_and_more_time_is_red(drawn):
+    by_label = {each.label: each.proto for each in drawn.metric}
+    green = type(by_label["Time in motion"]).MetricColor.Value("GREEN")
+    red = type(by_label["Time in motion"]).MetricColor.Value("RED")
+    assert by_label["Torque peak per motor"].color == green
+    assert by_label["Time in motion"].color == red
+    assert by_label["Smallest wire tension"].color == green  # Ruckig leaves more tension, and more is better
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("study.up.jerk", 2.0), ("study.up.acceleration", 0.9), ("study.bandwidth", 1.2), ("study.ff inertia", 1.0)],
+)
+def test_a_slider_changes_the_numbers(drawn, key: str, value: float):
+    app = page("Study").run()
+    app.slider(key=key).set_value(value).run()
+    assert not app.exception
+    assert metrics(app) != metrics(drawn)
+
+
+def test_another_payload_may_be_typed_and_a_word_is_one_clear_error():
+    app = page("Study").run()
+    app.multiselect(key="study.payloads").set_value([0.0, "5200"]).run()
+    assert not app.exception and not app.error
+    app.multiselect(key="study.payloads").set_value([0.0, "heavy"]).run()
+    assert errors(app) == ["payloads: 'heavy', expected a number in kg"]
+
+
+def test_without_a_payload_the_page_asks_for_one():
+    app = page("Study").run()
+    app.multiselect(key="study.payloads").set_value([]).run()
+    assert errors(app) == ["payloads_kg: choose at least one payload"] and not app.exception
+
+
+def test_runs_that_fail_are_said_and_the_others_shown():
+    app = page("Study").run()
+    app.multiselect(key="study.payloads").set_value([0.0, "30000"]).run()
+    assert not app.exception
+    assert app.warning[0].value.startswith("2 of 4 runs failed") and "30000 kg, trapezoid" in app.warning[0].value
+    assert metrics(app)["Torque peak per motor"][0].endswith(" N m") and len(app.get("plotly_chart")) == 3
+
+
+def test_references_are_not_compared_where_one_of_them_fails():
+    app = page("Study").run()
+    # From the rail's end, and hard: the trapezoid overshoots out of the rail with every load.
+    app.slider(key="study.start").set_value(0.0)
+    app.slider(key="study.up.acceleration").set_value(1.5).run()
+    assert app.warning[0].value.startswith("3 of 6 runs failed")
+    value, delta = metrics(app)["Torque peak per motor"]
+    assert value.endswith(" N m") and not value.startswith("–") and delta == ""
+
+
+def test_a_start_near_the_top_leaves_room_to_move():
+    app = page("Study").run()
+    app.slider(key="study.start").set_value(24.0).run()
+    assert not app.exception and not app.error
+    assert app.slider(key="study.height").value == 1.0
+
+
+def test_a_name_that_is_no_folders_name_is_one_clear_error():
+    app = page("Study").run()
+    app.text_input(key="study.name").set_value("a/b").run()
+    assert errors(app) == ["name: 'a/b', expected up to 64 letters, digits, '.', '_' or '-'"] and not app.exception
+
+
+def test_a_difference_of_rounding_is_neither_green_nor_red():
+    assert widgets._delta(widgets.Number("time", 40.0, "s", 1e-13, "lower")) == ("±0 s", "off")
+    assert widgets._delta(widgets.Number("time", 40.0, "s", -0.5, "lower")) == ("-0.50 s", "inverse")
+    assert widgets._delta(widgets.Number("time", 40.0, "s", float("nan"), "lower")) == (None, "off")
+
+
+def test_without_a_second_reference_the_trapezoid_stands_alone():
+    app = page("Study").run()
+    app.pills(key="study.references").set_value([]).run()
+    assert not app.exception
+    assert [delta for _, delta in metrics(app).values()] == ["", "", "", ""]
+
+
+def test_a_loaded_scenario_sets_the_controls():
+    app = upload(page("Study").run(), SCENARIO)
+    assert not app.exception and not app.error
+    assert app.multiselect(key="study.payloads").value == [8000.0]
+    assert app.slider(key="study.up.jerk").value == 1.2
+    assert app.slider(key="study.kp").value == 25.0
+    assert app.slider(key="study.height").value == 10.0
+    assert app.text_input(key="study.name").value == "heavy"
+
+
+def test_a_scenario_loaded_stays_under_the_sliders_that_move_on_from_it():
+    app = upload(page("Study").run(), SCENARIO)
+    before = metrics(app)
+    app.slider(key="study.up.jerk").set_value(0.4).run()
+    assert app.slider(key="study.kp").value == 25.0
+    assert metrics(app) != before
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (SCENARIO.replace("jerk_m_s3", "jerk_m_s2"), "scenario.yaml:6: limits.jerk_m_s2: unknown key"),
+        (SCENARIO.replace("[8000]", "[heavy]"), "scenario.yaml:3: payloads_kg[0]: 'heavy', expected a number"),
+        ("name: [", "scenario.yaml:1: is not YAML"),
+        ("", "scenario.yaml: is empty"),
+        (SCENARIO + "extends: /etc/passwd\n", "scenario.yaml:9: extends: another file, which is not here"),
+        (SCENARIO + "machine: ../../secret.yaml\n", "scenario.yaml:9: machine: '../../secret.yaml' is another file"),
+        (SCENARIO.replace("10.0}, {d", "90.0}, {d"), "scenario.yaml:5: moves[0]: goes from 3 m to 93 m"),
+        (SCENARIO + "sweep: {limits.jerk_m_s3: [1, 2]}\n", "sweep: is a batch of runs"),
+    ],
+)
+def test_a_bad_scenario_is_one_clear_error_and_leaves_the_controls(text: str, said: str):
+    app = upload(page("Study").run(), text)
+    assert not app.exception
+    (shown,) = errors(app)
+    assert shown.startswith(said)
+    assert "/tmp" not in shown and len(app.metric) == 4
+    assert app.slider(key="study.up.jerk").value == 0.8
+
+
+def test_an_uploaded_machine_is_what_is_run(drawn):
+    app = page("Study").run()
+    app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
+    assert not app.exception and "Choose a machine.yaml." in app.info[0].value
+    from workbench.machine.files import machine_text
+
+    heavier = with_values(default_hoist(), {"carriage.mass_kg": 12000.0})
+    app.file_uploader(key="study machine file").upload("m.yaml", machine_text(heavier).encode(), "application/yaml")
+    app.run()
+    assert not app.exception and not app.error
+    assert metrics(app)["Smallest wire tension"] != metrics(drawn)["Smallest wire tension"]
+
+
+def test_a_bad_machine_is_one_clear_error():
+    app = page("Study").run()
+    app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
+    app.file_uploader(key="study machine file").upload("m.yaml", b"name: x\nwinch: 3\n", "application/yaml").run()
+    (shown,) = errors(app)
+    assert shown.startswith("machine.yaml:") and not app.exception
+
+
+def test_a_saved_scenario_is_read_by_the_study_command(tmp_path: Path):
+    machine = with_values(default_hoist(), {"carriage.mass_kg": 9500.0, "drive.torque_lag_s": 0.002})
+    desk = Desk(Controls(payloads_kg=(0.0, 7000.0), split=True, lowering=(0.5, 0.4, 0.6), by="gains"))
+    scenario = scenario_of(desk, machine)
+    file = tmp_path / "saved.yaml"
+    file.write_text(alone_text(scenario, machine), encoding="utf-8")
+    study = load_study(file)
+    assert study.machine == machine
+    assert study.specs[0].limits == plan_study(scenario, machine).specs[0].limits
+    rows, own = run_study(study).rows, run_study(plan_study(scenario, machine)).rows
+    assert [row.metrics for row in rows] == [row.metrics for row in own]
+
+
+def test_what_no_control_shows_is_kept_from_a_loaded_scenario():
+    text = SCENARIO + "events: {emergency_stop_s: 5.0, emergency_deceleration_m_s2: 2.0}\nsettle_s: 4.5\n"
+    scenario = read_alone(loads(text, "s.yaml"))
+    again = scenario_of(desk_of(scenario, default_hoist()), default_hoist())
+    assert again.events == scenario.events and again.settle_s == 4.5
+    assert plan_study(again, default_hoist()).specs[0].limits == plan_study(scenario, default_hoist()).specs[0].limits
+
+
+def test_moves_that_are_not_up_and_down_stay_as_loaded():
+    text = SCENARIO.replace("[{by_m: 10.0}, {dwell_s: 1.5}, {by_m: -10.0}]", "[{to_m: 9.0}, {by_m: 2.0}]")
+    scenario = read_alone(loads(text, "s.yaml"))
+    desk = desk_of(scenario, default_hoist())
+    assert desk.controls.own_moves
+    assert scenario_of(desk, default_hoist()).moves == scenario.moves
+
+
+def test_a_machine_that_a_scenario_names_may_be_given_by_hand():
+    scenario = read_alone(loads(SCENARIO + "machine: mine.yaml\n", "s.yaml"), default_hoist())
+    assert isinstance(scenario, Scenario) and scenario.machine == "mine.yaml"
+    with pytest.raises(InputError, match=r"s\.yaml:9: machine: 'mine\.yaml' is another file"):
+        read_alone(loads(SCENARIO + "machine: mine.yaml\n", "s.yaml"))
+
+
+def test_rigid_gains_go_to_bandwidth_and_damping_and_back():
+    inertia = shaft_inertia_kg_m2(default_hoist())
+    kp, ki = rigid_gains(inertia, 2.5, 0.8)
+    bandwidth, damping = bandwidth_and_damping(inertia, kp, ki)
+    assert bandwidth == pytest.approx(2.5, rel=1e-3) and damping == pytest.approx(0.8, rel=1e-3)
+    # J s^2 + kp s + ki has the damping that was asked for.
+    assert kp / (2.0 * (inertia * ki) ** 0.5) == pytest.approx(0.8, rel=1e-3)
+
+
+def test_beside_a_study_lie_its_payloads_and_its_ramps():
+    machine = default_hoist()
+    payloads = run_study(over_payload(START, machine, [0.0, 3000.0]))
+    assert sorted({row.payload_kg for row in payloads.rows}) == [0.0, 3000.0, 4500.0, 9000.0]
+    assert not payloads.runs
+    ramps = run_study(over_ramps(START, machine, [0.3, 0.6], [0.8, 1.6]))
+    assert len(ramps.rows) == 8 and {row.payload_kg for row in ramps.rows} == {9000.0}
+
+
+def test_kept_runs_stand_side_by_side_in_compare():
+    from streamlit.testing.v1 import AppTest
+
+    source = (
+        "import streamlit as st\nfrom workbench.dashboard.shell import run_page\n"
+        "run_page(st.session_state.get('page', 'Study'))\n"
+    )
+    app = AppTest.from_string(source, default_timeout=60.0).run()
+    app.button(key="study keep").click().run()
+    assert app.button(key="study keep").disabled
+    app.slider(key="study.up.jerk").set_value(2.0).run()
+    app.button(key="study keep").click().run()
+    app.session_state["page"] = "Compare"
+    app.run()
+    assert not app.exception
+    table = app.table[0].value
+    assert list(table.columns) == ["", "what-if", "what-if \\(2\\)"]
+    peak = table.iloc[0].tolist()
+    assert peak[0].startswith("Torque peak per motor") and ":red[" in peak[2]
+    time = next(row for row in table.values.tolist() if row[0].startswith("Time in motion"))
+    assert ":green[" in time[2]
+    app.button(key="compare remove what-if (2)").click().run()
+    assert list(app.session_state["runs kept"]) == ["what-if"]
+    # Back on the Study page the sliders stand where they were left.
+    app.session_state["page"] = "Study"
+    app.run()
+    assert app.slider(key="study.up.jerk").value == 2.0
+
+
+def test_compare_without_kept_runs_says_how_to_keep_some():
+    app = page("Compare").run()
+    assert not app.exception and "Keep for Compare" in app.info[0].value
+
+
+@pytest.mark.parametrize(
+    ("metric", "value", "base", "colour"),
+    [
+        ("peak_torque_motor_nm", 110.0, 100.0, "red"),
+        ("min_wire_tension_n", 110.0, 100.0, "green"),
+        ("position_error_end_m", -0.1, 0.2, "green"),
+    ],
+)
+def test_a_difference_has_the_colour_of_its_metric(metric: str, value: float, base: float, colour: str):
+    assert f":{colour}[" in difference(value, base, metric)
+    assert difference(base, base, metric) == " (=)"
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(562.3, "562"), (3.4567, "3.46"), (-0.0471, "−0.0471"), (0.0, "0"), (123456.0, "123456"), (float("nan"), "–")],
+)
+def test_a_number_has_sane_digits(value: float, shown: str):
+    assert widgets.text(value) == shown
+
+
+def test_a_figure_for_a_dark_ground_keeps_the_palette_and_turns_the_ink():
+    import numpy as np
+
+    light = peak_torque_over_payload(np.array([0.0, 1.0]), {"ruckig": np.array([1.0, 2.0])}, 3.0, 4.0)
+    dark = for_dark(light)
+    assert dark.layout.template.layout.paper_bgcolor == GROUND
+    assert dark.layout.template.layout.font.color == INK
+    assert dark.data[0].line.color == light.data[0].line.color
+    assert light.layout.template.layout.paper_bgcolor == "white"
+    assert "255,255,255" not in dark.to_json()
+
+
+def test_an_error_shows_the_files_name_and_no_markdown():
+    from streamlit.testing.v1 import AppTest
+
+    app = AppTest.from_string(
+        "from workbench.dashboard.widgets import guarded\nfrom workbench.errors import InputError\n"
+        "import streamlit as st\nwith guarded():\n"
+        "    raise InputError('**bold** $x$ [a](b)', file='/private/folder/machine.yaml', line=3)\n"
+        "st.write('not reached')\n"
+    ).run()
+    assert not app.exception and not app.markdown
+    assert errors(app) == ["machine.yaml:3: **bold** $x$ [a](b)"]
+    assert "\\*\\*bold" in app.error[0].value
+
+
+def test_a_session_has_a_private_folder_that_goes_with_it():
+    script = (
+        "import streamlit as st\nfrom workbench.dashboard.session import workspace\nst.text(str(workspace()))\n"
+        "(workspace() / 'x').write_text('1')\n"
+    )
+    from streamlit.testing.v1 import AppTest
+
+    one, two = AppTest.from_string(script).run(), AppTest.from_string(script).run()
+    a, b = Path(one.text[0].value), Path(two.text[0].value)
+    assert a != b and a.is_dir()
+    assert a.stat().st_mode & 0o777 == 0o700 and a.parent.stat().st_mode & 0o777 == 0o700
+    folder = one.session_state["workbench workspace"]
+    folder._end()
+    assert not a.exists() and b.is_dir()
+
+
+def test_what_a_server_that_is_gone_left_behind_is_swept(tmp_path: Path):
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left, ours = tmp_path / f"session-{gone.pid}-abc", tmp_path / f"session-{os.getpid()}-abc"
+    left.mkdir()
+    ours.mkdir()
+    session._sweep(tmp_path)
+    assert ours.is_dir() and not left.exists()
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "", "..", "/etc/passwd"])
+def test_a_name_with_folders_is_no_name_in_the_workspace(name: str):
+    with pytest.raises(ValueError, match="plain file name"):
+        session.file_in_workspace(name)
+
+
+def test_a_file_that_is_too_large_is_refused_before_it_is_read():
+    class Large:
+        size = 2_000_001
+
+        def getvalue(self) -> bytes:
+            raise AssertionError("was read")
+
+    with pytest.raises(InputError, match=r"machine.yaml: 2.0 MB, expected at most 1 MB"):
+        session.stored(Large(), "machine.yaml")
+
+
+def test_a_machine_is_kept_under_a_free_name(monkeypatch):
+    state: dict[str, Any] = {}
+    monkeypatch.setattr(session.st, "session_state", state)
+    machine = default_hoist()
+    other = with_values(machine, {"carriage.mass_kg": 9000.0})
+    assert machines.keep_machine("identified", machine) == "identified"
+    assert machines.keep_machine("identified", other) == "identified (2)"
+    assert machines.keep_machine("identified", machine) == "identified"
+    assert machines.keep_machine(machines.DEFAULT, other) == f"{machines.DEFAULT} (2)"
+    assert machines.kept_machines()["identified (2)"] == other
+
+
+def test_only_the_last_kept_runs_stay(monkeypatch):
+    monkeypatch.setattr(session.st, "session_state", {})
+    machine = default_hoist()
+    result: Any = None
+    for number in range(kept.MOST + 2):
+        kept.keep(f"run{number}", START, machine, result)
+    assert list(kept.kept()) == [f"run{number}" for number in range(2, kept.MOST + 2)]
+
+
+def test_every_page_that_is_there_can_be_imported():
+    assert {"Study", "Compare"} <= set(shell.present())
+    for title in shell.present():
+        module, _, name = shell.PAGES[title][0].partition(":")
+        assert callable(getattr(__import__(module, fromlist=[name]), name))
+
+
+def test_the_whole_app_runs_in_its_frame():
+    from streamlit.testing.v1 import AppTest
+
+    app = AppTest.from_file(str(ROOT / "workbench" / "dashboard" / "main.py"), default_timeout=60.0).run()
+    assert not app.exception and len(app.metric) == 4
+
+
+def test_streamlit_run_and_the_command_set_the_server_up_alike():
+    file = tomllib.loads((ROOT / ".streamlit" / "config.toml").read_text(encoding="utf-8"))
+
+    def flat(block: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for key, value in block.items():
+            found |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+        return found
+
+    assert flat(file) == OPTIONS
+    assert "--server.headless=true" in flags({})
+
+
+def test_without_streamlit_the_command_names_the_extra(monkeypatch):
+    from workbench.cli import app
+
+    monkeypatch.setattr(app.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"needs the extra 'app'; from a checkout: pip install '\.\[app\]'"):
+        cli.main(["app", "--no-browser"], standalone_mode=False)
+
+
+def test_a_taken_port_is_said_before_anything_starts():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError, match=f"--port: port {port} of 127.0.0.1 is taken"):
+            cli.main(["app", "--no-browser", "--port", str(port)], standalone_mode=False)
+
+
+@pytest.mark.parametrize(("stop", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 0)])
+def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp_path: Path, stop: int, status: int):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    # A browser that is missing has nothing to say: sh stands in for xdg-open.
+    opener = tmp_path / "xdg-open"
+    opener.write_text("#!/bin/sh\necho $0: firefox: not found >&2\necho $1 > opened\n", encoding="utf-8")
+    opener.chmod(0o755)
+    environment = os.environ | {
+        "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1", "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}",
+    }  # fmt: skip
+    words = [sys.executable, "-m", "workbench", "app", "--port", str(port)]
+    command = subprocess.Popen(
+        words, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    try:
+        assert command.stdout is not None
+        assert f"http://127.0.0.1:{port}" in command.stdout.readline()  # the first line of all
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/_stcore/health", timeout=5.0) as answer:
+            assert answer.status == 200
+        opened, until = tmp_path / "opened", time.monotonic() + 20.0
+        while sys.platform == "linux" and not opened.is_file() and time.monotonic() < until:
+            time.sleep(0.05)
+    finally:
+        command.send_signal(stop)
+        assert command.wait(60.0) == status
+    rest = command.stdout.read()
+    assert ("The dashboard has ended." in rest) == (status == 0)
+    assert not {"Uvicorn", "firefox"} & set(rest.replace(":", " ").split())
+    if sys.platform == "linux":
+        assert opened.read_text(encoding="utf-8").strip() == f"http://127.0.0.1:{port}"
+    with socket.socket() as after:
+        assert after.connect_ex(("127.0.0.1", port)) != 0

@@ -1,0 +1,304 @@
+"""Uploaded campaigns: bounded, confined to the session's folder, read strictly, and named as they were uploaded."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+import scipy.io
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tests.support.log_campaign import RUNS, csv_text, hoist_columns, write_campaign
+from workbench.dashboard.uploads import campaign as uploads
+from workbench.dashboard.uploads import size as uploads_size
+from workbench.dashboard.uploads import zip_members as uploads_zip
+from workbench.dashboard.uploads.campaign import KEPT, Uploaded, read_uploaded
+from workbench.errors import InputError
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> dict[str, bytes]:
+    """A good campaign by path."""
+    folder = write_campaign(tmp_path / "made", hoist_columns())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Path:
+    folder = tmp_path / "session"
+    folder.mkdir()
+    return folder
+
+
+def zipped(files: Mapping[str, bytes], root: str = "lifts/", method: int = zipfile.ZIP_DEFLATED) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as archive:
+        for name, content in files.items():
+            archive.writestr(root + name, content)
+    return stream.getvalue()
+
+
+def loose(files: Mapping[str, bytes]) -> list[Uploaded]:
+    return [Uploaded(name.rpartition("/")[2], content) for name, content in files.items()]
+
+
+def refused(given_: list[Uploaded], workspace: Path) -> str:
+    """The error's sentence; nothing is left behind."""
+    with pytest.raises(InputError) as caught:
+        read_uploaded(given_, workspace)
+    assert list(workspace.iterdir()) == []
+    assert str(workspace) not in str(caught.value)
+    return str(caught.value)
+
+
+def told(given_: list[Uploaded], workspace: Path) -> str:
+    """The InputError's sentence, "" where it is a campaign; anything else comes through."""
+    try:
+        read_uploaded(given_, workspace)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def as_zip(files: Mapping[str, bytes], workspace: Path, root: str = "lifts/") -> str:
+    return refused([Uploaded("lifts.zip", zipped(files, root))], workspace)
+
+
+@pytest.mark.parametrize("root", ["", "lifts/", "a/b/lifts/"])
+def test_a_zip_of_a_campaigns_folder_is_read_and_called_as_the_zip(files, workspace, root):
+    campaign = read_uploaded([Uploaded("C:\\logs\\spring lifts.zip", zipped(files, root))], workspace)
+    assert campaign.name == "spring lifts"
+    assert [run.name for run in campaign.runs] == ["lift"]
+    assert campaign.path.parent == workspace and campaign.path.stat().st_mode & 0o077 == 0
+
+
+def test_loose_files_are_found_by_their_base_names(files, workspace):
+    campaign = read_uploaded(loose(files), workspace)
+    assert len(campaign.run("lift").time_s) == 500
+    assert (campaign.path / "runs" / "lift.csv").is_file()
+
+
+def test_only_what_runs_yaml_names_is_stored(files, workspace):
+    more = {**files, "evil.sh": b"rm -rf /", "runs/other.csv": b"x", ".profile": b"x", "__MACOSX/._runs.yaml": b"x"}
+    campaign = read_uploaded([Uploaded("lifts.zip", zipped(more))], workspace)
+    stored = {path.relative_to(campaign.path).as_posix() for path in campaign.path.rglob("*") if path.is_file()}
+    assert stored == {"machine.yaml", "runs.yaml", "runs/lift.csv"}
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["../lift.csv", "runs/../../lift.csv", "/etc/passwd", "runs//lift.csv", "C:\\lift.csv", "~root/lift.csv", ".ssh/id",
+     "a/b/c/d/e.csv", "lift.csv.", "", "runs/\0.csv"],
+)  # fmt: skip
+def test_a_log_that_lies_elsewhere_is_named_by_line_and_refused(files, workspace, path):
+    runs = RUNS.replace("runs/lift.csv", json.dumps(path)).encode()
+    said = as_zip({**files, "runs.yaml": runs} | ({path: b"t"} if path.isprintable() and path else {}), workspace)
+    assert said.startswith("runs.yaml:2: runs[0].file: ") and "is no plain path" in said
+
+
+def test_a_zip_member_that_climbs_out_is_never_written(files, workspace):
+    said = as_zip({"../../machine.yaml": files["machine.yaml"], "../../runs.yaml": files["runs.yaml"]}, workspace, "")
+    assert said.startswith("runs.yaml:2: runs[0].file: 'runs/lift.csv' was not uploaded")
+    assert {path.name for path in workspace.parent.iterdir()} == {"made", "session"}
+
+
+@pytest.mark.parametrize("missing", ["machine.yaml", "runs.yaml"])
+def test_a_missing_file_is_named(files, workspace, missing):
+    said = refused(loose({name: content for name, content in files.items() if name != missing}), workspace)
+    assert said.startswith(f"{missing}: is missing")
+
+
+def test_a_zip_without_a_campaign_says_what_is_expected(files, workspace):
+    assert as_zip({"notes.txt": b"x"}, workspace) == (
+        "lifts.zip: holds no runs.yaml; expected a zip of a campaign's folder"
+    )
+    assert "holds 2 campaigns" in as_zip({**files, "old/runs.yaml": b"x"}, workspace)
+
+
+def test_a_log_that_was_not_uploaded_is_named_with_the_nearest(files, workspace):
+    runs = RUNS.replace("lift.csv", "lfit.csv").encode()
+    said = refused(loose({**files, "runs.yaml": runs}), workspace)
+    assert said == "runs.yaml:2: runs[0].file: 'lfit.csv' was not uploaded; did you mean 'lift.csv'?"
+
+
+def test_faults_in_the_logs_are_told_by_the_uploaded_name_and_line(files, workspace):
+    rows = files["runs/lift.csv"].decode().splitlines()
+    rows[7] = rows[7].replace(rows[7].split(",")[1], "1,5", 1)
+    said = as_zip({**files, "runs/lift.csv": "\n".join(rows).encode()}, workspace)
+    assert said.startswith("runs/lift.csv:8: lift: row has 6 fields")
+
+
+def test_faults_in_the_machine_are_told_by_line(files, workspace):
+    bad = files["machine.yaml"].replace(b"  ratio:", b"  rato:")
+    said = as_zip({**files, "machine.yaml": bad}, workspace)
+    assert said.startswith("machine.yaml:") and "unknown key 'rato'; did you mean 'ratio'?" in said
+
+
+def test_an_effect_that_nobody_knows_is_refused(files, workspace):
+    said = as_zip({**files, "machine.yaml": files["machine.yaml"] + b"effects:\n  magic: {}\n"}, workspace)
+    assert said.startswith("machine.yaml:") and "magic" in said
+
+
+@pytest.mark.parametrize("content", [b"no zip", b"", b"PK\x03\x04" + b"\0" * 60])
+def test_a_damaged_zip_says_so(workspace, content):
+    assert "is not a readable zip" in refused([Uploaded("lifts.zip", content)], workspace)
+
+
+def test_a_cut_zip_says_so(files, workspace):
+    whole = bytearray(zipped(files))
+    at = whole.index(b"machine.yaml") + 40
+    whole[at : at + 200] = b"\xff" * 200
+    assert "is not a readable zip" in refused([Uploaded("lifts.zip", bytes(whole))], workspace)
+
+
+def test_other_packings_are_refused_before_they_are_unpacked(files, workspace):
+    packed = zipped(files, method=zipfile.ZIP_LZMA)
+    assert "expected a plain (deflate) zip" in refused([Uploaded("lifts.zip", packed)], workspace)
+
+
+def test_a_zip_bomb_is_stopped_where_it_grows(files, workspace, monkeypatch):
+    monkeypatch.setattr(uploads_zip, "MOST_UNPACKED", 5_000_000)
+    packed = zipped({**files, "runs/lift.csv": b"0" * 50_000_000})
+    assert len(packed) < 200_000
+    assert refused([Uploaded("bomb.zip", packed)], workspace) == "bomb.zip: unpacks to more than 5 MB"
+
+
+def test_a_size_that_the_zip_lies_about_does_not_help_it(files, workspace, monkeypatch):
+    monkeypatch.setattr(uploads_zip, "MOST_UNPACKED", 5_000_000)
+    packed = zipped({**files, "runs/lift.csv": b"0" * 50_000_000})
+    lied = packed.replace((50_000_000).to_bytes(4, "little"), (1000).to_bytes(4, "little"))
+    assert lied != packed
+    said = refused([Uploaded("bomb.zip", lied)], workspace)
+    assert said.startswith("bomb.zip: ") and ("unpacks to more" in said or "not a readable zip" in said)
+
+
+def test_too_many_or_too_large_files_are_refused(files, workspace, monkeypatch):
+    many = [Uploaded(f"{i}.csv", b"") for i in range(uploads.MOST_FILES + 1)]
+    assert "expected at most 200" in refused(many, workspace)
+    monkeypatch.setattr(uploads, "MOST_UPLOADED", 1_000_000)
+    assert refused([Uploaded("lifts.zip", bytes(2_000_000))], workspace) == (
+        "2 MB were uploaded, expected at most 1 MB"
+    )
+    members = {f"{i}.csv": b"" for i in range(uploads_zip.MOST_MEMBERS + 1)}
+    assert "holds 1004 files" in as_zip({**files, **members}, workspace)
+
+
+def test_the_same_name_twice_and_a_zip_beside_files_are_refused(files, workspace):
+    assert "was uploaded twice" in refused([*loose(files), Uploaded("sub/lift.csv", b"")], workspace)
+    assert "one zip alone" in refused([*loose(files), Uploaded("more.zip", b"")], workspace)
+    assert "nothing was uploaded" in refused([], workspace)
+
+
+def test_names_that_need_a_file_and_a_folder_at_once_are_refused(files, workspace):
+    runs = RUNS + "- {name: two, file: runs/lift.csv/two.csv, payload_kg: 0.0, start_position_m: 9.0}\n"
+    said = as_zip({**files, "runs.yaml": runs.encode(), "runs/lift.csv/two.csv": b"x"}, workspace)
+    assert said.startswith("runs.yaml: its logs cannot be stored side by side")
+
+
+def test_a_parquet_bomb_is_refused_by_its_footer(files, workspace, monkeypatch, tmp_path):
+    monkeypatch.setattr(uploads_size, "MOST_ROWS", 1_000_000)
+    zeros = np.zeros(3_000_000)
+    pyarrow.parquet.write_table(pa.table(dict.fromkeys(hoist_columns(3), zeros)), tmp_path / "zeros.parquet")
+    packed = (tmp_path / "zeros.parquet").read_bytes()
+    assert len(packed) < 200_000
+    runs = RUNS.replace("lift.csv", "lift.parquet").encode()
+    said = as_zip({**files, "runs.yaml": runs, "runs/lift.parquet": packed}, workspace)
+    assert said == "runs/lift.parquet: holds 3 million rows, expected at most 1; cut it"
+
+
+def test_a_mat_bomb_is_refused_while_it_unpacks(files, workspace, monkeypatch, tmp_path):
+    monkeypatch.setattr(uploads_size, "MOST_BYTES", 5_000_000)
+    scipy.io.savemat(tmp_path / "zeros.mat", {"time_s": np.zeros(3_000_000)}, do_compression=True)
+    packed = (tmp_path / "zeros.mat").read_bytes()
+    assert len(packed) < 200_000
+    runs = RUNS.replace("lift.csv", "lift.mat").encode()
+    said = as_zip({**files, "runs.yaml": runs, "runs/lift.mat": packed}, workspace)
+    assert said == "runs/lift.mat: unpacks to more than 5 MB; cut it or leave columns out"
+
+
+def test_a_long_csv_is_refused_by_its_lines(files, workspace, monkeypatch):
+    monkeypatch.setattr(uploads_size, "MOST_ROWS", 400)
+    assert "rows, expected at most" in as_zip(files, workspace)
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "mat"])
+def test_parquet_and_mat_logs_are_read(files, workspace, tmp_path, suffix):
+    log, columns = tmp_path / f"lift.{suffix}", hoist_columns()
+    if suffix == "mat":
+        scipy.io.savemat(log, dict(columns), do_compression=True)
+    else:
+        pyarrow.parquet.write_table(pa.table(dict(columns)), log)
+    runs = RUNS.replace("lift.csv", log.name).encode()
+    campaign = read_uploaded([*loose({**files, "runs.yaml": runs}), Uploaded(log.name, log.read_bytes())], workspace)
+    assert len(campaign.run("lift").time_s) == 500
+
+
+def test_a_session_keeps_its_newest_campaigns_only(files, workspace):
+    read = [read_uploaded(loose(files), workspace).path for _ in range(KEPT + 2)]
+    assert set(workspace.iterdir()) == set(read[-KEPT:])
+
+
+NAMES = st.one_of(
+    st.text(max_size=40),
+    st.sampled_from(["machine.yaml", "runs.yaml", "lift.csv", "../runs.yaml", "runs/lift.csv", "a.zip", "/etc/passwd"]),
+)
+GOOD_RUNS = RUNS.encode()
+CONTENTS = st.one_of(
+    st.binary(max_size=300),
+    st.sampled_from([GOOD_RUNS, csv_text(hoist_columns(20)).encode(), zlib.compress(b"0" * 1000), b"runs: [1]"]),
+    st.text(max_size=60).map(lambda file: f"runs:\n- {{name: a, file: {file!r}}}\n".encode(errors="replace")),
+)
+
+
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.tuples(NAMES, CONTENTS), max_size=5), st.booleans(), st.booleans())
+def test_whatever_is_uploaded_stays_in_the_workspace_or_is_an_input_error(tmp_path, given_, as_a_zip, complete):
+    workspace, outside = tmp_path / "session", tmp_path / "outside"
+    for folder in (workspace, outside):
+        folder.mkdir(exist_ok=True)
+    if complete:
+        made = write_campaign(tmp_path / "made", hoist_columns(20))
+        given_ = [("machine.yaml", (made / "machine.yaml").read_bytes()), ("runs.yaml", GOOD_RUNS), *given_]
+    sent = [Uploaded(name, content) for name, content in given_]
+    if as_a_zip:
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w") as archive:
+            for name, content in dict(given_).items():
+                archive.writestr(name.replace("\0", "_").encode(errors="replace").decode() or "x", content)
+        sent = [Uploaded("some.zip", stream.getvalue())]
+    before = {path for path in tmp_path.rglob("*") if not path.is_relative_to(workspace)}
+    said = told(sent, workspace)
+    assert said.replace("\n", "").isprintable() and str(tmp_path) not in said
+    assert {path for path in tmp_path.rglob("*") if not path.is_relative_to(workspace)} == before
+    assert all(path.resolve().is_relative_to(workspace.resolve()) for path in workspace.rglob("*"))
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.binary(max_size=400), st.integers(0, 2000), st.sampled_from(["csv", "parquet", "mat"]))
+def test_damaged_logs_are_input_errors(tmp_path, noise, at, suffix):
+    workspace, log = tmp_path / "session", tmp_path / f"lift.{suffix}"
+    workspace.mkdir(exist_ok=True)
+    made, columns = write_campaign(tmp_path / "made", hoist_columns(60)), hoist_columns(60)
+    if suffix == "csv":
+        log.write_text(csv_text(columns))
+    elif suffix == "mat":
+        scipy.io.savemat(log, dict(columns), do_compression=True)
+    else:
+        pyarrow.parquet.write_table(pa.table(dict(columns)), log)
+    content = bytearray(log.read_bytes())
+    content[at : at + len(noise)] = noise
+    runs = RUNS.replace("lift.csv", log.name).encode()
+    sent = [
+        Uploaded("machine.yaml", (made / "machine.yaml").read_bytes()), Uploaded("runs.yaml", runs),
+        Uploaded(log.name, bytes(content)),
+    ]  # fmt: skip
+    assert str(tmp_path) not in told(sent, workspace)

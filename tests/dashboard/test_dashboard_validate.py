@@ -1,0 +1,270 @@
+"""The page Validate: campaigns by name or upload, replay, identification, the machine that is kept; its errors."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("streamlit")
+
+from tests.support.dashboard_app import errors, page
+from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
+from tests.support.simulated_campaign import TRUTH, simulated_campaign
+from workbench.dashboard import campaigns, machines
+from workbench.dashboard.pages.validate.identification import _in_words
+from workbench.dashboard.widgets import in_a_line
+from workbench.figures.estimates import Estimate, estimates
+from workbench.identify.identify import identify
+from workbench.logs import read_campaign
+from workbench.machine import Hoist, load_machine
+from workbench.simulate.replay import replay_runs
+
+BOX = "validate campaign"
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated_campaign(tmp_path_factory.mktemp("owner") / "spring")
+
+
+@pytest.fixture
+def offered(simulated: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The server's owner lets people see the folder that holds `spring`."""
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
+    monkeypatch.setenv(campaigns.VARIABLE, str(simulated.parent))
+    return simulated
+
+
+@pytest.fixture
+def nothing_offered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
+    monkeypatch.delenv(campaigns.VARIABLE, raising=False)
+
+
+def zipped(folder: Path) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for path in folder.rglob("*"):
+            archive.write(path, path.relative_to(folder.parent))
+    return stream.getvalue()
+
+
+def titles(app: Any) -> list[str]:
+    return [json.loads(chart.proto.spec)["layout"]["title"].get("text", "") for chart in app.get("plotly_chart")]
+
+
+def number(app: Any, label: str) -> float:
+    return float(next(each.value for each in app.metric if each.label == label).split()[0])
+
+
+def test_the_owners_campaigns_are_offered_by_name_never_by_path(offered):
+    app = page("Validate").run()
+    assert app.selectbox(key=BOX).options == ["spring", campaigns.UPLOAD]
+    assert not app.text_input and not app.text_area
+
+
+def test_a_folder_that_is_itself_a_campaign_and_names_that_meet_are_listed_once_each(simulated, monkeypatch, tmp_path):
+    other = write_campaign(tmp_path / "spring", hoist_columns())
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
+    monkeypatch.setenv(campaigns.VARIABLE, f"{simulated}:{simulated.parent}:{other}:{tmp_path / 'gone'}")
+    assert campaigns.offered() == {"spring": simulated, "spring (2)": other}
+
+
+def test_the_replay_is_the_librarys_own(offered):
+    app = page("Validate").run()
+    assert not app.exception and errors(app) == []
+    campaign = read_campaign(offered)
+    expected = replay_runs(campaign.machine, campaign.runs)
+    assert number(app, "Speed error, open loop") == pytest.approx(expected.speed_rmse_percent, rel=1e-2)
+    assert number(app, "Torque residual, moving") == pytest.approx(expected.residual_rms_moving, rel=1e-2)
+    assert titles(app)[0] == "Measured and simulated speed" and titles(app)[1].startswith("Torque residual")
+    assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full", "all runs"]
+    said = " ".join(each.value for each in app.markdown)
+    assert "Identify fits the values. The page Gap names what the model lacks." in said
+    assert "workbench" not in said
+
+
+def test_fewer_runs_can_be_chosen_and_none_asks_for_one(offered):
+    app = page("Validate").run()
+    app.multiselect[0].set_value(["half"]).run()
+    assert app.dataframe[0].value["run"].tolist() == ["half"]
+    app.multiselect[0].set_value([]).run()
+    assert [each.value for each in app.info] == ["Choose at least one run."]
+
+
+def test_identification_finds_the_friction_and_the_machine_can_be_kept_and_downloaded(offered, tmp_path):
+    app = page("Validate").run()
+    before = number(app, "Torque residual, moving")
+    app.button(key="validate identify").click().run()
+    assert not app.exception and errors(app) == []
+    assert number(app, "Torque residual, moving") < 0.5 * before
+    assert next(m for m in app.metric if m.label == "Torque residual, moving").delta.startswith("-")
+    table = app.dataframe[0].value.set_index("parameter")
+    level = table.loc["guide.coulomb_hoisting_n"]
+    assert abs(float(level["identified"]) - TRUTH["guide.coulomb_hoisting_n"]) < 4.0 * float(level["± std error"])
+    assert titles(app)[0].startswith("Identified values, ± one standard error")
+    app.button(key="validate keep").click().run()
+    kept = app.session_state["machines kept"]
+    assert list(kept) == ["identified from spring"]
+    expected = identify(read_campaign(offered)).machine
+    assert isinstance(expected, Hoist)
+    assert kept["identified from spring"].guide == expected.guide
+    assert [each.value for each in app.toast] == ["Kept as identified from spring"]
+    assert len(app.get("download_button")) == 1
+
+
+def test_the_downloaded_machine_is_one_that_every_command_reads(offered, tmp_path):
+    from workbench.machine.files import machine_text
+
+    found = identify(read_campaign(offered)).machine
+    (tmp_path / "machine.yaml").write_text(machine_text(found))
+    assert load_machine(tmp_path / "machine.yaml") == found
+
+
+def test_a_kept_machine_can_be_replayed_on_the_campaign(offered):
+    app = page("Validate").run()
+    before = number(app, "Torque residual, moving")
+    app.button(key="validate identify").click().run()
+    app.button(key="validate keep").click().run()
+    app.selectbox(key="validate machine").set_value("identified from spring").run()
+    assert number(app, "Torque residual, moving") < 0.5 * before
+    assert "Identified machine" not in " ".join(each.value for each in app.markdown)
+
+
+def test_without_campaigns_the_page_asks_for_an_upload(nothing_offered):
+    app = page("Validate").run()
+    assert app.selectbox(key=BOX).options == [campaigns.UPLOAD]
+    assert [each.value for each in app.info] == ["A campaign is machine.yaml, runs.yaml and the logs that it names."]
+
+
+def test_an_uploaded_zip_is_replayed_and_stays_choosable(nothing_offered, simulated):
+    app = page("Validate").run()
+    app.file_uploader(key=f"{BOX} files").upload("../../spring lifts.zip", zipped(simulated), "application/zip")
+    app.run()
+    assert not app.exception and errors(app) == []
+    assert "Campaign spring lifts" in app.markdown[0].value
+    assert app.selectbox(key=BOX).options == ["spring lifts (uploaded)", campaigns.UPLOAD] or (
+        app.run().selectbox(key=BOX).options == ["spring lifts (uploaded)", campaigns.UPLOAD]
+    )
+
+
+def test_uploaded_files_are_found_by_their_names(nothing_offered, simulated):
+    app = page("Validate").run()
+    files = [path for path in sorted(simulated.rglob("*")) if path.is_file()]
+    sent = [(path.name, path.read_bytes(), "text/plain") for path in files]
+    app.file_uploader(key=f"{BOX} files").set_value(sent)
+    app.run()
+    assert not app.exception and errors(app) == []
+    assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full", "all runs"]
+
+
+def test_two_sessions_do_not_see_each_others_uploads(nothing_offered, simulated):
+    one, other = page("Validate").run(), page("Validate").run()
+    one.file_uploader(key=f"{BOX} files").upload("mine.zip", zipped(simulated), "application/zip")
+    one.run()
+    other.run()
+    assert one.session_state.get("campaigns uploaded")
+    assert not any("mine" in option for option in other.selectbox(key=BOX).options)
+    folder = one.session_state["workbench workspace"].path
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("lifts.zip", b"no zip", "lifts.zip: is not a readable zip file; zip the campaign's folder again"),
+        ("runs.yaml", b"runs: []", "machine.yaml: is missing; did you mean"),
+        ("lift.csv", b"time_s", "machine.yaml: is missing; valid: lift.csv"),
+    ],
+)  # fmt: skip
+def test_a_bad_upload_is_one_clear_sentence(nothing_offered, name, content, said):
+    app = page("Validate").run()
+    app.file_uploader(key=f"{BOX} files").upload(name, content, "text/plain")
+    app.run()
+    assert not app.exception
+    (shown,) = errors(app)
+    assert shown.startswith(said.partition("; did")[0])
+
+
+def test_a_fault_in_an_uploaded_log_names_file_and_line_but_no_folder(nothing_offered, tmp_path):
+    folder = write_campaign(tmp_path / "bad", hoist_columns())
+    log = folder / "runs" / "lift.csv"
+    rows = log.read_text().splitlines()
+    rows[41] = "0.4,oops,1,2,3"
+    log.write_text("\n".join(rows))
+    app = page("Validate").run()
+    app.file_uploader(key=f"{BOX} files").upload("bad.zip", zipped(folder), "application/zip")
+    app.run()
+    (shown,) = errors(app)
+    assert shown == "lift.csv:42: lift: torque_motor1_nm: 'oops' is not a number"
+
+
+def test_a_broken_campaign_of_the_server_is_told_without_its_folder(monkeypatch, tmp_path):
+    folder = write_campaign(tmp_path / "broken", hoist_columns(), runs="runs:\n- {name: lift, fiel: runs/lift.csv}\n")
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
+    monkeypatch.setenv(campaigns.VARIABLE, str(folder))
+    (shown,) = errors(page("Validate").run())
+    assert shown.startswith("runs.yaml:2: runs[0].fiel: unknown key 'fiel'; did you mean 'file'?")
+    assert str(tmp_path) not in shown
+
+
+def test_a_log_outside_an_owners_campaign_is_not_read(monkeypatch, tmp_path):
+    runs = "runs:\n- {name: lift, file: ../secret.csv, payload_kg: 0.0, start_position_m: 9.0}\n"
+    folder = write_campaign(tmp_path / "broken", hoist_columns(), runs=runs)
+    (tmp_path / "secret.csv").write_text("time_s,secret\n")
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
+    monkeypatch.setenv(campaigns.VARIABLE, str(folder))
+    (shown,) = errors(page("Validate").run())
+    assert "lies outside the campaign's folder" in shown
+
+
+def test_an_axis_is_replayed_and_identified_too(monkeypatch, tmp_path):
+    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
+    folder = write_campaign(tmp_path / "axis", axis_columns(3000), runs=runs, machine=AXIS)
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
+    monkeypatch.setenv(campaigns.VARIABLE, str(folder))
+    app = page("Validate").run()
+    assert not app.exception and errors(app) == []
+    app.button(key="validate identify").click().run()
+    assert not app.exception and errors(app) == []
+    axis = json.loads(app.get("plotly_chart")[0].proto.spec)["layout"]["xaxis"]["title"]["text"]
+    assert axis == "distance from nominal (% of nominal)"
+
+
+def test_estimates_stand_at_their_distance_with_their_error():
+    found = [Estimate("level", 1.9, 0.4, "7728 ± 385"), Estimate("mass", -0.2, 0.1, "7990 ± 12")]
+    figure = estimates(found, "tolerances", 1.0)
+    (dots,) = figure.data
+    assert list(dots.x) == [1.9, -0.2] and list(dots.error_x.array) == [0.4, 0.1]
+    assert (figure.layout.shapes[0].x0, figure.layout.shapes[0].x1) == (-1.0, 1.0)
+    assert figure.layout.xaxis.range[1] >= 2.3
+    assert [note.text for note in figure.layout.annotations] == ["7728 ± 385", "7990 ± 12"]
+    assert not estimates(found, "% of nominal").layout.shapes
+
+
+def test_machines_that_are_kept_here_are_offered_elsewhere(offered):
+    app = page("Validate").run()
+    app.button(key="validate identify").click().run()
+    app.button(key="validate keep").click().run()
+    other = page("Loop")
+    other.session_state["machines kept"] = app.session_state["machines kept"]
+    other.run()
+    assert other.selectbox(key="loop machine").options == [
+        machines.DEFAULT, "identified from spring", machines.UPLOADED,
+    ]  # fmt: skip
+
+
+def test_a_fitted_value_is_called_by_words_with_its_unit():
+    assert _in_words("guide.coulomb_hoisting_n", 7570.2, 171.0) == ("guide Coulomb hoisting", "7570 ± 170 N")
+    assert _in_words("wire.youngs_modulus_pa", 1.028e11, 1.8e9) == ("wire Young's modulus", "102.8 ± 1.8 GPa")
+    assert _in_words("sensors.torque_gain", 0.9995, 0.0031) == ("torque gain", "0.9995 ± 0.0031")
+
+
+def test_a_head_that_a_terminal_breaks_is_whole_on_a_page():
+    assert in_a_line("proba-\nbility") == "probability"
+    assert in_a_line(" payload\nkg") == "payload kg"

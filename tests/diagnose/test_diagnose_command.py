@@ -1,0 +1,263 @@
+"""`workbench diagnose`: options reach the diagnosis, the answer comes first, nothing is left half-written."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from tests.support.commands import Commands
+from tests.support.made_diagnosis import KINDS, VISCOUS, made_diagnosis
+from tests.support.simulated_campaign import simulated_campaign
+from workbench.cli.diagnose_progress import shown
+from workbench.cli.diagnose_show import show
+from workbench.effects import check, forget_users
+from workbench.errors import InputError
+from workbench.machine import default_hoist, load_machine
+from workbench.reports.diagnosis.hypotheses import candidates_table
+
+OWN_EFFECT = '''\
+from workbench.effects import Parameter, effect
+
+
+@effect(
+    place={"hoist": "guide_force_n"}, subsystem="guide", regime="speed", reads={"v": "speed, m/s"},
+    parameters=[Parameter("B", "slope_n_s_per_m", "slope", "force/speed", 0.0, 1.0, 0.02, 0.03, vanishes_at=0.0)],
+    equation="F = −B v", reference="none", shows="with the speed",
+)
+def my_drag(s, e, p):
+    """A drag of mine."""
+    return -(e.B * s.v)
+'''
+
+
+@pytest.fixture
+def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated_campaign(tmp_path_factory.mktemp("diagnose") / "lifts")
+
+
+class Called:
+    """Stands in for the diagnosis itself: remembers how it was called, and gives a ready answer."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.how: dict[str, Any] = {}
+        self.answer: Any = made_diagnosis("named")
+        self.steps: list[tuple[str, int, int]] = []
+        module = ModuleType("workbench.diagnose.diagnose")
+        module.diagnose = self  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+
+    def __call__(self, campaign: Any, *, tell: Callable[[str, int, int], None], **how: Any) -> Any:
+        self.how = {"campaign": campaign, **how}
+        for step in self.steps:
+            tell(*step)
+        if isinstance(self.answer, BaseException):
+            raise self.answer
+        return self.answer
+
+
+@pytest.fixture
+def called(monkeypatch: pytest.MonkeyPatch) -> Called:
+    return Called(monkeypatch)
+
+
+def test_without_options_the_diagnosis_gets_its_defaults(workbench: Commands, folder: Path, called: Called):
+    assert workbench("diagnose", folder).status == 0
+    campaign = called.how.pop("campaign")
+    assert [run.name for run in campaign.runs] == ["empty", "half", "full"]
+    assert called.how == {
+        "baseline": "tolerances", "candidates": None, "most_effects": 2, "seed": 0, "band_hz": None,
+    }  # fmt: skip
+
+
+def test_options_reach_the_diagnosis(workbench: Commands, folder: Path, called: Called):
+    words = ["--baseline", "nominal", "--candidates", "heave,wire_mass", "--max-effects", 1, "--seed", 7]
+    assert workbench("diagnose", folder, *words, "--runs", "full,empty", "--band", 1.5).status == 0
+    campaign = called.how.pop("campaign")
+    assert [run.name for run in campaign.runs] == ["empty", "full"]
+    assert called.how == {
+        "baseline": "nominal", "candidates": ("heave", "wire_mass"), "most_effects": 1, "seed": 7, "band_hz": 1.5,
+    }  # fmt: skip
+
+
+def test_another_machine_is_what_is_diagnosed(workbench: Commands, folder: Path, called: Called, tmp_path: Path):
+    text = (folder / "machine.yaml").read_text()
+    other = tmp_path / "other.yaml"
+    other.write_text(text.replace("name: ", "name: other "))
+    assert workbench("diagnose", folder, "--machine", other).status == 0
+    assert called.how["campaign"].machine.name.startswith("other ")
+
+
+def test_an_effect_of_ones_own_is_a_candidate(workbench: Commands, folder: Path, called: Called, tmp_path: Path):
+    (tmp_path / "mine.py").write_text(OWN_EFFECT)
+    try:
+        done = workbench("diagnose", folder, "--effects", tmp_path / "mine.py", "--candidates", "my_drag")
+        assert (done.status, called.how["candidates"]) == (0, ("my_drag",))
+    finally:
+        forget_users()
+    assert workbench("diagnose", folder, "--candidates", "my_drag").status == 2
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_status_is_zero_and_the_answer_first_whatever_the_verdict(
+    workbench: Commands, folder: Path, called: Called, tmp_path: Path, kind: str
+):
+    called.answer = made_diagnosis(kind)
+    done = workbench("diagnose", folder, "--out", tmp_path / "out")
+    assert done.status == 0
+    assert done.out.strip().splitlines()[0] == called.answer.verdict.sentence
+    assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] == called.answer.verdict.word
+    for file in ("diagnose.html", "machine.yaml", "diagnosis.json"):
+        assert str(tmp_path / "out" / file) in done.out
+        assert (tmp_path / "out" / file).is_file()
+
+
+def test_without_out_nothing_is_written(
+    workbench: Commands, folder: Path, called: Called, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert "Nothing is written without --out." in workbench("diagnose", folder).out
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["--candidates", "friction_viscos"], "--candidates: unknown effect 'friction_viscos'; did you mean "),
+        (["--candidates", "presliding"], "unknown effect 'presliding'"),
+        (["--baseline", "refit"], "'refit' is not one of 'tolerances', 'nominal'"),
+        (["--max-effects", "3"], "3 is not in the range 1<=x<=2"),
+        (["--seed", "-1"], "-1 is not in the range x>=0"),
+        (["--runs", "emty"], "no run 'emty'; did you mean 'empty'?"),
+        (["--band", "0.01"], "--band: 0.01 Hz, expected at least"),
+    ],
+)
+def test_a_wrong_word_is_said_before_any_work(
+    workbench: Commands, folder: Path, called: Called, tmp_path: Path, words: list[str], problem: str
+):
+    done = workbench("diagnose", folder, "--out", tmp_path / "out", *words)
+    assert done.status == 2
+    assert problem in done.err
+    assert called.how == {}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_in_use_is_refused_before_any_work(workbench: Commands, folder: Path, called: Called):
+    done = workbench("diagnose", folder, "--out", folder)
+    assert done.status == 2
+    assert "nothing is overwritten" in done.err
+    assert called.how == {}
+
+
+@pytest.mark.parametrize(
+    ("stop", "status", "said"),
+    [
+        (InputError("speed rises against the torque in 4 of 6 runs: is its sign flipped?"), 2, "is its sign flipped?"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)
+def test_what_stops_it_leaves_nothing(
+    workbench: Commands, folder: Path, called: Called, tmp_path: Path, stop: BaseException, status: int, said: str
+):
+    called.answer = stop
+    done = workbench("diagnose", folder, "--out", tmp_path / "out")
+    assert (done.status, done.out) == (status, "")
+    assert said in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_each_step_is_a_plain_line_where_there_is_no_terminal(workbench: Commands, folder: Path, called: Called):
+    called.steps = [("base parameters", 0, 0), ("candidates: heave", 3, 9), ("candidates: heave", 3, 9)]
+    done = workbench("diagnose", folder)
+    assert done.err.splitlines()[-2:] == ["base parameters", "4/8 candidates: heave"]
+
+
+def test_the_stages_are_counted_without_a_gap_to_the_last(
+    workbench: Commands, folder: Path, called: Called, tmp_path: Path
+):
+    called.steps = [*((f"stage {k}", k, 8) for k in range(7)), ("done", 8, 8)]
+    told = workbench("diagnose", folder, "--out", tmp_path / "out").err.splitlines()[-8:]
+    assert told == [*(f"{k + 1}/8 stage {k}" for k in range(7)), "8/8 writing the report"]
+    told = workbench("diagnose", folder).err.splitlines()[-7:]
+    assert told == [f"{k + 1}/7 stage {k}" for k in range(7)]  # there is no report to write
+
+
+def test_a_terminal_gets_a_bar_that_is_gone_at_the_end(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with shown(writes=True) as stages:
+        stages.tell("signatures", 0, 0)
+        stages.tell("candidates", 2, 9)
+        stages.tell("done", 9, 9)
+        stages.writing("the report")
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "4/9" not in said.err
+
+
+def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsys: pytest.CaptureFixture[str]):
+    show(made_diagnosis("pair", with_consequences=True), None)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "These runs cannot tell it from carriage_mass_error" in said
+    assert "A slow run tells friction_viscous from carriage_mass_error." in said
+    assert "- No run logs the dead line's tension." in said
+    assert "- The torque peak per motor changes by" in said
+    assert "viscous_n_s_per_m 4210 130" in said
+
+
+def test_an_unknown_cause_is_said_to_be_a_measured_correction(capsys: pytest.CaptureFixture[str]):
+    show(made_diagnosis("unknown"), Path("out"))
+    said = " ".join(capsys.readouterr().out.split())
+    assert "over the height of the carriage, as `measured_correction`" in said
+    assert "no explanation" in said
+
+
+def test_the_terminal_says_why_a_cause_is_unknown(capsys: pytest.CaptureFixture[str]):
+    show(made_diagnosis("unknown"), None)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "- An unlisted effect explains more: weigh it with `--candidates friction_step`." in said
+    assert "- The best hypothesis leaves 3.6 times the noise away from standstill." in said
+
+
+def test_without_a_gap_the_terminal_claims_no_shrink_and_no_share_of_it(capsys: pytest.CaptureFixture[str]):
+    d = made_diagnosis("no_gap")
+    show(d, None)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Nothing to shrink: on held-out runs" in said
+    assert "factor" not in said
+    assert {row[2] for row in candidates_table(d, brief=True)} == {"–"}
+
+
+def test_a_missing_effect_is_named_from_its_runs_and_twice_alike(workbench: Commands, tmp_path: Path):
+    """The whole way, with nothing stood in for: a simulated machine with viscous friction that its file lacks."""
+    truth = default_hoist().model_copy(update={"effects": dict(VISCOUS)})
+    lifts = simulated_campaign(tmp_path / "lifts", truth)
+    words = ["--max-effects", 1, "--candidates", "friction_viscous,gearbox_inertia,torque_offset"]
+    for out in ("one", "two"):
+        done = workbench("diagnose", lifts, "--out", tmp_path / out, *words)
+        assert done.status == 0, done.err
+    for file in ("diagnosis.json", "machine.yaml", "diagnose.html"):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes(), file
+    said = json.loads((tmp_path / "one" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert (said["verdict"], said["effects"]) == ("named", ["friction_viscous"])
+    assert sum(row["probability"] for row in said["ranking"]) == pytest.approx(1.0, abs=1e-9)
+    slope = said["parameters"]["friction_viscous"]["viscous_n_s_per_m"]["value"]
+    assert slope == pytest.approx(4210.0, rel=0.1)
+    assert said["shrink"]["after"] < 1.3 * said["shrink"]["noise"] < 0.5 * said["shrink"]["before"]
+    machine = load_machine(tmp_path / "one" / "machine.yaml", check_effects=check)
+    assert machine.effects["friction_viscous"]["viscous_n_s_per_m"] == pytest.approx(slope, rel=1e-4)
+    again = workbench("replay", lifts, "--machine", tmp_path / "one" / "machine.yaml", "--out", tmp_path / "replay")
+    assert again.status == 0
+    replayed = json.loads((tmp_path / "replay" / "replay.json").read_text(encoding="utf-8"))["overall"]
+    assert replayed["speed_rmse_percent"] < 0.5 * said["gap"]["speed_rmse_percent"]

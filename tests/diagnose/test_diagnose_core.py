@@ -1,0 +1,459 @@
+"""What a search rests on: knobs, noise-free residuals, signatures of effects, linear and nonlinear fits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
+from tests.support.fitted_runs import made_by, rms
+from tests.support.noisy_runs import axis_runs, hoist_runs
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.fits import Projection, fit_knobs, linear_gain, start_of
+from workbench.diagnose.hypotheses.knobs import (
+    GAIN,
+    LOG_TIMING,
+    OFFSET,
+    Knob,
+    PhaseOfEachRun,
+    Value,
+    Wave,
+    bounds_of,
+    effect_knobs,
+    setting_of,
+)
+from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
+from workbench.diagnose.hypotheses.scan import atoms
+from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
+from workbench.machine import Axis, Hoist, default_hoist, with_values
+from workbench.run import Array, Run
+from workbench.simulate.driven import Bench
+from workbench.simulate.lowpass import noise_rms
+
+TURN = 2.0 * math.pi
+
+
+@pytest.fixture(scope="module")
+def hoist() -> Problem:
+    """The default hoist and runs of just that machine."""
+    return Problem(default_hoist(), hoist_runs(default_hoist()))
+
+
+@pytest.fixture(scope="module")
+def axis() -> Problem:
+    return Problem(rotary_axis(), axis_runs(rotary_axis()))
+
+
+def float_of(value: float | tuple[float, ...]) -> float:
+    assert not isinstance(value, tuple)
+    return value
+
+
+# Knobs
+
+
+@given(st.floats(-5.0, 5.0), st.floats(0.1, 10.0), st.floats(-3.0, 3.0))
+def test_a_value_moves_by_its_scale(origin: float, scale: float, z: float):
+    assert Value("x", origin, scale).values([z])["x"] == pytest.approx(origin + scale * z)
+
+
+def test_a_logarithmic_value_moves_by_factors_and_never_reaches_zero():
+    knob = Value("x", 40.0, 0.5, least=0.0, logarithmic=True)
+    assert knob.values([2.0])["x"] == pytest.approx(40.0 * math.e)
+    assert 0.0 < float_of(knob.values([-40.0])["x"]) < 1e-6
+    assert knob.lowest == (-math.inf,)
+    assert knob.highest == (math.inf,)
+
+
+@pytest.mark.parametrize("logarithmic", [False, True])
+def test_the_bounds_of_a_value_are_where_z_says(logarithmic: bool):
+    knob = Value("x", 3.0, 0.7, least=1.0, most=8.0, logarithmic=logarithmic)
+    (low,), (high,) = knob.lowest, knob.highest
+    assert knob.values([low])["x"] == pytest.approx(1.0)
+    assert knob.values([high])["x"] == pytest.approx(8.0)
+    assert knob.values([high + 5.0])["x"] == 8.0
+    near = replace(knob, furthest=0.25)
+    assert (near.lowest, near.highest) == ((-0.25,), (0.25,))
+
+
+@given(st.floats(0.01, 5.0), st.floats(0.0, 6.28))
+def test_a_wave_starts_at_its_amplitude_and_phase(amplitude: float, phase: float):
+    knob = Wave("A", "phi", phase, 0.5, 5.0)
+    found = knob.values([amplitude / 0.5, 0.0])
+    assert found["A"] == pytest.approx(amplitude)
+    assert found["phi"] == pytest.approx(phase)
+
+
+@given(st.floats(0.0, 6.28), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+def test_the_quadratures_of_a_wave_add_up(origin: float, a: float, b: float):
+    """A sin(x + phi) is linear in z, whatever angle the fit began at."""
+    found = Wave("A", "phi", origin, 0.5, 9.0).values([a, b])
+    x = np.linspace(0.0, TURN, 7)
+    wave = float_of(found["A"]) * np.sin(x + float_of(found["phi"]))
+    assert wave == pytest.approx(0.5 * (a * np.sin(x + origin) + b * np.cos(x + origin)), abs=1e-9)
+    assert 0.0 <= float_of(found["phi"]) <= TURN
+
+
+def test_each_run_has_a_phase_of_its_own():
+    knob = PhaseOfEachRun("phi", (0.5, 6.0, 1.0))
+    assert knob.values([0.0, 1.0, -0.25])["phi"] == pytest.approx((0.5, 7.0 - TURN, 0.75))
+    lowest, highest, std = bounds_of([knob, Value("x", 0.0, 1.0, 0.0, std=1.0)])
+    assert lowest.tolist() == [-math.inf] * 3 + [0.0]
+    assert highest.tolist() == [math.inf] * 4
+    assert std.tolist() == [math.inf] * 3 + [1.0]
+
+
+EVERY = [
+    pytest.param(machine, each, id=f"{kind}-{each.id}")
+    for kind, machine in MACHINES.items()
+    for each in effects_for(kind).values()
+]
+
+
+def middle(effect: Effect, r: Ranged, random: np.random.Generator) -> float | tuple[float, ...]:
+    """Some value that the effect may have; a single shape that is tried is not turned by a fit."""
+    if len(r.tries) == 1 and r.vanishes_at is None:
+        return r.tries[0]
+    if r.per_run:
+        return tuple(random.uniform(0.0, TURN, 3))
+    return float(random.uniform(max(r.lowest, 0.01 * r.highest), r.highest))
+
+
+@pytest.mark.parametrize(("machine", "effect"), EVERY)
+def test_the_knobs_of_every_effect_give_back_the_point_they_start_from(machine: Hoist | Axis, effect: Effect):
+    ranges, random = ranges_of(effect, machine), np.random.default_rng(5)
+    for _ in range(5):
+        at = {r.symbol: middle(effect, r, random) for r in ranges}
+        knobs, start = effect_knobs(effect, ranges, at)
+        lowest, highest, _ = bounds_of(knobs)
+        assert len(lowest) == len(start)
+        assert np.all(np.array(start) >= lowest - 1e-12) and np.all(np.array(start) <= highest + 1e-12)
+        found = setting_of(knobs, np.array(start))
+        turned = {r.symbol for r in ranges if len(r.tries) != 1 or r.vanishes_at is not None}
+        assert set(found) == turned
+        for symbol in turned:
+            assert found[symbol] == pytest.approx(at[symbol], rel=1e-9), symbol
+
+
+@pytest.mark.parametrize(("machine", "effect"), EVERY)
+def test_a_shape_that_no_fit_turns_is_tried_as_it_is_declared(machine: Hoist | Axis, effect: Effect):
+    """Else the scan would look at one shape, and the fit and machine.yaml have another."""
+    for r in ranges_of(effect, machine):
+        if r.vanishes_at is None and len(r.tries) == 1:
+            assert r.tries[0] == r.start
+
+
+@pytest.mark.parametrize("kind", ["hoist", "axis"])
+def test_no_base_parameter_turns_what_an_effect_turns(kind: str, request: pytest.FixtureRequest):
+    """Else a signature would be measured from where the base stands, not from where the effect is off."""
+    problem: Problem = request.getfixturevalue(kind)
+    own = {knob.symbol for knob in base_knobs(problem.machine, problem.runs).values()}
+    for effect in effects_for(problem.active.kind).values():
+        assert not own & {r.symbol for r in ranges_of(effect, problem.machine)}, effect.id
+
+
+# The problem
+
+
+@pytest.mark.parametrize("kind", ["hoist", "axis"])
+def test_changing_nothing_changes_exactly_nothing(kind: str, request: pytest.FixtureRequest):
+    problem: Problem = request.getfixturevalue(kind)
+    knobs = list(base_knobs(problem.machine, problem.runs).values())
+    same = setting_of(knobs, np.zeros(len(knobs)))
+    base, change = problem.differences(same, [same] * (2 * GROUP))
+    assert np.array_equal(change, np.zeros((2 * GROUP, problem.samples)))
+    nothing, _ = problem.differences({}, [])
+    assert base == pytest.approx(nothing, abs=1e-9)  # what base parameters stand at is the machine itself
+
+
+@pytest.mark.parametrize("kind", ["hoist", "axis"])
+def test_runs_of_a_machine_leave_their_noise_under_that_machine(kind: str, request: pytest.FixtureRequest):
+    problem: Problem = request.getfixturevalue(kind)
+    (residual,) = problem.residuals([{}])
+    assert rms(residual) == pytest.approx(problem.noise, rel=0.2)
+    assert abs(np.mean(residual)) < 0.2 * problem.noise
+
+
+def test_the_noise_of_white_torque_noise_is_its_share_of_the_band(hoist: Problem):
+    assert hoist.noise == pytest.approx(4.0 * math.sqrt(hoist.band_hz / 25.0), rel=0.1)
+
+
+def test_a_setting_is_the_machine_with_these_values(hoist: Problem):
+    """By symbol or in machine.yaml: the residual is the same, but for the steps that the integration took."""
+    values = {"carriage.mass_kg": 8300.0, "guide.coulomb_hoisting_n": 7000.0, "sensors.torque_gain": 1.02}
+    other = Problem(with_values(default_hoist(), values), hoist.runs, hoist.band_hz)
+    (by_file,) = other.residuals([{}])
+    by_symbol, plain = hoist.residuals([{"m_c": 8300.0, "F_up": 7000.0, GAIN: 1.02}, {}])
+    assert rms(by_file - by_symbol) < 0.002 * rms(by_symbol - plain)
+    (offset,) = hoist.differences({}, [{OFFSET: 5.0}])[1]
+    assert offset == pytest.approx(-5.0)
+
+
+def test_a_value_for_each_run_reaches_that_run_only(hoist: Problem):
+    mass = 8000.0
+    _, change = hoist.differences({}, [{"m_c": (mass, 8200.0, mass)}, {"m_c": 8200.0}])
+    second = hoist.run_of_row == 1
+    assert np.array_equal(change[0][second], change[1][second])
+    assert not np.any(change[0][~second])
+    assert np.any(change[1][~second])
+
+
+def test_a_logs_timing_comes_on_top_of_an_effects_delay(axis: Problem):
+    late = "speed_delay__delay_s"
+    both, one, other = axis.residuals([{LOG_TIMING: 0.01, late: 0.05}, {late: 0.06}, {LOG_TIMING: 0.06}])
+    assert both == pytest.approx(one, abs=1e-6)
+    assert other == pytest.approx(one, abs=1e-6)
+    assert rms(one) > 5.0 * axis.noise
+
+
+def test_the_jacobian_is_the_slope(hoist: Problem):
+    knobs = list(base_knobs(hoist.machine, hoist.runs).values())
+    z = np.linspace(-0.5, 0.5, len(knobs))
+    base, jacobian = hoist.evaluate(knobs, z)
+    ends = [setting_of(knobs, z + h * row) for row in np.eye(len(z)) for h in (0.02, -0.02)]
+    _, change = hoist.differences(setting_of(knobs, z), ends)
+    slope = (change[0::2] - change[1::2]).T / 0.04
+    size = np.linalg.norm(slope, axis=0)
+    assert np.all(np.linalg.norm(jacobian - slope, axis=0) < 0.01 * size + 1e-6)
+    some, part = hoist.evaluate(knobs, z, only=[3, 1])
+    assert part == pytest.approx(jacobian[:, [3, 1]], abs=1e-6)
+    assert some == pytest.approx(base)
+
+
+def test_the_dead_lines_tension_stands_behind_the_torque_on_its_scale():
+    runs = [add_tension(run, seed) for seed, run in enumerate(hoist_runs(default_hoist()))]
+    problem = Problem(default_hoist(), runs)
+    assert problem.samples == 2 * problem.inputs
+    (residual,) = problem.residuals([{}])
+    floor = [noise_rms(run.time_s, run[TENSION], problem.band_hz) for run in runs]
+    # The cell's linearity, a trust of its own, comes on top of this noise.
+    assert rms(residual[problem.inputs :]) == pytest.approx(
+        problem.noise * rms(np.array(floor)) / problem.tension_noise, rel=0.2
+    )
+    assert not Problem(default_hoist(), [runs[0], *hoist_runs(default_hoist())[1:]]).has_tension
+
+
+def add_tension(run: Run, seed: int) -> Run:
+    """The tension that the driven machine has, with a load cell's noise of 0.15 %."""
+    problem = Problem(default_hoist(), [run])
+    _, states = problem.bench.predict([problem.bench.base])[0][0]
+    pull = problem._tension(problem.runs[0], states, problem.bench.base[0])
+    cell = np.random.default_rng(seed).normal(scale=0.0015 * np.mean(pull), size=len(pull))
+    return replace(run, signals={**run.signals, TENSION: pull + cell})
+
+
+def test_a_logs_timing_is_judged_by_what_a_step_of_some_size_changes():
+    """Friction jumps between two samples: over a thousandth of a step the slope is that of one sample's jump."""
+    machine = linear_axis()
+    problem = Problem(machine, axis_runs(machine))
+    knob = base_knobs(machine, problem.runs)[LOG_TIMING]
+    step = max(0.5, 0.05 / (problem.band_hz * problem.runs[0].sample_time_s))  # samples
+    sizes = []
+    for at in (0.0, 0.2, 0.48, 1.0, 1.5):
+        _, jacobian = problem.evaluate([knob], np.array([at]))
+        _, change = problem.differences(knob.values([at]), [knob.values([at + step])])
+        assert jacobian[:, 0] == pytest.approx(change[0] / step, abs=1e-9)
+        sizes.append(rms(jacobian))
+    assert max(sizes) < 1.5 * min(sizes)
+
+
+# Signatures
+
+
+def signature_by_file(problem: Problem, effect: Effect, values: dict[str, float]) -> Array:
+    """What the prediction gains by the effect, through machine.yaml and the plain balance."""
+    machine = problem.machine
+    worn = Bench(machine, problem.runs, problem.band_hz, active=of(machine, {effect.id: values})).balances()
+    bare = Bench(machine, problem.runs, problem.band_hz).balances()
+    return np.concatenate(
+        [(a.predicted - b.predicted)[rows] for a, b, rows in zip(worn, bare, problem.rows, strict=True)]
+    )
+
+
+SOME = (
+    "friction_viscous_asymmetric", "friction_position_dependent", "friction_stribeck", "gearbox_inertia", "wire_mass",
+    "torque_scale", "torque_filter", "speed_delay", "drum_layer_change",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_a_signature_is_what_the_prediction_gains_by_that_much(hoist: Problem, name: str):
+    effect = find(name, "hoist")
+    found = atoms(hoist, [effect], {})
+    atom = found[len(found) // 2]
+    for k, r in enumerate(atom.amounts):
+        point = dict(atom.at)
+        for each in atom.amounts:
+            assert each.vanishes_at is not None
+            point[each.symbol] = each.start if each is r else each.vanishes_at
+        values = {each.name: float(point[each.symbol]) for each in ranges_of(effect, hoist.machine, hoist.runs)
+                  if each.symbol in point}  # fmt: skip
+        gained = signature_by_file(hoist, effect, values)
+        column = atom.columns[: hoist.inputs, k]
+        assert rms(column) > 0.05 * hoist.noise
+        assert rms(column - gained) < 0.02 * rms(gained) + 0.005 * hoist.noise
+        assert atom.scale[k] == pytest.approx(r.start - (r.vanishes_at or 0.0))
+
+
+def test_the_two_columns_of_a_wave_are_its_quadratures(hoist: Problem):
+    effect = find("drum_eccentricity", "hoist")
+    (atom,) = atoms(hoist, [effect], {})
+    amount = 0.2 * atom.scale[0]
+    gained = signature_by_file(hoist, effect, {"amplitude_m": amount, "phase_rad": 2.0})
+    sine, cosine = atom.columns[: hoist.inputs].T
+    assert rms(0.2 * (math.cos(2.0) * sine + math.sin(2.0) * cosine) - gained) < 0.03 * rms(gained)
+    assert atom.signed
+
+
+def test_a_phase_of_each_run_has_columns_of_each_run(hoist: Problem):
+    atom = atoms(hoist, [find("heave", "hoist")], {})[3]
+    assert atom.columns.shape == (hoist.samples, 2 * len(hoist.runs))
+    for j in range(len(hoist.runs)):
+        mine = hoist.run_of_row == j
+        assert not np.any(atom.columns[~mine][:, 2 * j : 2 * j + 2])
+        assert np.all(np.linalg.norm(atom.columns[mine][:, 2 * j : 2 * j + 2], axis=0) > 0.0)
+
+
+def test_places_are_tried_where_the_runs_have_been_and_no_wave_beyond_the_band(hoist: Problem):
+    tight = atoms(hoist, [find("friction_position_dependent", "hoist")], {})
+    places = sorted({value for atom in tight for name, value in atom.at.items() if name.endswith("centre_m")})
+    assert 4.0 < places[0] < places[-1] < 13.0
+    assert max(np.diff(places)) < 0.5
+    swell = [atom.at["heave__frequency_rad_s"] for atom in atoms(hoist, [find("heave", "hoist")], {})]
+    assert max(swell) <= TURN * hoist.band_hz
+    assert max(np.diff(swell)) * 20.0 < math.pi  # two neighbours do not fall out of step within a run
+
+
+# Fits
+
+
+@given(st.integers(0, 10_000), st.integers(0, 2), st.integers(0, 4))
+@settings(max_examples=150)
+def test_linear_gain_is_that_of_bounded_least_squares(seed: int, held: int, free: int):
+    """No effect has more than two columns with a sign."""
+    from scipy.optimize import lsq_linear
+
+    random = np.random.default_rng(seed)
+    columns = random.normal(size=(40, held + free)) * random.uniform(0.01, 100.0, held + free)
+    residual, signs, priors = random.normal(size=40), [False] * held + [True] * free, 7
+    data, prior, amounts = linear_gain(columns, residual, signs, priors)
+    if not signs:
+        assert (data, prior, len(amounts)) == (0.0, 0.0, 0)
+        return
+    bounds = np.where(signs, -np.inf, 0.0), np.full(len(signs), np.inf)
+    exact = lsq_linear(columns, residual, bounds, method="bvls", tol=1e-14)
+    assert np.all(amounts[~np.array(signs)] >= 0.0)
+    left = residual - columns @ amounts
+    assert data == pytest.approx(np.sum(residual[:-priors] ** 2) - np.sum(left[:-priors] ** 2))
+    assert data + prior == pytest.approx(residual @ residual - 2.0 * exact.cost, rel=1e-6, abs=1e-6)
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=100)
+def test_linear_gain_of_pairs_promises_nothing_that_bounded_least_squares_does_not_give(seed: int):
+    from scipy.optimize import lsq_linear
+
+    random = np.random.default_rng(seed)
+    columns, residual = random.normal(size=(40, 4)), random.normal(size=40)
+    data, prior, amounts = linear_gain(columns, residual, [False] * 4, 5)
+    best = residual @ residual - 2.0 * lsq_linear(columns, residual, (0.0, np.inf), method="bvls").cost
+    assert np.all(amounts >= 0.0)
+    assert 0.9 * best - 1e-9 <= data + prior <= best + 1e-9
+
+
+def test_columns_that_are_nearly_the_same_share_and_lose_nothing():
+    random = np.random.default_rng(2)
+    one, residual = random.normal(size=(60, 1)), random.normal(size=60)
+    alone = linear_gain(one, residual, [True], 5)
+    twice = linear_gain(np.hstack([one, one * (1.0 + 1e-13)]), residual, [True, True], 5)
+    assert sum(twice[:2]) == pytest.approx(sum(alone[:2]), rel=1e-6)
+    assert twice[2][0] == pytest.approx(twice[2][1], rel=1e-3)
+
+
+@dataclass
+class Straight:
+    """A problem whose residual is y - A values: what a fit has to reach is known in closed form."""
+
+    columns: Array
+    measured: Array
+    share: float = 0.5
+    calls: int = 0
+
+    def evaluate(self, knobs: Sequence[Knob], z: Array, only: Sequence[int] | None = None) -> tuple[Array, Array]:
+        self.calls += 1
+        step = 1e-4
+
+        def values(at: Array) -> Array:
+            return np.array([float_of(value) for value in setting_of(knobs, at).values()])
+
+        rows = np.eye(len(z))[list(range(len(z)) if only is None else only)]
+        slopes = np.array([(values(z + step * row) - values(z)) / step for row in rows]).reshape(-1, len(z))
+        return self.measured - self.columns @ values(z), -(self.columns @ slopes.T)
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("base", [0, 2])
+def test_a_fit_ends_at_the_least_of_data_and_tolerances_within_bounds(seed: int, base: int):
+    from scipy.optimize import lsq_linear
+
+    random = np.random.default_rng(seed)
+    knobs = [Value(f"x{k}", 0.0, 1.0, -0.3, 0.4, std=(0.5 if k < 2 else math.inf)) for k in range(4)]
+    problem = Straight(random.normal(size=(30, 4)), random.normal(size=30))
+    sigma = 0.2
+    found = fit_knobs(problem, ("made",), knobs, np.full(4, 0.1), sigma, base=base)  # type: ignore[arg-type]
+    weight = math.sqrt(problem.share) / sigma
+    rows = np.vstack([weight * problem.columns, np.diag([2.0, 2.0, 0.0, 0.0])])
+    exact = lsq_linear(rows, np.concatenate([weight * problem.measured, np.zeros(4)]), (-0.3, 0.4), method="bvls")
+    assert found.settled
+    assert found.objective == pytest.approx(2.0 * exact.cost, abs=0.06)
+    assert found.z == pytest.approx(exact.x, abs=0.05)
+    assert found.chi2 == pytest.approx(weight**2 * float(found.residual @ found.residual))
+    assert found.prior == pytest.approx(4.0 * float(found.z[:2] @ found.z[:2]))
+    assert found.evaluations == problem.calls or base  # a fit says what it cost
+
+
+def test_a_fit_finds_what_made_the_torque(hoist: Problem):
+    """The torque without noise, for values that are off by up to two tolerances and a tight stretch besides."""
+    effect = find("friction_position_dependent", "hoist")
+    knobs: list[Knob] = list(base_knobs(hoist.machine, hoist.runs).values())
+    truth = np.array([2.0, -1.0, 0.3, 1.0, -1.5, 1.0, -1.0, 0.5, 1.0, -1.0])
+    assert len(truth) == len(knobs)
+    ranges = ranges_of(effect, hoist.machine, hoist.runs)
+    true = dict(zip([r.symbol for r in ranges], (4000.0, 8.2, 0.45), strict=True))
+    problem = made_by(hoist, {**setting_of(knobs, truth), **true})
+    begin = dict(zip([r.symbol for r in ranges], (2500.0, 8.6, 0.7), strict=True))
+    more, start = effect_knobs(effect, ranges, begin)
+    z = np.concatenate([np.zeros(len(knobs)), start])
+    found = fit_knobs(problem, (effect.id,), [*knobs, *more], z, 0.1, 60, base=len(knobs))
+    assert found.rms(problem.inputs) < 0.005 * rms(problem.residuals([{}])[0])
+    for symbol, value in true.items():
+        assert found.setting[symbol] == pytest.approx(value, rel=0.002), symbol
+    assert found.effects == (effect.id,)
+
+
+@pytest.mark.parametrize("name", ["friction_viscous_asymmetric", "drum_eccentricity", "heave", "torque_scale"])
+def test_a_fit_begins_where_the_linear_one_ended(hoist: Problem, name: str):
+    """What the amounts of the signatures promise is what the setting at the start then takes away."""
+    atom = atoms(hoist, [find(name, "hoist")], {})[0]
+    amounts = np.full(atom.columns.shape[1], 0.5)
+    knobs, start = start_of(hoist, atom, amounts)
+    _, (change,) = hoist.differences({}, [setting_of(knobs, np.array(start))])
+    promised = atom.columns @ amounts
+    assert rms(-change - promised) < 0.06 * rms(promised)
+
+
+def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: Problem):
+    knobs = list(base_knobs(hoist.machine, hoist.runs).values())
+    base = fit_knobs(hoist, (), knobs, np.zeros(len(knobs)), hoist.noise)
+    projection = Projection.of(hoist, base, base.sigma)
+    assert np.max(np.abs(projection.rows.T @ projection.clean(np.ones((hoist.samples, 1))))) < 1e-8
+    assert np.linalg.norm(projection.rows.T @ projection.residual) < 1e-8
+    # At the best point of the base nothing is gained by it either: what is projected out was nothing.
+    stacked = math.sqrt(hoist.share) / base.sigma * base.residual
+    assert projection.residual @ projection.residual == pytest.approx(stacked @ stacked + base.prior, rel=1e-3)

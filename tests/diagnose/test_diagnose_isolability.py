@@ -1,0 +1,113 @@
+"""Angles between signatures, the smallest visible amounts, and what is told apart by neither."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.support.found_campaign import simulated_found
+from workbench.diagnose.hypotheses.fits import Projection
+from workbench.diagnose.hypotheses.score import LEAST, Scale, merit
+from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.isolation.isolability import angle_between, groups, isolability, separations, smallest_amount
+from workbench.diagnose.isolation.isolability import best_signatures as signatures
+
+TRIED = (
+    "torque_offset", "carriage_mass_error", "friction_viscous", "friction_viscous_asymmetric",
+    "friction_position_dependent", "payload_mass_error",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def heavier(tmp_path_factory: pytest.TempPathFactory) -> Found:
+    """A carriage 500 kg heavier than stated: in motor signals alone, much like an offset of the torque."""
+    truth = {"carriage_mass_error": {"mass_kg": 500.0}}
+    return simulated_found(tmp_path_factory.mktemp("isolability") / "heavier", truth, TRIED)[1]
+
+
+def unit(*angles_deg: float) -> np.ndarray:
+    return np.array([[math.cos(math.radians(a)) for a in angles_deg], [math.sin(math.radians(a)) for a in angles_deg]])
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-4, 12.0, 45.0, 60.0, 90.0])
+def test_the_angle_of_two_directions_is_the_one_between_them(degrees: float):
+    assert angle_between(unit(20.0), unit(20.0 + degrees)) == pytest.approx(degrees, abs=1e-8)
+
+
+def test_a_direction_within_a_plane_is_at_no_angle_to_it():
+    plane = np.eye(3)[:, :2]
+    inside = np.array([[0.6], [0.8], [0.0]])
+    outside = np.array([[0.6], [0.0], [0.8]])
+    assert angle_between(plane, inside) == pytest.approx(0.0, abs=1e-6)
+    assert angle_between(inside, plane) == pytest.approx(0.0, abs=1e-6)
+    assert angle_between(plane, outside) == pytest.approx(math.degrees(math.asin(0.8)))
+
+
+@pytest.mark.parametrize(("data", "prior"), [(40.0, 0.0), (1e-3, 5.0), (2.0, 3.0), (300.0, 0.1)])
+def test_the_smallest_visible_amount_is_worth_exactly_nothing(data: float, prior: float):
+    scale = Scale(400.0)
+    a = smallest_amount(data, prior, 2, scale)
+    assert merit(1.02 * a * a * data, 1.02 * a * a * prior, 2, scale) > 0.0
+    assert merit(0.98 * a * a * data, 0.98 * a * a * prior, 2, scale) < 0.0
+
+
+def test_what_never_shows_is_never_visible():
+    assert smallest_amount(0.0, 0.0, 1, Scale(400.0)) == math.inf
+
+
+def test_groups_hold_only_what_is_mutually_near():
+    apart = np.array([[0.0, 1.0, 9.0, 9.0], [1.0, 0.0, 2.0, 9.0], [9.0, 2.0, 0.0, 9.0], [9.0, 9.0, 9.0, 0.0]])
+    assert groups(apart, 3.0) == [[0, 1]]
+    assert groups(apart, 9.5) == [[0, 1, 2, 3]]
+    assert groups(apart, 0.5) == []
+
+
+def test_the_matrix_is_symmetric_with_zeros_on_its_diagonal(heavier: Found):
+    found = isolability(heavier.problem, heavier)
+    assert set(found.names) == set(TRIED)
+    assert np.array_equal(found.angle, found.angle.T)
+    assert np.all(np.diag(found.angle) == 0.0)
+    assert np.all((found.angle >= 0.0) & (found.angle <= 90.0))
+
+
+def test_an_offset_and_an_error_of_mass_are_alike_and_a_bump_is_like_neither(heavier: Found):
+    found = isolability(heavier.problem, heavier)
+    at = {name: k for k, name in enumerate(found.names)}
+    mass = found.angle[at["torque_offset"], at["carriage_mass_error"]]
+    place = found.angle[at["torque_offset"], at["friction_position_dependent"]]
+    assert mass < 0.6 * place
+    text = " ".join(found.sentences)
+    assert "torque_offset" in text and "carriage_mass_error" in text
+    assert "friction_position_dependent" not in text
+
+
+def test_a_special_case_is_no_fault_of_the_campaign(heavier: Found):
+    found = isolability(heavier.problem, heavier)
+    at = {name: k for k, name in enumerate(found.names)}
+    assert found.angle[at["friction_viscous"], at["friction_viscous_asymmetric"]] < 1.0
+    assert "friction_viscous" not in " ".join(found.sentences)
+    projection = Projection.of(heavier.problem, heavier.near, heavier.near.sigma)
+    scale = Scale(heavier.problem.share * heavier.problem.inputs)
+    best = signatures(projection, heavier.atoms, scale)
+    apart = separations(best, projection.priors, scale)
+    i, j = (list(best).index(name) for name in ("friction_viscous", "friction_viscous_asymmetric"))
+    assert apart[i, j] == math.inf
+
+
+def test_visible_amounts_are_in_the_first_parameters_unit_and_below_what_was_put_in(heavier: Found):
+    found = isolability(heavier.problem, heavier)
+    name, amount = found.visible["torque_offset"]
+    assert name == "offset_nm"
+    assert 0.5 < amount < 40.0
+    least = LEAST * heavier.problem.noise  # no effect smaller than that has a name, whatever its shape
+    name, amount = found.visible["friction_position_dependent"]
+    machine = heavier.problem.machine
+    assert name == "peak_n"
+    assert amount > least / machine.lift_m_per_rad  # type: ignore[union-attr]
+
+
+def test_a_signature_half_as_strong_is_visible_from_twice_the_amount():
+    scale = Scale(400.0)
+    assert smallest_amount(10.0, 0.0, 1, scale) == pytest.approx(2.0 * smallest_amount(40.0, 0.0, 1, scale))

@@ -1,0 +1,131 @@
+"""The next run: closed forms of the separation, the choice, and what decides between alike effects."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.support.found_campaign import simulated_found
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.knobs import Value
+from workbench.diagnose.hypotheses.score import LEAST
+from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.isolation.lines import Line
+from workbench.diagnose.isolation.next_run import APART, Offer, choose, next_run, separation
+from workbench.diagnose.isolation.planned import Planned, menu, seen_in
+from workbench.run import Run
+
+TRIED = ("torque_offset", "carriage_mass_error", "friction_viscous")
+ROWS = 200
+
+
+@pytest.fixture(scope="module")
+def heavier(tmp_path_factory: pytest.TempPathFactory) -> Found:
+    """A carriage 500 kg heavier than stated: in motor signals alone, much like an offset of the torque."""
+    truth = {"carriage_mass_error": {"mass_kg": 500.0}}
+    return simulated_found(tmp_path_factory.mktemp("next") / "heavier", truth, TRIED)[1]
+
+
+def line(level: float, slope: float, own: bool = False) -> Line:
+    """Residuals of a level, and one base parameter that shifts them all."""
+    extra = np.ones((ROWS, 1)) if own else np.zeros((ROWS, 0))
+    return Line(
+        np.full(ROWS, level), np.full((ROWS, 1), slope), extra, np.zeros(extra.shape[1]), np.zeros(ROWS, dtype=int), 0.5
+    )  # fmt: skip
+
+
+def fitted(z: float = 0.0) -> Fitted:
+    knob = Value("x", 0.0, 1.0, std=1.0)
+    return Fitted(("e",), (knob,), np.array([z]), np.zeros(ROWS), np.zeros((ROWS, 1)), 1.0, 0.0, z * z, 1, True)
+
+
+def test_predictions_that_no_base_parameter_brings_together_are_apart_by_their_distance():
+    expected = math.sqrt(0.5 * ROWS * (1.0 - LEAST**2))
+    assert separation(fitted(), fitted(), [(line(0.0, 0.0), line(1.0, 0.0))]) == pytest.approx(expected)
+
+
+def test_predictions_that_a_base_parameter_brings_together_are_apart_by_its_tolerances():
+    # A slope so steep that the data pin it: the rival has to move by 2.5 tolerances.
+    assert separation(fitted(), fitted(), [(line(0.0, 1e3), line(2.5e3, 1e3))]) == pytest.approx(2.5, rel=1e-3)
+
+
+def test_less_than_the_least_of_the_noise_sets_nothing_apart():
+    assert separation(fitted(), fitted(), [(line(0.0, 0.0), line(0.9 * LEAST, 0.0))]) == 0.0
+
+
+def test_what_each_run_has_of_its_own_explains_for_free():
+    assert separation(fitted(), fitted(), [(line(0.0, 0.0), line(3.0, 0.0, own=True))]) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_run_that_sees_the_parameter_otherwise_sets_apart_what_the_campaign_did_not():
+    """On the campaign the base parameter hides the difference; on the new run it cannot."""
+    campaign = (line(0.0, 1e3), line(1e3, 1e3))
+    new = (line(0.0, -1e3), line(1e3, -1e3))
+    now = separation(fitted(), fitted(), [campaign])
+    assert now == pytest.approx(1.0, rel=1e-3)
+    assert separation(fitted(), fitted(), [campaign, new]) > 100.0 * now
+
+
+def offer(apart: float, seconds: float, *signals: str) -> Offer:
+    run = Run("r", np.array([0.0, seconds]), {})
+    return Offer(Planned(run, 0.0, "slow"), signals, apart)
+
+
+def test_the_shortest_run_that_decides_is_chosen_before_one_that_sets_more_apart():
+    offers = [offer(9.0, 60.0), offer(4.0, 20.0), offer(2.0, 10.0), offer(30.0, 10.0, "tension_dead_line_n")]
+    assert choose(offers, 0.5) is offers[1]
+
+
+def test_where_nothing_decides_the_run_that_sets_most_apart_is_chosen():
+    offers = [offer(1.0, 10.0), offer(2.0, 20.0), offer(1.99, 15.0)]
+    assert choose(offers, 0.5) is offers[2]
+
+
+def test_a_run_that_adds_nothing_does_not_decide():
+    offers = [offer(APART + 1.1, 10.0), offer(9.0, 30.0)]
+    assert choose(offers, APART + 1.0) is offers[1]
+
+
+def test_nothing_open_asks_for_no_run(heavier: Found):
+    assert next_run(heavier.problem, heavier, []) is None
+    assert next_run(heavier.problem, heavier, ["torque_offset"]) is None
+
+
+def test_the_menu_stays_within_what_the_logs_show(heavier: Found):
+    problem = heavier.problem
+    seen = seen_in(problem)
+    assert seen.speed == pytest.approx(0.5, rel=0.05)
+    assert seen.high - seen.low == pytest.approx(2.0, rel=0.1)
+    for planned in menu(problem):
+        speed = planned.run["speed_motor_rad_s"] * problem.machine.lift_m_per_rad  # type: ignore[union-attr]
+        way = planned.run.start_position_m + np.cumsum(speed) * planned.run.sample_time_s
+        assert np.max(np.abs(speed)) <= 1.001 * seen.speed
+        assert seen.low - 0.05 < np.min(way) and np.max(way) < seen.high + 0.05
+        assert np.min(speed) < 0.0 < np.max(speed)
+        assert abs(way[-1] - way[0]) < 0.05
+    assert {planned.payload_kg for planned in menu(problem)} == {0.0, 4500.0, 9000.0}
+
+
+def test_the_dead_lines_tension_decides_between_an_offset_and_a_mass(heavier: Found):
+    found = next_run(heavier.problem, heavier, ["torque_offset", "carriage_mass_error"])
+    assert found is not None
+    assert found.signals == ("tension_dead_line_n",)
+    assert found.now < APART < found.separation
+    assert "torque_offset" in found.why and "carriage_mass_error" in found.why
+    assert f"by {found.separation:.1f} standard deviations" in found.why
+    assert "both ways" in found.profile
+
+
+def test_the_same_question_has_the_same_answer(heavier: Found):
+    first, second = (next_run(heavier.problem, heavier, ["torque_offset", "carriage_mass_error"]) for _ in range(2))
+    assert first == second
+
+
+def test_what_was_not_refitted_is_taken_from_its_signature(heavier: Found):
+    fits = {names: fit for names, fit in heavier.fits.items() if names != ("carriage_mass_error",)}
+    bare = Found(heavier.problem, heavier.base, heavier.near, fits, heavier.linear, heavier.atoms)
+    found = next_run(heavier.problem, bare, ["torque_offset", "carriage_mass_error"])
+    assert found is not None
+    assert found.separation > found.now

@@ -1,0 +1,154 @@
+"""A wrong answer that leaves no residual stretches the base parameters' tolerances; a true one does not."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from tests.support.noisy_runs import hoist_runs, with_effects
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
+from workbench.diagnose.hypotheses.knobs import Knob, Value, effect_knobs
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.verdict.against import against, undone
+from workbench.diagnose.verdict.stretch import _nearer, stretch
+from workbench.effects import find, ranges_of
+from workbench.machine import default_hoist
+
+ROWS = 400
+LINEAR = cast(Problem, SimpleNamespace(share=0.8))
+SIGMA = 0.7
+KNOWN = (20.0, 5.0, 1.0, 0.3, 0.05, 0.0, 8.0)  # how well the rows know each; the last is an effect's, without tolerance
+
+
+def linear(random: np.random.Generator, off: float = 1.0) -> Fitted:
+    """A linear campaign at its best: six base parameters drawn from `off` times their tolerances, an effect, and white
+    noise as strong as in-band noise of SIGMA of which a row is worth 0.8 independent values."""
+    columns = random.normal(size=(ROWS, len(KNOWN))) * KNOWN / math.sqrt(ROWS)
+    held = np.array([1.0] * 6 + [0.0])
+    truth = np.append(off * random.normal(size=6), 4.0)
+    measured = columns @ truth + random.normal(scale=SIGMA / math.sqrt(LINEAR.share), size=ROWS)
+    weight2 = LINEAR.share / SIGMA**2
+    z = np.linalg.solve(weight2 * columns.T @ columns + np.diag(held), weight2 * columns.T @ measured)
+    residual = measured - columns @ z
+    knobs: list[Knob] = [Value(f"p{k}", 0.0, 1.0, std=1.0 if h else math.inf) for k, h in enumerate(held)]
+    chi2 = weight2 * float(residual @ residual)
+    return Fitted(("e",), tuple(knobs), z, residual, -columns, SIGMA, chi2, float(z[:6] @ z[:6]), 1, True)
+
+
+def test_honest_tolerances_are_stretched_by_chance_alone_however_few_of_them_the_data_determine():
+    random = np.random.default_rng(4)
+    found = [stretch(LINEAR, linear(random)) for _ in range(400)]
+    assert np.mean(found) == pytest.approx(0.0, abs=0.2)
+    assert np.std(found) == pytest.approx(1.0, abs=0.15)
+
+
+def test_tolerances_that_are_not_kept_are_stretched():
+    random = np.random.default_rng(5)
+    assert np.median([stretch(LINEAR, linear(random, off=3.0)) for _ in range(40)]) > 3.0
+
+
+def test_how_steeply_friction_turns_over_at_standstill_is_no_tolerance():
+    fit = linear(np.random.default_rng(6))
+    first = cast(Value, fit.knobs[0])
+    free = replace(fit, knobs=(replace(first, origin=1.0, least=1e-9, logarithmic=True), *fit.knobs[1:]))
+    torn = np.append(30.0, fit.z[1:])
+    assert stretch(LINEAR, replace(free, z=torn)) == pytest.approx(stretch(LINEAR, free))
+    assert stretch(LINEAR, replace(fit, z=torn)) > 10.0
+
+
+def test_without_tolerances_nothing_is_stretched():
+    fit = linear(np.random.default_rng(7))
+    assert stretch(LINEAR, replace(fit, knobs=tuple(replace(cast(Value, k), std=math.inf) for k in fit.knobs))) == 0.0
+
+
+def test_what_an_inexact_effect_may_bend_is_no_stretch():
+    fit = linear(np.random.default_rng(8), off=4.0)
+    found = [stretch(LINEAR, fit, allowed) for allowed in (0.0, 1.0, 10.0, 100.0, 1e6)]
+    assert found[0] == stretch(LINEAR, fit) > 3.0
+    assert all(a > b for a, b in itertools.pairwise(found))
+    assert found[-1] < 0.0
+
+
+@pytest.mark.parametrize("allowed", [0.5, 20.0, 300.0])
+def test_parameters_nearer_to_nominal_cost_the_chi2_that_is_allowed(allowed: float):
+    fit = linear(np.random.default_rng(9), off=4.0)
+    weight2, hold = LINEAR.share / SIGMA**2, np.array([1.0] * 6 + [0.0])
+    data, pull = weight2 * fit.jacobian.T @ fit.jacobian, weight2 * fit.jacobian.T @ fit.residual
+    z = fit.z + _nearer(data, pull, fit.z, hold, np.sqrt(np.diag(data) + hold), allowed)
+    residual = fit.residual + fit.jacobian @ (z - fit.z)
+    assert weight2 * float(residual @ residual) - fit.chi2 == pytest.approx(allowed, rel=1e-3)
+    assert float(np.sum((z * hold) ** 2)) < fit.prior
+    assert np.all(np.abs(z * hold) <= np.abs(fit.z * hold) + 1.0)
+
+
+# On a hoist
+
+
+def answered(
+    truth: dict[str, dict[str, float]], named: Sequence[str], begin: dict[str, float]
+) -> tuple[Problem, Fitted]:
+    """Runs of a hoist with noise and the effects of `truth` in it, and the fit of the effects `named`."""
+    problem = Problem(default_hoist(), hoist_runs(with_effects(default_hoist(), truth), seed=4))
+    knobs: list[Knob] = list(base_knobs(problem.machine, problem.runs).values())
+    z = [0.0] * len(knobs)
+    for effect in [find(name, "hoist") for name in named]:
+        ranges = ranges_of(effect, problem.machine, problem.runs)
+        more, start = effect_knobs(effect, ranges, {r.symbol: begin[r.name] for r in ranges})
+        knobs, z = [*knobs, *more], [*z, *start]
+    return problem, fit_knobs(problem, named, knobs, np.array(z), problem.noise, 60)
+
+
+@pytest.mark.parametrize(
+    ("true", "amount", "begin", "instead", "other"),
+    [
+        ("payload_mass_error", {"payload_scale": 1.06}, 1.03, "torque_scale", {"gain": 1.03}),
+        ("gearbox_inertia", {"inertia_kg_m2": 1.0}, 0.8, "friction_viscous", {"viscous_n_s_per_m": 100.0}),
+    ],
+)
+def test_a_stand_in_that_leaves_no_residual_stretches_the_tolerances(
+    true: str, amount: dict[str, float], begin: float, instead: str, other: dict[str, float]
+):
+    problem, own = answered({true: amount}, [true], dict.fromkeys(amount, begin))
+    same, wrong = answered({true: amount}, [instead], other)
+    assert own.rms(problem.inputs) < 1.1 * problem.noise
+    assert wrong.rms(same.inputs) < 1.1 * same.noise
+    assert stretch(problem, own) < 1.0
+    assert stretch(same, wrong) > 3.0
+
+
+# Two effects
+
+
+def test_shares_at_right_angles_or_alike_do_not_undo_each_other():
+    shares = np.random.default_rng(1).normal(size=(4000, 2))
+    assert undone(shares) < 0.1
+    assert undone(np.stack([shares[:, 0], 0.5 * shares[:, 0]], axis=1)) == 0.0
+    assert undone(np.zeros((10, 2))) == 0.0
+
+
+@pytest.mark.parametrize("left", [0.9, 0.5, 0.1])
+def test_a_difference_of_two_large_shares_counts_by_what_it_leaves(left: float):
+    one = np.random.default_rng(2).normal(size=400)
+    assert undone(np.stack([one, -(1.0 - left) * one], axis=1)) == pytest.approx(
+        math.log((1.0 + (1.0 - left) ** 2) / left**2)
+    )
+
+
+def test_a_pair_that_stands_in_for_one_cause_is_against_itself_and_a_true_pair_is_not():
+    pair = ("payload_mass_error", "torque_scale")
+    begin = {"payload_scale": 1.01, "gain": 0.99}
+    same, instead = answered({"gearbox_inertia": {"inertia_kg_m2": 1.0}}, pair, begin)
+    true = {"friction_viscous": {"viscous_n_s_per_m": 2000.0}, "payload_mass_error": {"payload_scale": 1.06}}
+    problem, both = answered(true, tuple(true), {"viscous_n_s_per_m": 1500.0, "payload_scale": 1.05})
+    base = len(base_knobs(problem.machine, problem.runs))
+    assert against(same, instead, base) > 0.5
+    assert against(problem, both, base) < 0.1
+    assert against(problem, replace(both, effects=both.effects[:1]), base) == 0.0

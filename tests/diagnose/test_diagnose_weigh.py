@@ -1,0 +1,351 @@
+"""What a diagnosis concludes from fits: merits, held-out runs, standard errors, probabilities, misfit, shrink."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.support.fitted_runs import fitted_to, made_by, rms
+from tests.support.noisy_runs import hoist_runs
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.estimates import covariance, estimates
+from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
+from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_payload, folds_by_run, held_out
+from workbench.diagnose.hypotheses.knobs import Knob, effect_knobs, setting_of
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.score import LEAST, SECOND, Scale, merit
+from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.records import Names
+from workbench.diagnose.shrink import folds_of, shrink_of
+from workbench.diagnose.verdict.judge import calibration, rank
+from workbench.diagnose.verdict.misfit import misfit
+from workbench.effects import find, ranges_of
+from workbench.machine import default_hoist
+from workbench.run import Array
+from workbench.simulate.lowpass import lowpass
+
+TORQUE = "torque_motor_nm"
+NUMBERS = {**calibration(), "threshold": 6.0, "temperature": 2.0, "unknown_bias": -6.0, "unknown_clear": 12.0}
+
+
+# Merit
+
+
+@given(st.floats(-1e3, 1e5), st.floats(0.0, 1e4), st.floats(-50.0, 50.0), st.integers(1, 4), st.floats(0.0, 1e6))
+def test_to_explain_more_is_never_worse(data: float, more: float, prior: float, size: int, explained: float):
+    scale = Scale(400.0)
+    before = merit(data, prior, size, scale, explained)
+    assert merit(data + more, prior, size, scale, explained) >= before - 1e-9
+    assert merit(data, prior + more, size, scale, explained) == pytest.approx(before + more)
+
+
+@given(st.floats(-1e3, 1e5), st.integers(1, 5), st.floats(3.0, 1e6))
+def test_each_parameter_costs_the_logarithm_of_the_samples_as_far_as_they_are_hundreds(
+    data: float, size: int, n: float
+):
+    cost = merit(data, 0.0, size, Scale(n)) - merit(data, 0.0, size + 1, Scale(n))
+    assert math.log(min(n, 400.0)) - 1e-6 <= cost <= math.log(n) + 1e-6
+
+
+def test_the_least_effect_worth_a_name_is_taken_off_the_data_alone():
+    scale = Scale(400.0)
+    least, cost = LEAST**2 * 400.0, math.log(400.0)
+    assert merit(0.9 * least, 0.0, 1, scale) == pytest.approx(-cost)  # too small: worth nothing, however significant
+    assert merit(least + 10.0, 0.0, 1, scale) == pytest.approx(10.0 - cost)
+    assert merit(0.0, 10.0, 1, scale) == pytest.approx(10.0 - cost)
+    assert merit(-5.0, 10.0, 1, scale) == pytest.approx(5.0 - cost)
+
+
+def test_a_second_effect_has_to_stand_out_of_what_the_first_cannot_explain():
+    scale = Scale(400.0)
+    explained = 1e5
+    bar = SECOND**2 * explained
+    assert bar > LEAST**2 * 400.0
+    assert merit(bar - 1.0, 0.0, 1, scale, explained) < 0.0 < merit(bar + 20.0, 0.0, 1, scale, explained)
+    assert merit(bar - 1.0, 0.0, 1, scale) > 0.0
+
+
+@given(st.floats(1.0, 50.0), st.floats(100.0, 1e4))
+def test_what_is_measured_against_a_higher_floor_counts_in_its_units(inflation: float, data: float):
+    assert merit(data, 3.0, 2, Scale(400.0, inflation)) == pytest.approx(merit(data / inflation, 3.0, 2, Scale(400.0)))
+
+
+# Held-out runs
+
+
+def alone(problem: Problem, effects: Names, knobs: Sequence[Knob], z: Array, fold: int) -> Array:
+    """The residual of run `fold` by a real refit to all the others."""
+    others = [run for j, run in enumerate(problem.runs) if j != fold]
+    rest = Problem(problem.machine, others, problem.band_hz)
+    found = fit_knobs(rest, effects, knobs, z, problem.noise, 60)
+    (residual,) = problem.residuals([found.setting])
+    return residual[problem.run_of_row == fold]
+
+
+@pytest.fixture(scope="module")
+def tight() -> tuple[Problem, Fitted]:
+    """Runs of a hoist with a tight stretch, and the fit of it."""
+    truth = {"friction_position_dependent": {"peak_n": 4500.0, "centre_m": 8.2, "width_m": 0.5}}
+    return fitted_to(truth, {"peak_n": 3000.0, "centre_m": 8.5, "width_m": 0.6})
+
+
+def test_a_fold_taken_out_by_one_step_is_what_a_refit_without_it_predicts(tight: tuple[Problem, Fitted]):
+    problem, fit = tight
+    quick = held_out(problem, fit, folds_by_run(problem))
+    for j in range(len(problem.runs)):
+        mine = problem.run_of_row == j
+        exact = alone(problem, fit.effects, fit.knobs, fit.z, j)
+        assert rms(quick.residual[mine] - exact) < 0.25 * problem.noise
+        assert quick.rms(problem.inputs, j) == pytest.approx(rms(exact), rel=0.1)
+    assert len(quick.settings) == len(problem.runs)
+
+
+def test_what_was_not_seen_is_met_no_better_than_what_was(tight: tuple[Problem, Fitted]):
+    problem, fit = tight
+    found = held_out(problem, fit, folds_by_run(problem))
+    assert fit.rms(problem.inputs) <= found.rms(problem.inputs) < 1.3 * problem.noise
+
+
+def test_runs_of_one_payload_are_left_out_together(tight: tuple[Problem, Fitted]):
+    problem = tight[0]
+    folds = folds_by_payload(problem)
+    assert folds is not None
+    assert folds[problem.run_of_row == 1][0] == folds[problem.run_of_row == 2][0] != folds[0]
+    assert folds_by_payload(Problem(problem.machine, problem.runs[1:])) is None
+
+
+def test_one_run_is_cut_into_blocks(tight: tuple[Problem, Fitted]):
+    problem = Problem(tight[0].machine, tight[0].runs[:1])
+    folds = folds_by_run(problem)
+    assert np.array_equal(np.unique(folds), np.arange(4))
+    assert np.all(np.diff(folds) >= 0)
+    assert min(np.bincount(folds)) >= len(folds) // 4
+
+
+def test_a_phase_that_is_a_runs_own_is_taken_from_that_run():
+    truth = {"heave": {"amplitude_m": 0.2, "frequency_rad_s": 0.9, "phase_rad": 1.0}}
+    problem, fit = fitted_to(truth, {"amplitude_m": 0.15, "frequency_rad_s": 0.88, "phase_rad": (0.7, 1.2, 1.0)})
+    (phases,) = [v for k, v in fit.setting.items() if k.endswith("phase_rad")]
+    assert phases == pytest.approx((1.0, 1.0, 1.0), abs=0.15)
+    found = held_out(problem, fit, folds_by_run(problem))
+    assert found.rms(problem.inputs) < 1.3 * problem.noise
+    for j, setting in enumerate(found.settings):
+        (held,) = [v for k, v in setting.items() if k.endswith("phase_rad")]
+        assert held[j] == pytest.approx(1.0, abs=0.25)  # type: ignore[index]
+
+
+# Standard errors
+
+
+def test_standard_errors_are_the_scatter_of_many_campaigns():
+    """Torque noise drawn anew, base parameters drawn within their tolerances, as the fit believes they are."""
+    hoist = Problem(default_hoist(), hoist_runs(default_hoist()))
+    effect = find("friction_viscous", "hoist")
+    (r,) = ranges_of(effect, hoist.machine, hoist.runs)
+    base = list(base_knobs(hoist.machine, hoist.runs).values())
+    more, start = effect_knobs(effect, (r,), {r.symbol: 3000.0})
+    knobs: list[Knob] = [*base, *more]
+    held = np.array([not knob.logarithmic for knob in base])
+    random, found, said = np.random.default_rng(8), [], []
+    for _ in range(50):
+        truth = np.concatenate([random.normal(size=len(base)) * held, start])
+        clean = made_by(hoist, setting_of(knobs, truth))
+        runs = [
+            replace(run, signals={**run.signals, TORQUE: run[TORQUE] + random.normal(scale=4.0, size=len(run.time_s))})
+            for run in clean.runs
+        ]
+        problem = Problem(hoist.machine, runs, hoist.band_hz)
+        z = np.concatenate([np.zeros(len(base)), start])
+        fit = fit_knobs(problem, (effect.id,), knobs, z, problem.noise, 30)
+        (each,) = estimates(problem, fit)[effect.id]
+        assert isinstance(each.value, float) and isinstance(each.std_error, float)
+        found.append(each.value)
+        said.append(each.std_error / calibration()["interval"])
+    assert np.mean(found) == pytest.approx(3000.0, abs=4.0 * float(np.std(found)) / math.sqrt(50))
+    assert np.mean(said) == pytest.approx(np.std(found), rel=0.3)
+
+
+def test_half_the_noise_halves_the_error_of_what_no_tolerance_holds(tight: tuple[Problem, Fitted]):
+    problem, fit = tight
+    quiet = replace(fit, sigma=0.5 * fit.sigma, residual=0.5 * fit.residual)
+    at = len(fit.z) - 2  # the centre of the stretch: nothing else is like it
+    before, after = (math.sqrt(covariance(problem, each)[at, at]) for each in (fit, quiet))
+    assert after == pytest.approx(0.5 * before, rel=0.02)
+
+
+def test_a_model_that_leaves_more_than_the_noise_is_believed_less(tight: tuple[Problem, Fitted]):
+    problem, fit = tight
+    worse = replace(fit, chi2=4.0 * problem.share * problem.samples)
+    good = replace(fit, chi2=0.5 * problem.share * problem.samples)
+    assert np.diag(covariance(problem, worse)) == pytest.approx(4.0 * np.diag(covariance(problem, good)))
+
+
+# The verdict
+
+NO_EVIDENCE = {"clear": 0.0, "slow": 0.0, "prior": 0.0, "bound": 0.0, "against": 0.0}
+merits = st.lists(st.floats(-20.0, 500.0), max_size=8)
+
+
+@given(merits, st.floats(0.0, 3.0), st.booleans())
+def test_probabilities_sum_to_one_and_the_answer_stands_first(values: list[float], clear: float, rival: bool):
+    rows = rank(named(values, rival), {**NO_EVIDENCE, "clear": clear}, NUMBERS)
+    assert sum(row.probability for row in rows) == pytest.approx(1.0)
+    assert all(row.probability >= 0.0 for row in rows)
+    total = {w: sum(r.probability for r in rows if r.verdict == w) for w in ("named", "no_gap", "unknown")}
+    assert total[rows[0].verdict] == pytest.approx(max(total.values()))
+    of_word = [row.probability for row in rows if row.verdict == rows[0].verdict]
+    assert rows[0].probability == max(of_word)
+
+
+def named(values: Sequence[float], rival: bool = False) -> list[tuple[Names, float]]:
+    return [(() if rival and k == 0 else (f"e{k}",), value) for k, value in enumerate(values)]
+
+
+@given(st.lists(st.floats(-20.0, 500.0), min_size=1, max_size=8), st.floats(0.0, 100.0))
+def test_a_larger_merit_is_never_less_likely(values: list[float], more: float):
+    def of_first(rows: Sequence[float]) -> float:
+        return next(r.probability for r in rank(named(rows), NO_EVIDENCE, NUMBERS) if r.effects == ("e0",))
+
+    assert of_first([values[0] + more, *values[1:]]) >= of_first(values) - 1e-12
+
+
+@given(st.lists(st.floats(-20.0, 500.0), min_size=2, max_size=8))
+def test_named_ones_are_ranked_by_their_merits(values: list[float]):
+    by_name = {r.effects: r.probability for r in rank(named(values), NO_EVIDENCE, NUMBERS) if r.effects}
+    order = sorted(range(len(values)), key=lambda k: values[k])
+    likely = [by_name[f"e{k}",] for k in order]
+    assert all(a <= b + 1e-12 for a, b in itertools.pairwise(likely))
+
+
+@pytest.mark.parametrize("numbers", [NUMBERS, dict(calibration())])
+def test_without_any_merit_there_is_no_gap(numbers: dict[str, float]):
+    for values in ([], [-20.0, -20.0]):
+        rows = rank(named(values), NO_EVIDENCE, numbers)
+        assert (rows[0].verdict, rows[0].effects) == ("no_gap", ())
+        assert rows[0].probability > 0.75
+
+
+@pytest.mark.parametrize("numbers", [NUMBERS, dict(calibration())])
+def test_a_large_merit_without_evidence_against_it_is_named(numbers: dict[str, float]):
+    rows = rank(named([20.0, 400.0, -5.0]), NO_EVIDENCE, numbers)
+    assert (rows[0].verdict, rows[0].effects) == ("named", ("e1",))
+    assert rows[0].probability > 0.75
+
+
+@pytest.mark.parametrize("numbers", [NUMBERS, dict(calibration())])
+def test_structure_that_the_best_leaves_makes_the_cause_unknown(numbers: dict[str, float]):
+    left = {**NO_EVIDENCE, "clear": math.log(6.0), "slow": math.log(6.0)}
+    rows = rank(named([400.0]), left, numbers)
+    assert (rows[0].verdict, rows[0].effects) == ("unknown", ())
+
+
+def test_what_may_not_be_named_speaks_for_an_unknown_cause():
+    rows = rank([((), 400.0), (("known",), 300.0)], NO_EVIDENCE, NUMBERS)
+    assert rows[0].verdict == "unknown"
+    assert rows[0].probability > 0.9
+
+
+# What is left
+
+
+SHARE = 2.0 * 1.7 * 0.14  # independent values a sample of what follows: two a period of the band
+
+
+def coloured(random: np.random.Generator, runs: int = 4, band_hz: float = 1.7) -> tuple[Array, Array, np.ndarray]:
+    """Noise of 1 rms as it is behind the low-pass, every quarter of the band's period: values, times, runs."""
+    time = np.arange(6000, dtype=np.float64) * 0.01
+    rows = slice(200, 5800, int(100.0 / (4.0 * band_hz)))
+    parts = [lowpass(time, np.asarray(random.normal(size=len(time))), band_hz) for _ in range(runs)]
+    value = np.concatenate([part[rows] for part in parts])
+    return np.asarray(value / rms(value)), np.tile(time[rows], runs), np.repeat(np.arange(runs), len(time[rows]))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_alone_is_a_misfit_of_one(seed: int):
+    value, time, run = coloured(np.random.default_rng(seed))
+    found = misfit(value, np.ones_like(value), time, run, 1.7, SHARE)
+    assert found.everywhere == pytest.approx(1.0)
+    assert found.clear == pytest.approx(1.0, abs=0.06)
+
+
+def test_noise_alone_is_a_slow_misfit_of_one():
+    found = [
+        misfit(value, np.ones_like(value), time, run, 1.7, SHARE).slow
+        for value, time, run in (coloured(np.random.default_rng(seed)) for seed in range(20))
+    ]
+    assert np.mean(found) == pytest.approx(1.0, abs=0.05)
+
+
+def test_white_noise_is_trimmed_without_bias():
+    value = np.random.default_rng(3).normal(size=200_000)
+    time = np.arange(len(value), dtype=np.float64) * 0.3
+    assert misfit(value, np.ones_like(value), time, np.zeros(len(value), int), 1.7, 1.0).clear == pytest.approx(
+        1.0, abs=0.01
+    )
+
+
+def test_what_hangs_together_over_seconds_shows_in_the_slow_misfit_most():
+    value, time, run = coloured(np.random.default_rng(1))
+    bent = value + np.sin(0.5 * time)
+    found = misfit(bent, np.ones_like(value), time, run, 1.7, SHARE)
+    assert found.slow > 1.25 * found.clear > 1.5
+
+
+def test_single_blows_and_what_happens_at_standstill_are_left_out_of_the_clear_misfit():
+    value, time, run = coloured(np.random.default_rng(1))
+    blows, stops, speed = value.copy(), value.copy(), np.ones_like(value)
+    blows[::101] = 30.0
+    slow = np.arange(len(value)) % 7 == 0
+    speed[slow], stops[slow] = 0.0, 20.0
+    assert misfit(blows, np.ones_like(value), time, run, 1.7, SHARE).clear == pytest.approx(1.0, abs=0.08)
+    assert misfit(stops, speed, time, run, 1.7, SHARE).clear == pytest.approx(1.0, abs=0.08)
+    assert misfit(stops, speed, time, run, 1.7, SHARE).everywhere > 5.0
+
+
+# The shrink
+
+
+@pytest.fixture(scope="module")
+def found(tight: tuple[Problem, Fitted]) -> Found:
+    problem, fit = tight
+    knobs = list(base_knobs(problem.machine, problem.runs).values())
+    base = fit_knobs(problem, (), knobs, np.zeros(len(knobs)), problem.noise)
+    return Found(problem, base, base, {fit.effects: fit}, {}, ())
+
+
+def test_the_interval_of_the_shrink_holds_its_factor_and_is_the_same_for_one_seed(found: Found):
+    problem, names = found.problem, ("friction_position_dependent",)
+    keys = base_knobs(problem.machine, problem.runs)
+    folds = folds_of(found, names)
+    first, again, other = (shrink_of(found, keys, names, folds, seed) for seed in (7, 7, 8))
+    assert first == again
+    assert first.ci95[0] <= first.factor <= first.ci95[1]
+    assert first.ci95[0] < first.ci95[1]
+    assert other.ci95 == pytest.approx(first.ci95, rel=0.2)
+    assert first.factor == first.before / first.after > 3.0
+    assert first.after < 1.3 * first.noise
+    assert set(first.by_run) == {run.name for run in problem.runs}
+    squares = [b**2 * n for (_, b), n in zip(first.by_run.values(), problem.run_lengths, strict=True)]
+    assert math.sqrt(sum(squares) / problem.inputs) == pytest.approx(first.after)
+    assert first.speed_rmse_percent_after < first.speed_rmse_percent_before
+
+
+def test_without_a_cause_nothing_shrinks(found: Found):
+    keys = base_knobs(found.problem.machine, found.problem.runs)
+    shrink = shrink_of(found, keys, (), folds_of(found, ()), 0)
+    assert shrink.factor == 1.0 and shrink.ci95 == (1.0, 1.0)
+    assert shrink.before == shrink.after
+    assert shrink.speed_rmse_percent_before == shrink.speed_rmse_percent_after
+
+
+def test_a_fold_without_rows_has_no_rms():
+    held = HeldOut(np.array([3.0, 4.0]), np.array([0, 0]), ({},))
+    assert math.isnan(held.rms(2, 1))
+    assert held.rms(2) == held.rms(2, 0) == pytest.approx(math.sqrt(12.5))

@@ -1,0 +1,324 @@
+"""The size of the gap, its windows, profiles and place; the machines that a fit leaves behind."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.found_campaign import found_in, simulated_found
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.location.gap import gap_of
+from workbench.diagnose.location.place import place_of
+from workbench.diagnose.location.profiles import Free, best_of, explain, held_out, share_of
+from workbench.diagnose.location.spectrum import _taken, wave_along_the_way, wave_in_time
+from workbench.diagnose.location.variables import Variable, forward, spacing, times, variables, way
+from workbench.diagnose.location.where import parts_of, sum_of, where_of
+from workbench.diagnose.location.windows import HELD, windows_of
+from workbench.diagnose.machines import corrected_machine, of_first_run, refitted_machine
+from workbench.effects import find
+from workbench.logs import Campaign
+from workbench.machine import Hoist, load_machine, save_machine
+from workbench.run import Array
+from workbench.simulate.replay import replay_runs
+
+BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.25}}
+TRIED = ("friction_position_dependent", "friction_viscous", "heave")
+
+
+@pytest.fixture(scope="module")
+def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Found]:
+    """A tight stretch of rail at 9.6 m."""
+    return simulated_found(tmp_path_factory.mktemp("where") / "bump", BUMP, TRIED)
+
+
+@pytest.fixture(scope="module")
+def even(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Found]:
+    """A machine within its tolerances."""
+    return simulated_found(tmp_path_factory.mktemp("where") / "even", {}, TRIED)
+
+
+def nothing_free(problem: Problem) -> Free:
+    return Free(np.zeros((problem.inputs, 0)), np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+def noise_of(problem: Problem) -> Array:
+    return np.random.default_rng(5).normal(scale=problem.noise, size=problem.inputs)
+
+
+MADE: dict[str, Callable[[Variable, Array], Array]] = {
+    "speed": lambda v, way: -v.at * way,
+    "position": lambda v, way: np.exp(-(((v.at - np.mean(v.at)) / 0.2) ** 2)),
+    "payload": lambda v, way: v.at / 9000.0,
+    "acceleration": lambda v, way: v.at,
+    "since_start": lambda v, way: np.exp(-v.at / 0.5) * way,
+    "drum_angle": lambda v, way: np.cos(v.at - 1.0),
+}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_gap_made_of_one_variable_is_explained_by_it_on_runs_that_were_held_out(
+    even: tuple[Campaign, Found], name: str
+):
+    problem = even[1].problem
+    way = np.where(forward(problem), 1.0, -1.0)
+    made = next(v for v in variables(problem) if v.name == name)
+    gap = MADE[name](made, way)
+    gap = 10.0 * problem.noise * gap / np.sqrt(np.mean(gap**2)) + noise_of(problem)
+    found = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem)]
+    assert best_of(found).variable.name == name
+    best = next(each for each in found if each.variable.name == name)
+    assert best.share > 0.85
+    assert best.interval[0] <= best.share <= best.interval[1]
+
+
+def test_a_sensor_that_saturates_is_found_by_the_torque_that_the_motion_takes(even: tuple[Campaign, Found]):
+    problem = even[1].problem
+    plain = next(v for v in variables(problem, np.zeros(problem.inputs)) if v.name == "input").at
+    square = plain**2 / np.max(np.abs(plain)) - 0.6 * plain
+    gap = 10.0 * problem.noise * square / np.sqrt(np.mean(square**2)) + noise_of(problem)
+    found = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem, even[1].near.residual)]
+    best = best_of(found)
+    assert best.variable.name == "input"
+    assert place_of(problem, gap, best, windows_of(problem, gap**2), "unsaid").subsystem == "torque_sensor"
+
+
+def test_noise_alone_is_explained_by_nothing_however_many_bins_there_are(even: tuple[Campaign, Found]):
+    problem = even[1].problem
+    gap = 3.0 * noise_of(problem)
+    found = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem)]
+    assert max(each.share for each in found) < 0.1
+
+
+def test_a_wave_in_time_with_a_phase_of_each_run_is_found_at_its_frequency(even: tuple[Campaign, Found]):
+    problem = even[1].problem
+    phase = problem.run_of_row[: problem.inputs] * 2.0
+    gap = 8.0 * problem.noise * np.sin(2.0 * np.pi * 0.31 * times(problem) + phase) + noise_of(problem)
+    wave, profile = wave_in_time(problem, gap, 0)
+    assert wave.variable.at[0] == pytest.approx(0.31, abs=0.01)
+    assert wave.share > 0.9
+    mine = np.searchsorted(profile.edges, 0.31) - 1
+    assert profile.share[mine] == np.max(profile.share) > 0.9
+    assert np.max(profile.share[profile.edges[:-1] > 0.6]) < 0.1
+
+
+def test_a_wave_takes_what_a_fit_of_sine_and_cosine_takes():
+    rng = np.random.default_rng(2)
+    at, tried = np.sort(rng.uniform(0.0, 20.0, 300)), np.linspace(0.1, 1.0, 37)
+    gap = np.sin(2.0 * np.pi * 0.4 * at) + 0.3 * rng.normal(size=300)
+    taken = _taken(gap, at, tried)
+    for k in (0, 12, 30):
+        a = np.stack([np.cos(2.0 * np.pi * tried[k] * at), np.sin(2.0 * np.pi * tried[k] * at)], axis=1)
+        left = gap - a @ np.linalg.lstsq(a, gap, rcond=None)[0]
+        assert taken[k] == pytest.approx(float(gap @ gap - left @ left), abs=0.02 * float(gap @ gap))
+
+
+def test_a_wave_along_the_way_is_found_at_its_length_and_given_to_what_turns_so(even: tuple[Campaign, Found]):
+    problem = even[1].problem
+    assert isinstance(problem.machine, Hoist)
+    turns = way(problem) / problem.machine.lift_m_per_rad / (2.0 * np.pi)
+    phase = problem.run_of_row[: problem.inputs] * 2.0
+    gap = 8.0 * problem.noise * np.sin(2.0 * np.pi * 1.0 * turns + phase) + noise_of(problem)
+    found = wave_along_the_way(problem, gap, 0)
+    assert found is not None
+    wave, profile = found
+    assert wave.variable.at[0] == pytest.approx(1.0 / (2.0 * np.pi * problem.machine.lift_m_per_rad), rel=0.01)
+    assert wave.share > 0.8
+    assert profile.regime == "periodic"
+    assert profile.edges[np.argmax(profile.share)] <= wave.variable.at[0] <= profile.edges[np.argmax(profile.share) + 1]
+    assert place_of(problem, gap, wave, windows_of(problem, gap**2), "unsaid").subsystem == "motor"
+
+
+def test_a_held_out_part_never_saw_its_own_fold():
+    rng = np.random.default_rng(0)
+    columns, gap = rng.normal(size=(40, 3)), rng.normal(size=40)
+    folds = np.arange(40) % 4
+    free = Free(np.zeros((40, 0)), np.zeros(0), np.zeros(0), np.zeros(0))
+    part = held_out(gap, columns, np.zeros((3, 3)), free, folds)
+    mine = folds == 1
+    other = np.linalg.lstsq(columns[~mine], gap[~mine], rcond=None)[0]
+    assert part[mine] == pytest.approx(columns[mine] @ other, rel=1e-3, abs=1e-4)
+
+
+def test_the_base_parameters_help_a_profile_within_their_bounds_only():
+    gap, column = np.full(40, 5.0), np.ones((40, 1))
+    nothing = np.zeros((40, 0))
+    held = Free(column, np.array([-2.0]), np.array([2.0]), np.array([1e-6]))
+    assert held_out(gap, nothing, np.zeros((0, 0)), held, np.arange(40) % 2) == pytest.approx(2.0)
+
+
+def test_a_share_is_what_is_gone_of_the_energy_beyond_noise(even: tuple[Campaign, Found]):
+    problem = even[1].problem
+    gap = np.full(problem.inputs, 5.0 * problem.noise)
+    share, (low, high) = share_of(problem, gap, 0.6 * gap, 0)
+    assert share == pytest.approx(0.64 * 25.0 / 24.0)
+    assert low == pytest.approx(share) == high
+
+
+def test_windows_lie_where_the_energy_is_and_hold_most_of_it_in_little_time(even: tuple[Campaign, Found]):
+    problem = even[1].problem
+    t, run = times(problem), problem.run_of_row[: problem.inputs]
+    burst = (run == 1) & (t > 4.0) & (t < 6.0)
+    found = windows_of(problem, np.where(burst, 1.0, 0.0))
+    assert [w.run for w in found.windows] == [problem.runs[1].name]
+    assert 3.0 < found.windows[0].from_s < found.windows[0].to_s < 7.0
+    assert found.windows[0].to_s - found.windows[0].from_s >= 2.0 / problem.band_hz - 0.1
+    assert found.held >= HELD
+    assert found.time < 0.15
+
+
+def test_windows_of_an_even_gap_take_their_share_of_the_time(even: tuple[Campaign, Found]):
+    problem = even[1].problem
+    found = windows_of(problem, np.ones(problem.inputs))
+    assert found.held == pytest.approx(found.time)
+    assert found.held >= HELD
+
+
+def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_candidate(bump: tuple[Campaign, Found]):
+    problem, near = bump[1].problem, bump[1].near
+    where = where_of(problem, near)
+    assert (where.subsystem, where.regime) == ("guide", "position")
+    assert where.profiles[0].variable == "position"
+    assert where.profiles[0].explains > 0.7
+    assert where.side == "unsaid"
+    assert sum(where.energy_by_run.values()) == pytest.approx(1.0)
+
+
+def test_windows_of_a_named_bump_are_its_passages(bump: tuple[Campaign, Found]):
+    problem, found = bump[1].problem, bump[1]
+    fit = found.fits[("friction_position_dependent",)]
+    where = where_of(problem, found.near, fit, [find("friction_position_dependent", "hoist")])
+    assert (where.subsystem, where.regime) == ("guide", "position")
+    assert where.share > 0.6
+    assert where.interval[0] <= where.share <= where.interval[1]
+    height = next(v for v in variables(problem) if v.name == "position").at
+    t, runs = times(problem), problem.run_of_row[: problem.inputs]
+    inside = np.zeros(problem.inputs, dtype=bool)
+    for window in where.windows:
+        j = [run.name for run in problem.runs].index(window.run)
+        inside |= (runs == j) & (t >= window.from_s) & (t <= window.to_s)
+    near = np.abs(height - 9.6) < 0.35
+    assert np.mean(near[inside]) > 0.75
+    assert np.sum(spacing(problem)[inside]) < 0.6 * np.sum(spacing(problem))
+
+
+def test_the_parts_of_effects_are_what_they_add_to_the_prediction(bump: tuple[Campaign, Found]):
+    problem, found = bump[1].problem, bump[1]
+    fit = found.fits[("friction_position_dependent",)]
+    effect = find("friction_position_dependent", "hoist")
+    (part,) = parts_of(problem, fit, [effect])
+    assert part.rows == pytest.approx(sum_of(problem, fit, [effect]))
+    without = problem.residuals([{**fit.setting, "friction_position_dependent__peak_n": 0.0}])[0]
+    assert without == pytest.approx(fit.residual + part.rows, abs=0.02 * problem.noise)
+
+
+def test_the_same_seed_gives_the_same_place(bump: tuple[Campaign, Found]):
+    first, second = (where_of(bump[1].problem, bump[1].near, seed=4) for _ in range(2))
+    assert (first.windows, first.share, first.interval, first.sentences) == (
+        second.windows, second.share, second.interval, second.sentences,
+    )  # fmt: skip
+
+
+def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Campaign, Found]):
+    gap = gap_of(even[1].problem, even[1], even[0])
+    assert not gap.significant
+    assert gap.residual_rms < 1.3 * gap.noise_rms
+    assert abs(gap.worst_tolerance[1]) < 3.0
+    assert gap.nominal_residual_rms > 2.0 * gap.residual_rms
+    assert gap.speed_rmse_percent < 0.2 * gap.nominal_speed_rmse_percent
+
+
+def test_a_gap_is_given_as_torque_as_force_on_the_carriage_and_as_speed(bump: tuple[Campaign, Found]):
+    campaign, found = bump
+    gap = gap_of(found.problem, found, campaign)
+    machine = found.problem.machine
+    assert isinstance(machine, Hoist)
+    assert gap.significant
+    assert gap.force_rms_n == pytest.approx(gap.residual_rms / machine.lift_m_per_rad)
+    assert any(f"{gap.residual_rms:.3g} N m" in sentence for sentence in gap.sentences)
+
+
+def test_the_refitted_machine_leaves_the_residual_of_its_fit(bump: tuple[Campaign, Found]):
+    campaign, found = bump
+    problem = found.problem
+    machine = refitted_machine(problem, base_knobs(problem.machine, problem.runs), found.near)
+    left = Problem(machine, campaign.runs, problem.band_hz).residuals([{}])[0]
+    assert left == pytest.approx(found.near.residual, abs=0.02 * problem.noise)
+    assert not machine.effects
+
+
+def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign, Found], tmp_path: Path):
+    campaign, found = bump
+    problem = found.problem
+    fit = found.fits[("friction_position_dependent",)]
+    machine = corrected_machine(problem, base_knobs(problem.machine, problem.runs), fit)
+    assert machine.effects["friction_position_dependent"]["peak_n"] == pytest.approx(4000.0, rel=0.1)
+    save_machine(machine, tmp_path / "machine.yaml")
+    again = load_machine(tmp_path / "machine.yaml")
+    assert again == machine
+    replayed = replay_runs(again, campaign.runs, problem.band_hz)
+    assert replayed.residual_rms_moving < 1.3 * problem.noise
+
+
+def test_what_is_each_runs_own_is_said_to_be_the_first_ones(bump: tuple[Campaign, Found]):
+    found = bump[1]
+    fit = found.fits[("heave",)]
+    machine = corrected_machine(found.problem, base_knobs(found.problem.machine, found.problem.runs), fit)
+    phases = fit.setting["heave__phase_rad"]
+    assert isinstance(phases, tuple)
+    assert machine.effects["heave"]["phase_rad"] == pytest.approx(phases[0])
+    (sentence,) = of_first_run(found.problem, fit)
+    assert found.problem.runs[0].name in sentence
+
+
+PRACTICE = {
+    "05": ("friction_position_dependent", "friction_viscous"),
+    "09": ("brake_drag", "friction_stribeck"),
+    "22": ("payload_mass_error", "torque_scale"),
+}
+
+
+@pytest.mark.parametrize("number", PRACTICE)
+def test_recorded_campaigns_show_where_their_effect_is_without_its_name(campaigns: Path, number: str):
+    label = json.loads((campaigns / "labels" / f"{number}.json").read_text(encoding="utf-8"))
+    _, found = found_in(campaigns / number, PRACTICE[number][:1])
+    where = where_of(found.problem, found.near)
+    assert {"subsystem": where.subsystem, "regime": where.regime} in label["where"]
+    assert where.profiles[0].explains > 0.9
+    assert where.side == ("carriage" if label["signals"] == "full" else "unsaid")
+
+
+EMPS_MACHINE = """\
+kind: axis
+motion: linear
+mass_kg: 95.1089
+gravity: {constant_n: 0.0}
+friction: {coulomb_forward_n: 20.3935, coulomb_backward_n: 20.3935, viscous_n_s_per_m: 80.0}
+sensors: {force_offset_n: -3.1648}
+tolerances: {viscous: 0.0}
+"""
+EMPS_RUNS = """\
+columns: {time_s: t, position_m: qm, position_reference_m: qg, force_n: {column: vir, scale: 35.1507}}
+runs:
+- {name: train, file: runs/DATA_EMPS.mat, start_time_s: 0.0}
+- {name: pulses, file: runs/DATA_EMPS_PULSES.mat, start_time_s: 60.0}
+"""
+
+
+def test_an_axis_whose_viscous_friction_was_taken_out_shows_its_gap_over_the_speed(shared_data: Path, tmp_path: Path):
+    (tmp_path / "machine.yaml").write_text(EMPS_MACHINE)
+    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
+    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    campaign, found = found_in(tmp_path, [])
+    where = where_of(found.problem, found.near)
+    assert (where.subsystem, where.regime, where.side) == ("axis", "speed", "unsaid")
+    assert where.profiles[0].explains > where.profiles[1].explains
+    gap = gap_of(found.problem, found, campaign)
+    assert gap.significant
+    assert gap.force_rms_n is None
+    assert " N rms" in gap.sentences[0]

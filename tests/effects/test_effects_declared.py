@@ -1,0 +1,278 @@
+"""Effects as they are declared: complete, known by name, open to a user's own; and their page in the docs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import ROOT
+from tests.support.effect_machines import MACHINES, linear_axis
+from workbench.effects import (
+    Effect,
+    Parameter,
+    check,
+    effect,
+    effects_for,
+    find,
+    forget_users,
+    library_effects,
+    load_effects,
+    names,
+    of,
+    ranges_of,
+    sizes_of,
+)
+from workbench.effects.declare import KINDS, problems
+from workbench.effects.page import page
+from workbench.errors import InputError
+from workbench.machine import default_hoist, load_machine, save_machine, with_values
+from workbench.plants import NO_EFFECTS, PLACES, plant_of
+from workbench.run import Run
+
+# The names that others rely on; see docs/formats.md.
+NAMES = [
+    "friction_viscous",
+    "friction_viscous_asymmetric",
+    "friction_coulomb",
+    "friction_coulomb_asymmetric",
+    "friction_stribeck",
+    "friction_load_dependent",
+    "friction_position_dependent",
+    "friction_thermal_drift",
+    "gearbox_efficiency",
+    "gearbox_inertia",
+    "inertia_error",
+    "brake_drag",
+    "drum_layer_change",
+    "drum_eccentricity",
+    "wire_mass",
+    "wire_stiffness_length",
+    "heave",
+    "carriage_mass_error",
+    "payload_mass_error",
+    "torque_scale",
+    "torque_offset",
+    "torque_filter",
+    "speed_delay",
+    "torque_ripple",
+    "backlash",
+    "presliding",
+]
+AXIS_ONLY = {"inertia_error", "presliding"}
+UNITS = re.compile(
+    r"_(n|nm|m|rad|kg|s|kg_m2|kg_per_m|n_s_per_m|nm_s_per_rad|m_s|rad_s|nm_s2|n_s2_per_m2|nm_s2_per_rad2)$"
+)
+WITHOUT_UNIT = re.compile(r"(^gain|_fraction|share|_scale|_per_turn)$")
+
+
+EVERY = [(kind, name) for kind in KINDS for name in effects_for(kind)]
+
+
+@pytest.fixture(autouse=True)
+def no_effects_of_users():
+    yield
+    forget_users()
+
+
+def test_every_name_of_the_formats_is_an_effect_and_acts_where_it_makes_sense():
+    assert set(NAMES) <= set(names())
+    assert set(NAMES) - AXIS_ONLY <= set(names("hoist"))
+    assert AXIS_ONLY | {"friction_viscous", "backlash", "torque_scale"} <= set(names("axis-linear"))
+    assert {each.id for each in library_effects() if each.listed} == set(NAMES)
+
+
+@pytest.mark.parametrize("each", library_effects(), ids=lambda each: f"{each.id}-{each.kinds[0]}")
+def test_a_declaration_is_whole(each: Effect):
+    assert problems(each) == []
+    assert each.meaning.endswith(".") and each.kinds
+    for kind in each.kinds:
+        for parameter in each.parameters:
+            name = parameter.named(kind)
+            assert UNITS.search(name) or WITHOUT_UNIT.search(name), f"{name} has no unit"
+
+
+@pytest.mark.parametrize(("kind", "name"), EVERY)
+def test_bounds_scale_and_start_grow_with_the_machine(kind, name):
+    machine = MACHINES[kind]
+    for each in ranges_of(find(name, kind), machine):
+        assert each.lowest <= each.start <= each.highest and each.scale > 0.0
+        assert each.symbol == f"{name}__{each.name}"
+
+
+def test_a_force_scales_with_the_weight_of_the_carriage():
+    heavy = with_values(default_hoist(), {"carriage.mass_kg": 16000.0})
+    small, large = (ranges_of(find("friction_coulomb", "hoist"), m)[0] for m in (default_hoist(), heavy))
+    assert (large.start, large.highest) == pytest.approx((2.0 * small.start, 2.0 * small.highest))
+
+
+def test_an_axis_asks_its_runs_how_large_a_force_is_and_knows_without_friction_too():
+    bare = linear_axis(forward=0.0, backward=0.0, viscous=0.0, constant=0.0)
+    time = np.linspace(0.0, 0.99, 100)
+    run = Run("one", time, {"force_n": 40.0 * np.sin(time), "position_m": 0.2 * time}, 0.0)
+    assert sizes_of(bare, [run]).force == pytest.approx(np.max(40.0 * np.sin(time)))
+    assert sizes_of(bare, [run]).speed == pytest.approx(0.2)
+    assert sizes_of(bare).force > 0.0
+
+
+def test_parameters_have_the_units_of_the_machine():
+    each = effects_for("hoist")["friction_viscous_asymmetric"]
+    assert [p.named("hoist") for p in each.parameters] == ["viscous_hoisting_n_s_per_m", "viscous_lowering_n_s_per_m"]
+    assert each.parameters[0].named("axis-rotary") == "viscous_forward_nm_s_per_rad"
+
+
+def test_nothing_chosen_is_the_plain_plant():
+    assert of(default_hoist()).effects is NO_EFFECTS
+    assert not of(default_hoist())
+
+
+def test_singles_and_pairs_share_one_kernel():
+    machine = default_hoist()
+    one = of(machine, {"friction_viscous": {"viscous_n_s_per_m": 2000.0}})
+    pair = of(machine, {"heave": {"amplitude_m": 0.2}, "gearbox_efficiency": {"loss_fraction": 0.03}})
+    assert one.effects is pair.effects
+    assert one.effects.parameters == pair.effects.parameters
+
+
+def test_what_is_not_said_starts_as_declared_and_what_is_not_chosen_vanishes():
+    active = of(default_hoist(), {"drum_eccentricity": {"amplitude_m": 0.004}})
+    assert active.values["drum_eccentricity__amplitude_m"] == 0.004
+    assert active.values["drum_eccentricity__phase_rad"] == 0.0
+    assert active.values["payload_mass_error__payload_scale"] == 1.0
+    assert active.values["friction_stribeck__stribeck_speed_m_s"] > 0.0
+
+
+def test_a_scenario_s_effect_stands_in_place_of_the_machine_s():
+    machine = default_hoist().model_copy(update={"effects": {"wire_mass": {"mass_kg_per_m": 3.0}}})
+    active = of(machine, {"wire_mass": {"mass_kg_per_m": 5.0}})
+    assert active.values["wire_mass__mass_kg_per_m"] == 5.0
+    assert of(machine).values["wire_mass__mass_kg_per_m"] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("chosen", "said"),
+    [
+        (
+            {"drum_ecentricity": {}},
+            "effects.drum_ecentricity: unknown effect 'drum_ecentricity'; did you mean 'drum_ecce",
+        ),
+        ({"presliding": {"distance_m": 1e-4}}, "'presliding' is no effect of a hoist machine"),
+        (
+            {"heave": {"amplitude": 0.2}},
+            "effects.heave.amplitude: effect 'heave' has no parameter 'amplitude'; did you",
+        ),
+        ({"heave": {"phase_rad": 0.2}}, "effects.heave: says no size; expected amplitude_m"),
+        ({"heave": {"amplitude_m": -0.2}}, "effects.heave.amplitude_m: -0.2, expected at least 0"),
+        ({"payload_mass_error": {"payload_scale": 0.0}}, "payload_scale: 0, expected more than 0"),
+    ],
+)
+def test_what_is_wrong_with_an_effect_is_said_with_its_place(chosen, said):
+    with pytest.raises(InputError) as caught:
+        of(default_hoist(), chosen)
+    assert said in str(caught.value)
+
+
+def test_a_machine_file_with_a_misspelt_effect_is_named_by_line(tmp_path: Path):
+    save_machine(default_hoist(), tmp_path / "machine.yaml")
+    file = tmp_path / "machine.yaml"
+    file.write_text(file.read_text() + "effects:\n  heave: {amplitud_m: 0.2}\n")
+    with pytest.raises(InputError, match="did you mean 'amplitude_m'") as caught:
+        load_machine(file, check_effects=check)
+    assert caught.value.line == len(file.read_text().splitlines())
+
+
+OWN = '''
+from workbench.effects import Parameter, effect
+
+@effect(
+    place={"hoist": "guide_force_n"}, subsystem="guide", regime="all",
+    parameters=[Parameter("F", "force_n", "always down", "force", 0.0, 1.0, 0.01, 0.02, vanishes_at=0.0)],
+    equation="F = -F", reference="made up", shows="a constant",
+)
+def downward_pull(s, e, p):
+    """A constant pull."""
+    return -e.F
+'''
+
+
+def test_a_user_s_effect_is_one_file_and_no_other_edit(tmp_path: Path):
+    file = tmp_path / "mine.py"
+    file.write_text(OWN)
+    before = of(default_hoist(), {"heave": {"amplitude_m": 0.1}}).effects
+    (mine,) = load_effects(file)
+    assert mine.id == "downward_pull" and "downward_pull" in names("hoist")
+    active = of(default_hoist(), {"downward_pull": {"force_n": 500.0}, "heave": {"amplitude_m": 0.1}})
+    assert "downward_pull__force_n" in active.effects.parameters
+    assert set(before.parameters) < set(active.effects.parameters)
+    # Without it at work the library's own kernel serves still.
+    assert of(default_hoist(), {"heave": {"amplitude_m": 0.1}}).effects is before
+    load_effects(file)  # once more is no clash
+    forget_users()
+    with pytest.raises(InputError, match="unknown effect 'downward_pull'"):
+        of(default_hoist(), {"downward_pull": {"force_n": 500.0}})
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x = 1\n", "declares no effect"),
+        ("import nowhere_at_all\n", "fails: ModuleNotFoundError"),
+        (OWN.replace("downward_pull", "heave"), "the effect name 'heave' is taken"),
+        (OWN.replace("guide_force_n", "guide_force"), "no place 'guide_force'"),
+        (OWN.replace("0.01, 0.02", "0.01, 2.0"), "starts at 2, outside 0 to 1"),
+        (OWN.replace(", vanishes_at=0.0", ""), "no parameter has a value at which it vanishes"),
+        (OWN.replace('"force", 0.0', '"weight", 0.0'), "no size 'weight'"),
+    ],
+)
+def test_a_file_that_is_no_good_is_refused_by_name(tmp_path: Path, text: str, said: str):
+    file = tmp_path / "mine.py"
+    file.write_text(text)
+    with pytest.raises(InputError, match=re.escape(said)) as caught:
+        load_effects(file)
+    assert str(caught.value).startswith(str(file))
+
+
+def test_a_file_that_is_not_there_is_said():
+    with pytest.raises(InputError, match="no such file"):
+        load_effects("nowhere.py")
+
+
+def test_an_entry_point_s_effects_are_known(monkeypatch: pytest.MonkeyPatch):
+    def pull(s: Any, e: Any, p: Any) -> Any:
+        """A constant pull."""
+        return -e.F
+
+    declared = effect(
+        place={"hoist": "guide_force_n"}, subsystem="guide", regime="all",
+        parameters=[Parameter("F", "force_n", "down", "force", 0.0, 1.0, 0.01, 0.02, vanishes_at=0.0)],
+        equation="F = -F", reference="made up", shows="a constant",
+    )(pull)  # fmt: skip
+
+    class Entry:
+        name = "pull"
+
+        def load(self) -> Effect:
+            return declared
+
+    forget_users()
+    monkeypatch.setattr(
+        "importlib.metadata.entry_points", lambda group: [Entry()] if group == "workbench.effects" else []
+    )
+    assert find("pull", "hoist") is declared
+
+
+def test_every_place_of_the_plants_is_one_that_some_effect_uses():
+    used = {each.place_on(kind) for kind in KINDS for each in effects_for(kind).values()}
+    assert set(PLACES) <= used
+
+
+def test_every_kind_of_plant_has_its_effects():
+    assert {plant_of(machine).kind for machine in MACHINES.values()} == set(KINDS)
+
+
+def test_the_page_in_the_docs_is_up_to_date():
+    said = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    assert said == page(), "make it anew: python -m workbench.effects.page > docs/effects.md"

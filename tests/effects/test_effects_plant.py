@@ -1,0 +1,245 @@
+"""Laws over the whole library: off is bit for bit the plain plant, friction dissipates, what hangs is at rest."""
+
+from __future__ import annotations
+
+import hashlib
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.effect_machines import MACHINES
+from workbench.control import PiSettings
+from workbench.effects import Active, all_off, effects_for, find, library_effects, of, ranges_of
+from workbench.effects.declare import KINDS, Effect
+from workbench.engine import kernels
+from workbench.engine.preamble import PREAMBLE
+from workbench.engine.statics import hang_still
+from workbench.engine.text import parameter_symbols, state_symbols
+from workbench.plants import HOIST, NO_EFFECTS, PLANTS, Effects
+from workbench.run import Array
+from workbench.simulate.equipped import Equipped
+from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
+from workbench.trace.emit import Printer
+from workbench.trace.expr import symbol
+
+# Each plant's equations as they are traced. Whoever changes one on purpose changes its line here.
+PLAIN = {
+    "hoist": "aa0233bbcd158dbd",
+    "axis-linear": "2980a0356c5fc814",
+    "axis-rotary": "2980a0356c5fc814",
+}
+HEIGHT = {"hoist": 9.0, "axis-linear": 0.1, "axis-rotary": 0.4}
+SPEED = {"hoist": 60.0, "axis-linear": 0.2, "axis-rotary": 2.0}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_plain_plant_s_program_is_what_it_was(kind):
+    plant = PLANTS[kind]
+    q, y = state_symbols(plant)
+    p = parameter_symbols(tuple(plant.parameters))
+    printer = Printer()
+    body, results, _ = printer.block(plant.rates(symbol("t"), q, y, symbol("u"), p))
+    text = "\n".join([*printer.setup, *body, *results])
+    assert hashlib.sha256(text.encode()).hexdigest()[:16] == PLAIN[kind]
+
+
+def shaped(kind: str, seed: int) -> dict[str, float]:
+    """The library switched off, with any shape: widths, phases and time constants drawn within their bounds."""
+    rng = np.random.default_rng(seed)
+    active = all_off(MACHINES[kind])
+    drawn = dict(active.values_of(float(rng.uniform(0.0, 500.0))))
+    for name in effects_for(kind):
+        for each in ranges_of(find(name, kind), MACHINES[kind]):
+            if each.vanishes_at is None and each.symbol in drawn:
+                drawn[each.symbol] = float(rng.uniform(each.lowest, each.highest))
+    return drawn
+
+
+def lanes(kind: str, many: int, off: bool) -> tuple[Equipped, list[SimpleNamespace]]:
+    machine = MACHINES[kind]
+    worn = Equipped(PLANTS[kind], all_off(machine) if off else Active(kind))
+    payloads = [1000.0 * (j % 9) for j in range(many)]
+    plain = [PLANTS[kind].values(machine, payload) for payload in payloads]
+    return worn, [SimpleNamespace(**vars(p), **(shaped(kind, j) if off else {})) for j, p in enumerate(plain)]
+
+
+def replayed(kind: str, many: int, off: bool) -> Array:
+    worn, values = lanes(kind, many, off)
+    start, hold = worn.starts([HEIGHT[kind]] * many, [0.0] * many, [0.0] * many, values)
+    t = np.arange(400) * 0.01
+    swing = 40.0 * np.sin(2.0 * t) + 15.0 * np.sign(np.sin(5.0 * t))
+    u = hold + swing[:, None]
+    out = kernels.replay(
+        worn.plant, worn.table(values), np.tile(t[:, None], many), u, start, worn.scales(SPEED[kind], values),
+        effects=worn.effects,
+    )  # fmt: skip
+    return out[:, : 2 * len(worn.plant.positions)]
+
+
+def driven(kind: str, many: int, off: bool) -> Array:
+    worn, values = lanes(kind, many, off)
+    start, _ = worn.starts([HEIGHT[kind]] * many, [0.0] * many, [0.0] * many, values)
+    t = np.linspace(0.0, 3.99, 400)
+    w = SPEED[kind] * np.sin(1.5 * t)
+    angle, a = np.cumsum(w) * 0.01, np.gradient(w, t)
+    n = len(worn.plant.positions)
+
+    def wide(series: Any) -> Array:
+        return np.tile(np.asarray(series, dtype=float)[:, None], many)
+
+    out = kernels.driven(
+        worn.plant, worn.table(values), wide(t), wide(angle) + start[0], wide(w), wide(a),
+        np.concatenate([start[1:n], start[n + 1 :]]), worn.scales(SPEED[kind], values), effects=worn.effects,
+    )  # fmt: skip
+    return out[:, : 2 * n - 1]
+
+
+@pytest.mark.parametrize("many", [1, 16])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("simulate", [replayed, driven])
+def test_switched_off_the_whole_library_leaves_the_plant_bit_for_bit(simulate, kind, many):
+    plain, off = simulate(kind, many, False), simulate(kind, many, True)
+    assert np.all(np.isfinite(plain))
+    assert np.array_equal(plain, off)
+    assert np.ptp(plain[:, 0]) > 0.0
+
+
+@pytest.mark.parametrize("many", [1, 16])
+def test_switched_off_the_whole_library_leaves_the_closed_loop_bit_for_bit(many):
+    plain = MACHINES["hoist"]
+    off = plain.model_copy(update={"effects": {"friction_viscous": {"viscous_n_s_per_m": 0.0}}})
+    speed = 50.0 * np.clip(np.arange(3000) * 0.001 - 0.2, 0.0, 1.0)
+    settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
+
+    def looped(machine: Any) -> list[LoopResult]:
+        return simulate_loop(
+            [LoopCase(f"{j}", machine, 500.0 * j, 9.0, settings, speed) for j in range(many)], record_every=1
+        )
+
+    for a, b in zip(looped(plain), looped(off), strict=True):
+        assert a.run["speed_motor_rad_s"][-1] > 49.0
+        assert all(np.array_equal(a.run[name], b.run[name]) for name in a.run.signals)
+        assert a.metrics == b.metrics
+
+
+DISSIPATIVE = [(kind, name) for kind in KINDS for name, each in effects_for(kind).items() if each.dissipative]
+
+
+@pytest.mark.parametrize(("kind", "name"), DISSIPATIVE)
+def test_what_is_called_dissipative_only_ever_takes_energy(kind, name):
+    each = find(name, kind)
+    rng = np.random.default_rng(5)
+    p = SimpleNamespace(**vars(PLANTS[kind].values(MACHINES[kind])), start_time_s=0.0)
+    lost = []
+    for _ in range(300):
+        v = float(rng.normal(0.0, rng.choice([0.001, 0.05, 1.0])))
+        s = SimpleNamespace(
+            t=rng.uniform(0.0, 400.0), v=v, w=v, x=rng.uniform(0.0, 25.0), load=rng.normal(0.0, 1e4),
+            switch=float(np.clip(v / 0.01, -1.0, 1.0)), friction=2000.0 * np.clip(v / 0.01, -1.0, 1.0),
+        )  # fmt: skip
+        e = SimpleNamespace(**drawn_size(each, kind, rng), z=rng.uniform(0.0, 100.0))
+        lost.append(each.function(s, e, p) * v)
+    assert max(lost) <= 0.0 and min(lost) < 0.0
+
+
+def drawn_size(each: Effect, kind: str, rng: np.random.Generator) -> dict[str, float]:
+    values = {}
+    for parameter, on in zip(each.parameters, ranges_of(each, MACHINES[kind]), strict=True):
+        lowest = on.lowest if on.vanishes_at is None else on.vanishes_at
+        values[parameter.symbol] = float(rng.uniform(lowest, on.highest))
+    return values
+
+
+def at_start(name: str, kind: str) -> dict[str, float]:
+    return {each.name: each.start for each in ranges_of(find(name, kind), MACHINES[kind])}
+
+
+@pytest.mark.parametrize("name", [name for name, each in effects_for("hoist").items() if not each.on_sensor])
+def test_with_any_effect_a_load_that_is_held_hangs_still(name):
+    machine = MACHINES["hoist"]
+    worn = Equipped(HOIST, of(machine, {name: at_start(name, "hoist")}))
+    values = [worn.values(machine, payload, 0.0) for payload in (0.0, 9000.0)]
+    start, hold = worn.starts([3.0, 18.0], [0.0, 0.0], [0.0, 0.0], values)
+    t = np.array([[0.0, 0.0], [0.001, 0.001]])
+    scales = worn.scales(157.0, values)
+    out = kernels.replay(HOIST, worn.table(values), t, np.tile(hold, (2, 1)), start, scales, effects=worn.effects)
+    moved = np.abs(out[1, 3:6] - out[0, 3:6]) / 0.001
+    assert np.all(moved < (0.05 if name == "heave" else 1e-4))
+    assert start[2] == pytest.approx([3.0, 18.0], abs=0.0)
+
+
+def test_a_scenario_that_an_effect_does_not_move_starts_bit_for_bit_as_the_plain_one():
+    machine = MACHINES["hoist"]
+    worn = Equipped(HOIST, of(machine, {"friction_viscous": {"viscous_n_s_per_m": 4000.0}}))
+    values = [worn.values(machine, 4500.0, 0.0)]
+    q, hold = hang_still(HOIST, worn.effects, values, [9.0], [0.0])
+    plain_q, plain_hold = HOIST.equilibrium(9.0, values[0])
+    assert q[:, 0].tolist() == plain_q and hold[0] == plain_hold
+
+
+def test_the_library_is_one_kernel_for_one_kind_of_plant():
+    machine = MACHINES["hoist"]
+    found = {id(of(machine, {name: at_start(name, "hoist")}).effects) for name in effects_for("hoist")}
+    assert len(found - {id(NO_EFFECTS)}) == 1
+
+
+def test_every_effect_on_a_sensor_gives_back_what_it_was_given_and_vanishes():
+    rng = np.random.default_rng(3)
+    time = np.sort(rng.uniform(0.0, 20.0, 2001))
+    value = np.sin(time) * 100.0 + 5.0
+    for each in (each for each in library_effects() if each.on_sensor):
+        series = SimpleNamespace(time_s=time, value=value)
+        on = at_start(each.id, "hoist")
+        e = SimpleNamespace(**{q.symbol: on[q.named("hoist")] for q in each.parameters})
+        shown = each.function(series, e, None)
+        assert not np.allclose(shown, value)
+        assert each.inverse is not None
+        back = each.inverse(SimpleNamespace(time_s=time, value=shown), e, None)
+        assert back[100:-100] == pytest.approx(value[100:-100], abs=0.5)
+        off = SimpleNamespace(**{q.symbol: q.vanishes_at for q in each.parameters})
+        assert np.array_equal(each.function(series, off, None), value)
+        assert np.array_equal(each.inverse(series, off, None), value)
+
+
+@pytest.fixture(scope="module")
+def elementary() -> Any:
+    """The preamble's sin, cos and exp over arrays, compiled as kernels compile them."""
+    space: dict[str, Any] = {"__name__": "preamble"}
+    text = (
+        '@njit(error_model="numpy")\ndef over(x, a, b, c):\n    for i in range(len(x)):\n'
+        "        a[i] = sin_(x[i])\n        b[i] = cos_(x[i])\n        c[i] = exp_(x[i])\n"
+    )
+    exec(PREAMBLE + text, space)
+
+    def over(x: Array) -> tuple[Array, Array, Array]:
+        out = np.empty_like(x), np.empty_like(x), np.empty_like(x)
+        space["over"](x, *out)
+        return out
+
+    return over
+
+
+def test_sine_cosine_and_exponential_are_right_to_rounding(elementary):
+    rng = np.random.default_rng(1)
+    x = np.concatenate([rng.uniform(-1e6, 1e6, 100_000), rng.uniform(-10.0, 10.0, 100_000), [0.0, np.pi, -np.pi / 2.0]])
+    sine, cosine, _ = elementary(x)
+    assert np.max(np.abs(sine - np.sin(x))) < 4e-16
+    assert np.max(np.abs(cosine - np.cos(x))) < 4e-16
+    x = np.concatenate([rng.uniform(-708.0, 709.0, 100_000), rng.uniform(-1.0, 1.0, 100_000), [0.0]])
+    _, _, power = elementary(x)
+    assert np.max(np.abs(power / np.exp(x) - 1.0)) < 6e-16
+
+
+def test_beyond_its_range_the_exponential_is_zero_or_stays_finite(elementary):
+    _, _, power = elementary(np.array([-709.0, -1e9, 710.0, 1e9]))
+    assert power[:2].tolist() == [0.0, 0.0]
+    assert np.all(np.isfinite(power[2:])) and power[2] == power[3]
+
+
+def test_memory_stands_behind_the_speeds():
+    assert [m.symbol for m in all_off(MACHINES["hoist"]).effects.memory] == ["brake_drag__memory"]
+    kept = [m.symbol for m in all_off(MACHINES["axis-linear"]).effects.memory]
+    assert kept == ["presliding__memory", "backlash__memory"]
+    assert Effects().memory == ()

@@ -1,0 +1,239 @@
+"""Kernels on disk: an edit of any equation is seen, a spoilt or unwritable cache is survived."""
+
+from __future__ import annotations
+
+import functools
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from workbench.engine import cache
+from workbench.engine.cache import cache_folder, load_functions
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def start_process(checkout: Path, what: tuple[str, ...], environment: Mapping[str, str]) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "tests.support.kernel_user", *what],
+        cwd=checkout,
+        env={**os.environ, "PYTHONPATH": str(checkout), "PYTHONDONTWRITEBYTECODE": "1", **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finished(process: subprocess.Popen[str]) -> tuple[list[str], str]:
+    """What it computed, and what it said."""
+    out, said = process.communicate(timeout=120)
+    assert process.returncode == 0, said
+    return out.split(), said
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the package that may be edited."""
+    folder = tmp_path_factory.mktemp("checkout")
+    shutil.copytree(ROOT / "workbench", folder / "workbench", ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "tests").mkdir()
+    shutil.copy(ROOT / "tests" / "kernel_user.py", folder / "tests")
+    return folder
+
+
+Results = Callable[[str], list[str]]
+
+
+@pytest.fixture(scope="module")
+def results(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """What the copy computes now, with one cache for all its states."""
+    folder = str(tmp_path_factory.mktemp("kernels"))
+    return lambda what: finished(start_process(checkout, (what,), {"WORKBENCH_CACHE": folder}))[0]
+
+
+@pytest.fixture(scope="module")
+def unedited(results: Results) -> Results:
+    """The same before any edit, computed once."""
+    return functools.cache(results)
+
+
+EDITS = {
+    "an equation of the hoist": ("plants/hoist.py", "a_s = (s.r * (s.W2", "a_s = (0.9 * s.r * (s.W2", "hoist"),
+    "an equation of the axis": ("plants/axis.py", "p.G * sin(x)", "1.001 * p.G * sin(x)", "axis"),
+    "the preamble": (
+        "engine/preamble.py",
+        "return sign_of_turn(m) * sine_of_rest(m, x)",
+        "return 0.999 * sine_of_rest(m, x)",
+        "axis",
+    ),
+    "the step": ("engine/rodas3.py", "GAMMA = 0.5", "GAMMA = 0.501", "axis"),
+    "a rule of derivatives": ("trace/derive.py", "return cos(a) * d[0]", "return 0.9 * (cos(a) * d[0])", "axis"),
+    "the controller": ("control/pi.py", "dt * (p.ki * (r - w)", "dt * (0.9 * p.ki * (r - w)", "loop"),
+}
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_an_edit_is_seen_though_the_cache_holds_what_stood_there_before(checkout, results, unedited, edit):
+    name, old, new, what = EDITS[edit]
+    before = unedited(what)
+    path = checkout / "workbench" / name
+    text = path.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    try:
+        edited = results(what)
+    finally:
+        path.write_text(text, encoding="utf-8")
+    assert edited != before
+
+
+def test_what_an_edit_is_taken_back_to_is_served_again(results, unedited):
+    assert results("axis") == unedited("axis")
+
+
+def test_two_processes_that_compile_at_once_both_work_and_leave_nothing_half_written(tmp_path):
+    folder = tmp_path / "kernels"
+    pair = [start_process(ROOT, ("axis",), {"WORKBENCH_CACHE": str(folder)}) for _ in range(2)]
+    first, second = (finished(process)[0] for process in pair)
+    assert first == second
+    assert [path.suffix for path in folder.iterdir()] == [".kernel"]
+
+
+def test_a_first_run_says_once_that_it_compiles_and_the_next_one_is_silent(tmp_path):
+    environment = {"WORKBENCH_CACHE": str(tmp_path / "kernels")}
+    cold, said_cold = finished(start_process(ROOT, ("axis", "hoist"), environment))
+    warm, said_warm = finished(start_process(ROOT, ("axis", "hoist"), environment))
+    assert said_cold.count("compiling") == 1
+    assert "once" in said_cold
+    assert said_warm == ""
+    assert warm == cold
+
+
+def test_a_cache_folder_that_cannot_be_written_is_replaced_by_a_temporary_one(tmp_path):
+    (tmp_path / "file").write_text("")
+    environment = {"WORKBENCH_CACHE": str(tmp_path / "file" / "kernels"), "TMPDIR": str(tmp_path)}
+    computed, _ = finished(start_process(ROOT, ("axis",), environment))
+    (kernel,) = tmp_path.glob("workbench-*/*.kernel")
+    assert computed
+    assert oct(kernel.parent.stat().st_mode & 0o777) == "0o700"  # kernels are code: nobody else may put some there
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder for temporary files, and no cache folder that could be written."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path / "file" / "kernels"))
+    cache._fallback_folder.cache_clear()
+    yield tmp_path
+    cache._fallback_folder.cache_clear()
+
+
+def test_a_temporary_folder_of_somebody_else_is_not_used(temporary, monkeypatch):
+    shared = temporary / f"workbench-{os.getuid()}"
+    shared.mkdir()
+    monkeypatch.setattr("os.getuid", lambda: shared.stat().st_uid + 1)
+    taken = temporary / f"workbench-{os.getuid()}"
+    taken.mkdir()  # somebody else's, under the name that would be ours
+    assert cache_folder() not in (shared, taken)
+
+
+def test_a_temporary_folder_that_is_a_file_is_not_used(temporary):
+    (temporary / f"workbench-{os.getuid()}").write_text("")
+    assert cache_folder().is_dir()
+
+
+DOUBLE = """
+from numba import njit
+
+@njit(nogil=True, error_model="numpy", _nrt=False)
+def run(a, factor):
+    for j in range(a.shape[0]):
+        a[j] = a[j] * factor
+    return a.shape[0]
+"""
+
+
+def doubled(text: str = DOUBLE) -> list[float]:
+    a = np.array([1.0, 2.0])
+    assert load_functions(text, {"run": "af"})["run"](a, 2.0) == 2
+    return a.tolist()
+
+
+@pytest.fixture
+def forgetful(kernel_cache: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An own cache folder, in a process that has loaded nothing yet."""
+    monkeypatch.setattr(cache, "_loaded", {})
+    return kernel_cache
+
+
+def forget(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "_loaded", {})
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda whole: b"",
+        lambda whole: whole[: len(whole) // 2],
+        lambda whole: whole[:-40] + bytes(40),
+        lambda whole: b"no json\n" + whole,
+        lambda whole: b"[]\n",
+        lambda whole: b"{}\n",
+    ],
+    ids=["empty", "cut", "overwritten", "no head", "an empty head", "another head"],
+)
+def test_a_spoilt_kernel_file_is_made_anew(forgetful, monkeypatch, spoil):
+    assert doubled() == [2.0, 4.0]
+    (path,) = forgetful.iterdir()
+    whole = path.read_bytes()
+    path.write_bytes(spoil(whole))
+    forget(monkeypatch)
+    assert doubled() == [2.0, 4.0]
+    assert path.read_bytes() == whole
+
+
+def test_a_kernel_of_the_disk_is_not_compiled_again(forgetful, monkeypatch):
+    doubled()
+    forget(monkeypatch)
+    monkeypatch.setattr(cache, "_compile", lambda *_: pytest.fail("compiled although it is there"))
+    assert doubled() == [2.0, 4.0]
+
+
+def test_a_kernel_is_compiled_though_a_full_disk_cannot_keep_it(forgetful, monkeypatch):
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    assert doubled() == [2.0, 4.0]
+    assert list(forgetful.iterdir()) == []
+
+
+def test_another_processor_has_kernels_of_its_own(forgetful, monkeypatch):
+    doubled()
+    forget(monkeypatch)
+    here = dict(cache.host())
+    monkeypatch.setattr(cache, "host", lambda: {**here, "features": "-avx2"})
+    doubled()
+    assert len(list(forgetful.iterdir())) == 2
+
+
+def test_code_that_needs_python_is_refused_not_kept(forgetful):
+    calling = DOUBLE.replace("    for j", "    print(factor)\n    for j")
+    with pytest.raises(RuntimeError, match="not free of Python"):
+        load_functions(calling, {"run": "af"})
+    assert not list(forgetful.glob("*.kernel"))
+
+
+@pytest.mark.parametrize("wrong", [np.zeros(4, dtype=np.float32), np.zeros((2, 2)), np.zeros(8)[::2]], ids=str)
+def test_an_array_that_a_kernel_would_misread_is_refused(wrong):
+    run = load_functions(DOUBLE, {"run": "af"})["run"]
+    with pytest.raises(TypeError, match="flat contiguous float64"):
+        run(wrong, 2.0)

@@ -1,0 +1,287 @@
+"""The compiled replay: accuracy against a plain Runge-Kutta method, order, energy, slack, lanes and threads."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tests.support import by_hand
+from tests.support.hoist_replays import HOIST, NOMINAL_SPEED, replay, start, values
+from workbench.engine import kernels
+from workbench.plants import PLANTS
+from workbench.run import Array
+
+FIXED = 1e9  # a tolerance that is always met: one step between two samples
+
+
+def lift_and_reverse(times: Array, hold: float) -> Array:
+    """A torque that hangs still, hoists, lowers and hoists again: friction turns over four times."""
+    wave = 200.0 * np.cos(2.0 * math.pi * 0.8 * (times - 0.3))
+    return hold + np.where(times > 0.3, wave, 0.0)
+
+
+@pytest.mark.parametrize("payload", [0.0, 4500.0, 9000.0])
+def test_a_replay_is_within_1e_6_of_the_reference_in_every_speed(payload):
+    p = values(payload)
+    s, hold = start(p)
+    times = np.arange(0.0, 3.0, 0.01)
+    torques = lift_and_reverse(times, hold)
+    exact = by_hand.reference(p, s, times, torques)
+    ours = replay([p], times, torques, [s])[:, :, 0]
+    speeds = np.abs(HOIST.start_of(0.0, NOMINAL_SPEED, p)[1])
+    assert np.ptp(exact[:, 3]) > 20.0  # it moves,
+    assert np.min(exact[:, 3]) < -1.0 < 1.0 < np.max(exact[:, 3])  # and both ways
+    assert np.max(np.abs(ours[:, 3:] - exact[:, 3:]) / speeds) < 1e-6
+    assert np.max(np.abs(ours[:, 2] - exact[:, 2])) < 1e-6  # m of height
+
+
+def test_a_log_with_irregular_times_is_replayed_as_exactly():
+    p = values()
+    s, hold = start(p)
+    rng = np.random.default_rng(5)
+    times = np.cumsum(np.concatenate([[0.0], rng.uniform(0.001, 0.03, 200)]))
+    torques = lift_and_reverse(times, hold)
+    exact = by_hand.reference(p, s, times, torques)
+    ours = replay([p], times, torques, [s])[:, :, 0]
+    assert np.max(np.abs(ours[:, 3] - exact[:, 3])) < 1e-6 * NOMINAL_SPEED
+
+
+def test_a_noisy_log_is_replayed_within_1e_6():
+    p = values(0.0)
+    s, hold = start(p)
+    times = np.arange(0.0, 4.0, 0.01)
+    torques = lift_and_reverse(times, hold) + np.random.default_rng(1).normal(0.0, 3.0, len(times))
+    exact = by_hand.reference(p, s, times, torques)
+    ours = replay([p], times, torques, [s])[:, :, 0]
+    assert np.max(np.abs(ours[:, 3] - exact[:, 3])) < 1e-6 * NOMINAL_SPEED
+
+
+def test_a_load_that_creeps_through_standstill_again_and_again_is_replayed_within_1e_6():
+    """The hardest case: friction turns over within a step all the time."""
+    p = values(2700.0)
+    s, hold = start(p)
+    times = np.arange(0.0, 2.0, 0.01)
+    torques = hold + 72.0 * np.sin(7.0 * times + 9.0)
+    exact = by_hand.reference(p, s, times, torques)
+    ours = replay([p], times, torques, [s])[:, :, 0]
+    assert np.max(np.abs(ours[:, 3] - exact[:, 3])) < 1e-6 * NOMINAL_SPEED
+
+
+def test_two_steps_of_the_reference_agree_so_that_it_may_be_one():
+    p = values()
+    s, hold = start(p)
+    times = np.arange(0.0, 2.0, 0.01)
+    torques = lift_and_reverse(times, hold)
+    fine, coarse = (by_hand.reference(p, s, times, torques, h) for h in (5e-6, 1e-5))
+    assert np.max(np.abs(fine[:, 3] - coarse[:, 3])) < 1e-9 * NOMINAL_SPEED
+
+
+def observed_order(errors: list[float]) -> float:
+    """The mean order over halvings of the step."""
+    return float(np.mean(np.log2(np.array(errors[:-1]) / np.array(errors[1:]))))
+
+
+def test_the_step_is_of_order_three_on_a_pendulum():
+    axis = PLANTS["axis-rotary"]
+    p = {"M": 2.0, "B": 3.0, "F_f": 0.0, "F_b": 0.0, "v_s": 1e-4, "G": 30.0, "C": 0.0}
+
+    def end(n: int) -> Array:
+        times = np.linspace(0.0, 2.0, n + 1)
+        out = kernels.replay(
+            axis,
+            np.array([[p[name]] for name in axis.parameters]),
+            times[:, None],
+            5.0 * times[:, None],  # linear in time, so the same for every step
+            np.array([[1.0], [0.0]]),
+            np.array([[1.0]]),
+            tolerance=FIXED,
+        )
+        return out[-1, :, 0]
+
+    exact = end(6400)
+    errors = [float(np.max(np.abs(end(n) - exact))) for n in (50, 100, 200, 400)]
+    assert 2.8 < observed_order(errors) < 3.4
+    assert errors[-1] < 1e-6
+
+
+def test_the_step_is_of_order_three_on_a_moving_hoist():
+    p = values()
+    s, hold = start(p, speed_motor_rad_s=60.0)
+
+    def speeds(n: int) -> Array:
+        times = np.linspace(0.0, 0.64, n + 1)
+        out = replay([p], times, hold + 35.0 + 100.0 * times, [s], tolerance=FIXED)
+        return out[:: n // 16, 3, 0]
+
+    times = np.linspace(0.0, 0.64, 17)
+    exact = by_hand.reference(p, s, times, hold + 35.0 + 100.0 * times)[:, 3]
+    errors = [float(np.max(np.abs(speeds(n) - exact))) for n in (32, 64, 128, 256)]
+    assert 2.7 < observed_order(errors) < 3.4
+
+
+def test_a_tighter_tolerance_gives_a_smaller_error():
+    p = values()
+    s, hold = start(p)
+    times = np.arange(0.0, 2.0, 0.02)
+    torques = lift_and_reverse(times, hold)
+    exact = by_hand.reference(p, s, times, torques)[:, 3]
+    errors = [
+        float(np.max(np.abs(replay([p], times, torques, [s], tolerance=tolerance)[:, 3, 0] - exact)))
+        for tolerance in (1e-3, 1e-5, 1e-7)
+    ]
+    assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2]
+
+
+def energy_gap(step_s: float) -> float:
+    """|power in - stored - lost|, integrated over a smooth second of motion, relative to the energy put in."""
+    p = values()
+    s, hold = start(p, speed_motor_rad_s=40.0)
+    settled = round(0.8 / step_s)  # the fast modes have gone
+    times = step_s * np.arange(settled + round(0.96 / step_s) + 1, dtype=np.float64)
+    torques = hold + 36.0 + 60.0 * times
+    states = replay([p], times, torques, [s], tolerance=FIXED)[settled:, :, 0]
+    times, torques = times[settled:], torques[settled:]
+    power = np.array(
+        [T * x[3] - HOIST.dissipation(t, x[:3], x[3:], T, p) for t, x, T in zip(times, states, torques, strict=True)]
+    )
+    stored = [HOIST.energy(x[:3], x[3:], p) for x in states[[0, -1]]]
+    simpson = step_s / 3.0 * (power[0] + power[-1] + 4.0 * power[1:-1:2].sum() + 2.0 * power[2:-1:2].sum())
+    return abs(simpson - (stored[1] - stored[0])) / float(np.sum(np.abs(torques * states[:, 3])) * step_s)
+
+
+def test_the_energy_balance_of_a_run_closes_and_converges_with_the_step():
+    gaps = [energy_gap(h) for h in (0.01, 0.005, 0.0025, 0.00125)]
+    assert gaps[-1] < 1e-7
+    assert observed_order(gaps) > 2.0
+
+
+def slack_case(times: Array) -> tuple[Array, Array]:
+    """The drum pays out faster than the load falls, then jerks back: start state and torque."""
+    s, hold = start(values())
+    return s, np.where(times < 0.2, hold, np.where(times < 0.35, -4500.0, np.where(times < 0.85, 1500.0, hold)))
+
+
+def test_slack_and_retightening_are_crossed_without_energy_from_nowhere():
+    p = values()
+    times = np.arange(0.0, 2.5, 0.0005)
+    s, torques = slack_case(times)
+    states = replay([p], times, torques, [s])[:, :, 0]
+    shown = [HOIST.outputs(t, x[:3], x[3:], T, p) for t, x, T in zip(times, states, torques, strict=True)]
+    tension = np.array([signals["tension_min_n"] for signals in shown])
+    first = int(np.argmax(tension == 0.0))
+    assert 0.2 < times[first] < 0.35
+    assert np.any(tension[first:] > 2e4)  # it came tight again
+    assert np.all(np.isfinite(states))
+    # What is stored beyond what the motors gave never rises: friction and wire only take.
+    work = np.concatenate([[0.0], np.cumsum(np.diff(states[:, 0]) * 0.5 * (torques[1:] + torques[:-1]))])
+    lost = work - np.array([HOIST.energy(x[:3], x[3:], p) for x in states])
+    assert np.min(np.diff(lost)) > -0.5  # J a sample, beside 200 kJ stored: the error of the quadrature
+    assert lost[-1] - lost[0] > 1e3
+
+
+def test_slack_and_retightening_go_as_in_the_reference():
+    p = values()
+    times = np.arange(0.0, 1.5, 0.01)
+    s, torques = slack_case(times)
+    exact = by_hand.reference(p, s, times, torques)
+    ours = replay([p], times, torques, [s])[:, :, 0]
+    # The force jumps when a fall comes tight, and an error estimate does not see where within a step it does.
+    assert np.max(np.abs(ours[:, 3] - exact[:, 3])) < 3e-4 * NOMINAL_SPEED
+
+
+def scenarios(n: int) -> tuple[list[SimpleNamespace], Array, Array, list[Array]]:
+    """n different machines in different motion, three at rest."""
+    times = np.arange(0.0, 1.0, 0.01)
+    p, torques, starts = [], [], []
+    for j in range(n):
+        one = values(300.0 * j)
+        one.F_up, one.m_c = one.F_up * (1.0 + 0.01 * j), one.m_c * (1.0 + 0.003 * j)
+        s, hold = start(one, 5.0 + 0.3 * j, 0.0 if j % 7 < 3 else 10.0 * (-1) ** j)
+        p.append(one)
+        torques.append(hold + 8.0 * j * np.sin(7.0 * times + j))
+        starts.append(s)
+    return p, times, np.array(torques).T, starts
+
+
+@pytest.mark.parametrize("n", [7, 16, 17, 33])
+def test_on_the_same_steps_every_lane_is_bit_for_bit_the_run_alone(n):
+    p, times, torques, starts = scenarios(n)
+    together = replay(p, times, torques, starts, tolerance=FIXED)
+    assert together.shape == (len(times), 6, n)
+    for j in range(n):
+        alone = replay([p[j]], times, torques[:, j], [starts[j]], tolerance=FIXED)
+        assert np.array_equal(together[:, :, j], alone[:, :, 0])
+
+
+def test_lanes_that_share_their_steps_stay_within_the_tolerance_of_the_run_alone():
+    p, times, torques, starts = scenarios(16)
+    together = replay(p, times, torques, starts)
+    for j in range(16):
+        alone = replay([p[j]], times, torques[:, j], [starts[j]])
+        assert np.max(np.abs(together[:, 3, j] - alone[:, 3, 0])) < 1e-6 * NOMINAL_SPEED
+
+
+def test_a_lane_that_fails_does_not_spoil_its_neighbours():
+    p, times, torques, starts = scenarios(16)
+    whole = replay(p, times, torques, starts, tolerance=FIXED)
+    broken = torques.copy()
+    broken[50:, 3] = np.nan
+    spoilt = replay(p, times, broken, starts, tolerance=FIXED)
+    assert np.isnan(spoilt[-1, 3, 3])
+    others = [j for j in range(16) if j != 3]
+    assert np.array_equal(spoilt[:, :, others], whole[:, :, others])
+
+
+def test_two_threads_give_bit_for_bit_what_one_gives():
+    p, times, torques, starts = scenarios(40)
+    one, two = (replay(p, times, torques, starts, threads=threads) for threads in (1, 2))
+    assert np.array_equal(one, two)
+
+
+def test_one_clock_serves_every_scenario():
+    p, times, torques, starts = scenarios(5)
+    each = np.repeat(times[:, None], 5, axis=1)
+    assert np.array_equal(replay(p, times, torques, starts), replay(p, each, torques, starts))
+
+
+def test_the_caller_keeps_what_it_gave():
+    p, times, torques, starts = scenarios(2)
+    before = np.array(starts)
+    replay(p, times, torques, starts)
+    assert np.array_equal(np.array(starts), before)
+
+
+def test_the_driven_simulation_gives_the_torque_of_a_replayed_motion():
+    p = values()
+    s, hold = start(p, speed_motor_rad_s=30.0)
+    times = np.arange(0.0, 2.0, 0.002)
+    torques = hold + 36.0 + 40.0 * np.sin(3.0 * times)
+    states = replay([p], times, torques, [s])[:, :, 0]
+    acceleration = [
+        HOIST.accelerations(t, x[:3], x[3:], T, p)[0] for t, x, T in zip(times, states, torques, strict=True)
+    ]
+    out = kernels.driven(
+        HOIST,
+        np.array([[getattr(p, name)] for name in HOIST.parameters]),
+        times[:, None],
+        states[:, :1],
+        states[:, 3:4],
+        np.array(acceleration)[:, None],
+        states[0, [1, 2, 4, 5]][:, None],
+        np.abs(HOIST.start_of(0.0, NOMINAL_SPEED, p)[1])[:, None],
+    )[:, :, 0]
+    assert np.max(np.abs(out[:, 0] - torques)) < 0.05  # N m of 600: speed is linear between samples
+    assert np.max(np.abs(out[:, 2] - states[:, 2])) < 1e-5  # m of height
+
+
+def test_parameters_of_another_number_of_rows_are_refused():
+    """Compiled code would read beyond them."""
+    p = values()
+    s, hold = start(p)
+    times = np.arange(0.0, 0.1, 0.01)
+    rows = np.array([[getattr(p, name)] for name in HOIST.parameters])
+    with pytest.raises(ValueError, match="22 rows of parameters, the kernel takes 23"):
+        kernels.replay(HOIST, rows[:-1], times[:, None], 0.0 * times[:, None] + hold, s[:, None], np.ones((3, 1)))

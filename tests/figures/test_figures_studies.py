@@ -1,0 +1,156 @@
+"""Figures of sweeps, fronts, samples and of the torque-speed plane carry the numbers of their rows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from workbench.figures.panels import LEGEND_LINE, Panels
+from workbench.figures.pareto import pareto
+from workbench.figures.study_plane import envelope_nm, torque_speed_plane
+from workbench.figures.study_scatter import spread, tornado
+from workbench.figures.study_sweep import changing, metrics_over_axis
+from workbench.run import Run
+from workbench.study.conclude.pareto import fronts
+from workbench.study.conclude.rank import Correlation
+from workbench.study.results.row import Row
+from workbench.study.variations.varying import swept_axes
+
+JERK, KP = "sweep.limits.jerk_m_s3", "sweep.controller.kp_nm_s_per_rad"
+PEAK = "peak_torque_motor_nm"
+
+
+def row(assigned: dict[str, float | str], kind: str = "ruckig", payload: float = 0.0, **changes: float) -> Row:
+    metrics = {
+        PEAK: 400.0, "speed_error_max_rad_s": 3.0, "min_wire_tension_n": 5e4, "wire_tension_swing_n": 8e3,
+        "move_time_s": 30.0,
+    }  # fmt: skip
+    name = "_".join([kind, f"{payload:g}", *map(str, assigned.values())])
+    return Row(name, "s", "ok", "", payload, kind, metrics | changes, assigned)
+
+
+def trade() -> list[Row]:
+    """Time for torque along a hyperbola, and one run that is beaten."""
+    rows = [row({JERK: 8.0 / t}, move_time_s=30.0 + t, peak_torque_motor_nm=400.0 + 200.0 / t) for t in (1, 2, 4, 8)]
+    return [*rows, row({JERK: 9.0}, move_time_s=39.0, peak_torque_motor_nm=650.0)]
+
+
+def one(figure, name):
+    (trace,) = [trace for trace in figure.data if trace.name == name]
+    return trace
+
+
+def test_a_front_joins_the_runs_that_none_beats_and_rings_its_knee():
+    rows = trade()
+    (front,) = fronts(rows)
+    figure = pareto(rows, [front], swept_axes(rows), PEAK)
+    line = one(figure, "front: beaten by no run")
+    np.testing.assert_allclose(line.x, [31, 32, 34, 38])
+    np.testing.assert_allclose(line.y, [600, 500, 450, 425])
+    knee = one(figure, "knee")
+    assert front.knee is not None
+    assert (knee.x[0], knee.y[0]) == (front.knee["move_time_s"], front.knee[PEAK])
+    (note,) = [note.text for note in figure.layout.annotations if "knee" in note.text]
+    assert f"jerk {front.knee.assigned[JERK]:g} m/s³" in note
+    assert len(one(figure, "ruckig, same limits").x) == 5
+
+
+def test_forces_are_drawn_in_kilonewtons():
+    rows = [row({JERK: float(j)}, move_time_s=30.0 + j, wire_tension_swing_n=9e3 - 1e3 * j) for j in range(3)]
+    figure = pareto(rows, fronts(rows, "wire_tension_swing_n"), swept_axes(rows), "wire_tension_swing_n")
+    np.testing.assert_allclose(one(figure, "front: beaten by no run").y, [9, 8, 7])
+    assert figure.layout.yaxis.title.text == "wire tension swing (kN)"
+
+
+def test_a_huge_cloud_is_drawn_with_fewer_points_and_the_text_of_each():
+    rows = [row({JERK: float(j)}, move_time_s=30.0 + j, peak_torque_motor_nm=400.0 + j % 7) for j in range(4000)]
+    cloud = one(pareto(rows, fronts(rows), swept_axes(rows), PEAK), "ruckig, same limits")
+    assert len(cloud.x) == len(cloud.text) <= 1500
+    assert f"jerk {cloud.x[7] - 30.0:.4g} m/s³" in cloud.text[7]
+
+
+def test_over_an_axis_the_worst_of_the_other_runs_is_the_line():
+    rows = [row({JERK: j, KP: k}, peak_torque_motor_nm=100.0 * j + k) for j in (1.0, 2.0) for k in (10.0, 30.0)]
+    (jerk, _) = swept_axes(rows)
+    figure = metrics_over_axis(rows, jerk, 480.0, 768.0)
+    np.testing.assert_allclose(one(figure, "ruckig, same limits").y, [130.0, 230.0])
+    band = one(figure, "ruckig, same limits: all")
+    np.testing.assert_allclose(band.y, [130.0, 230.0, 210.0, 110.0])
+    assert {shape.y0 for shape in figure.layout.shapes} == {480.0, 768.0}
+
+
+def test_of_wire_tension_the_smallest_is_the_worst():
+    rows = [
+        row({JERK: j, KP: k}, min_wire_tension_n=1e4 * j + 1e3 * k) for j in (1.0, 2.0) for k in (1.0, 3.0)
+    ]  # fmt: skip
+    (jerk, _) = swept_axes(rows)
+    np.testing.assert_allclose(one(metrics_over_axis(rows, jerk, 480.0, 768.0), "ruckig, same limits").y, [11.0, 21.0])
+
+
+def test_only_metrics_that_change_along_the_axis_are_drawn():
+    rows = [row({JERK: j, KP: k}, peak_torque_motor_nm=100.0 * j) for j in (1.0, 2.0) for k in (10.0, 30.0)]
+    jerk, kp = swept_axes(rows)
+    assert changing(rows, jerk) == [PEAK]
+    assert changing(rows, kp) == []
+
+
+def test_values_in_equal_ratios_stand_on_a_logarithmic_axis_and_words_at_even_distances():
+    rows = [row({JERK: 0.2 * 2**k}, peak_torque_motor_nm=400.0 + k) for k in range(5)]
+    assert metrics_over_axis(rows, swept_axes(rows)[0], 480.0, 768.0).layout.xaxis.type == "log"
+    rows = [row({"sweep.controller.anti_windup": w}, speed_error_max_rad_s=e) for w, e in (("none", 9.0), ("x", 5.0))]
+    axis = metrics_over_axis(rows, swept_axes(rows)[0], 480.0, 768.0).layout.xaxis
+    assert list(axis.ticktext) == ["none", "x"]
+
+
+def sample() -> list[Row]:
+    return [row({"sample.x_s": float(k)}, peak_torque_motor_nm=500.0 + k) for k in range(101)]
+
+
+def test_the_distribution_ends_at_a_hundred_per_cent_and_marks_its_quantiles():
+    lines = [trace for trace in spread(sample(), (PEAK,)).data if trace.name == "ruckig, same limits"]
+    histogram, distribution, marks = lines
+    assert distribution.y[-1] == pytest.approx(100.0)
+    np.testing.assert_allclose(marks.x, [505.0, 550.0, 595.0])
+    np.testing.assert_allclose(histogram.y[1:-1:2].sum(), 100.0, rtol=1e-6)
+
+
+def test_each_metric_of_a_spread_has_a_horizontal_axis_of_its_own():
+    layout = spread(sample(), (PEAK, "speed_error_max_rad_s")).layout
+    assert [layout[f"xaxis{n}"].matches for n in ("", "2", "3", "4")] == ["x", "x2", "x", "x2"]
+
+
+def test_a_tornado_has_its_strongest_bar_on_top_and_its_sign_in_its_colour():
+    ranked = [Correlation("sample.machine.carriage.mass_kg", -0.8), Correlation("sample.machine.wire.a_s", 0.3)]
+    (bars,) = tornado([("9000 kg, ruckig", ranked)], PEAK).data
+    assert list(bars.y) == ["wire a", "carriage mass"]  # plotly counts from below
+    assert list(bars.x) == [0.3, -0.8]
+    assert len(set(bars.marker.color)) == 2
+
+
+def test_the_envelope_is_flat_to_nominal_speed_and_then_of_constant_power():
+    speed = np.array([0.0, 157.0, -157.0, 314.0])
+    np.testing.assert_allclose(envelope_nm(speed, 768.0, 157.0, True), [768.0, 768.0, 768.0, 384.0])
+    np.testing.assert_allclose(envelope_nm(speed, 768.0, 157.0, False), 768.0)
+
+
+def test_the_plane_keeps_the_corners_of_a_long_path():
+    time = np.linspace(0.0, 40.0, 40_001)
+    torque = np.where(np.abs(time - 20.0) < 0.0006, 900.0, 400.0 + 50.0 * np.sin(time))
+    signals = {"speed_motor_rad_s": 145.0 * np.sin(time / 5.0), "torque_motor_nm": 2.0 * torque}
+    path = one(
+        torque_speed_plane([("ruckig", Run("x", time, signals, 0.0))], 480.0, 768.0, 157.0), "ruckig, same limits"
+    )
+    assert len(path.x) < 2000
+    assert path.y.max() == pytest.approx(900.0)
+    assert path.x.max() == pytest.approx(145.0, rel=1e-4)
+
+
+def test_a_legend_of_several_lines_has_room_above_the_panels():
+    heights = []
+    for names in (("a", "b"), [f"brake release {k} s, conditional" for k in range(6)]):
+        panels = Panels("t", ["y"])
+        for name in names:
+            panels.line(0, 0, np.arange(2.0), np.arange(2.0), name, {})
+        figure = panels.figure(400)
+        heights.append((figure.layout.height, figure.layout.margin.t))
+    assert heights[1][0] - heights[0][0] == heights[1][1] - heights[0][1] > LEGEND_LINE

@@ -1,0 +1,322 @@
+"""`workbench identify`: finds what a simulated machine has, says how sure it is, writes a machine that is accepted."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.commands import Commands
+from tests.support.simulated_campaign import TRUTH, simulated_campaign, true_machine
+from workbench import __version__
+from workbench.identify.fit import Fit
+from workbench.identify.identify import Identification, identify
+from workbench.logs import Campaign, read_campaign
+from workbench.machine import Hoist, default_hoist, get_value, load_machine, value_names, with_values
+from workbench.plants.hoist import guide_friction
+from workbench.reports.identify import page as identify_page
+from workbench.reports.identify.friction import combined_weight, force_balance, law
+from workbench.reports.identify.report import held, sentences, table, tolerances_off
+
+ROOT = Path(__file__).resolve().parents[2]
+LEVELS = ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated_campaign(tmp_path_factory.mktemp("identify") / "lifts")
+
+
+@pytest.fixture(scope="module")
+def campaign(folder: Path) -> Campaign:
+    return read_campaign(folder)
+
+
+@pytest.fixture(scope="module")
+def found(campaign: Campaign) -> Identification:
+    return identify(campaign, date="2026-01-02T03:04:05+00:00")
+
+
+@pytest.fixture
+def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+@pytest.fixture(scope="module")
+def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """--out of one identification in a process of its own."""
+    out = tmp_path_factory.mktemp("written") / "out"
+    done = subprocess.run(
+        [sys.executable, "-m", "workbench", "identify", folder, "--out", out],
+        cwd=ROOT, capture_output=True, text=True, check=True, env={**os.environ, "COLUMNS": "80"},
+    )  # fmt: skip
+    assert done.stderr == ""
+    assert f"Machine: {out / 'machine.yaml'}" in done.stdout
+    return out
+
+
+def read_json(path: Path) -> Any:
+    def refuse(word: str) -> float:
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def test_friction_levels_are_found_within_three_standard_errors(found: Identification):
+    values, errors = found.fit.values(), dict(zip(found.fit.values(), found.fit.std_error, strict=True))
+    for key in LEVELS:
+        assert abs(values[key] - TRUTH[key]) < 3.0 * errors[key], key
+        assert errors[key] < 300.0
+
+
+def test_what_the_nominal_machine_knew_stays_within_three_standard_errors(found: Identification):
+    for free, value, error in zip(found.fit.free, found.fit.value, found.fit.std_error, strict=True):
+        # The slope's error is one of its logarithm: a factor, not a distance.
+        if free.key not in LEVELS and not free.logarithmic:
+            assert abs(value - free.nominal) < 3.0 * error, free.key
+
+
+def test_the_papers_iteration_finds_the_levels_where_all_else_is_nominal(found: Identification):
+    assert found.levels.settled
+    assert found.levels.forward[0] == 6000.0
+    assert found.levels.forward[-1] == pytest.approx(TRUTH[LEVELS[0]], rel=0.02)
+    assert found.levels.backward[-1] == pytest.approx(TRUTH[LEVELS[1]], rel=0.02)
+
+
+def test_the_identified_machine_leaves_only_noise(found: Identification):
+    assert found.before.residual_rms_moving > 5.0 * found.before.noise_rms
+    assert found.after.residual_rms_moving < 1.2 * found.after.noise_rms
+    assert found.after.speed_rmse_percent < 0.3 < found.before.speed_rmse_percent
+
+
+def test_two_levels_alone_are_found_far_more_surely(campaign: Campaign, found: Identification):
+    alone = identify(campaign, free=LEVELS)
+    errors = dict(zip(found.fit.values(), found.fit.std_error, strict=True))
+    for key, value, error in zip(LEVELS, alone.fit.value, alone.fit.std_error, strict=True):
+        assert value == pytest.approx(TRUTH[key], rel=0.01)
+        assert error < 0.5 * errors[key]
+
+
+def test_standard_errors_are_those_of_repeated_campaigns(tmp_path: Path):
+    """Eight campaigns that differ in their noise only: the values scatter as the errors say, or less.
+
+    The levels alone are freed: nothing holds them but the runs and their tolerances.
+    """
+    fits = []
+    for seed in range(8):
+        read = read_campaign(simulated_campaign(tmp_path / str(seed), seed=seed))
+        fits.append(identify(read, free=LEVELS).fit)
+    values = np.array([fit.value for fit in fits])
+    errors = np.array([fit.std_error for fit in fits]).mean(axis=0)
+    scatter = values.std(axis=0, ddof=1)
+    # Eight draws give the scatter to 27 %.
+    assert np.all(scatter < 2.0 * errors)
+    assert np.all(scatter > 0.2 * errors)
+
+
+def test_written_machine_is_the_identified_one_with_its_record(written: Path, found: Identification):
+    machine = load_machine(written / "machine.yaml")
+    assert isinstance(machine, Hoist)
+    for key, value in found.fit.values().items():
+        assert get_value(machine, key) == pytest.approx(value, rel=1e-6)
+    untouched = set(value_names(default_hoist())) - set(found.fit.values())
+    assert all(get_value(machine, key) == get_value(default_hoist(), key) for key in untouched)
+    record: Any = machine.identified
+    assert record["campaign"] == "lifts"
+    assert record["runs"] == ["empty", "half", "full"]
+    assert record["version"] == __version__
+    assert str(record["date"]).startswith("20")
+    assert set(record["parameters"]) == set(found.fit.values())
+    assert all(entry["std_error"] > 0.0 for entry in record["parameters"].values())
+
+
+def test_replay_of_the_written_machine_gives_the_written_replay(
+    workbench: Commands, folder: Path, written: Path, tmp_path: Path
+):
+    assert workbench("replay", folder, "--machine", written / "machine.yaml", "--out", tmp_path / "out").status == 0
+    again, then = read_json(tmp_path / "out" / "replay.json"), read_json(written / "replay.json")
+    assert again["overall"] == pytest.approx(then["overall"], rel=2e-5)
+    for one, other in zip(again["runs"], then["runs"], strict=True):
+        assert one.pop("name") == other.pop("name")
+        assert one == pytest.approx(other, rel=2e-5)
+    assert read_json(written / "identify.json")["after"] == then["overall"]
+
+
+def test_replay_of_a_campaign_that_holds_the_written_machine_gives_the_same(
+    workbench: Commands, folder: Path, written: Path, tmp_path: Path
+):
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for name, place in (("machine.yaml", written), ("runs.yaml", folder), ("runs", folder)):
+        (copy / name).symlink_to(place / name)
+    assert workbench("replay", copy, "--out", tmp_path / "out").status == 0
+    again, then = (read_json(path / "replay.json")["overall"] for path in (tmp_path / "out", written))
+    assert again == pytest.approx(then, rel=2e-5)
+
+
+def test_an_identified_machine_is_a_place_to_start_from(
+    workbench: Commands, folder: Path, written: Path, tmp_path: Path
+):
+    words = ("--machine", written / "machine.yaml", "--free", ",".join(LEVELS), "--out", tmp_path / "out")
+    assert workbench("identify", folder, *words).status == 0
+    first, second = (read_json(path / "identify.json") for path in (written, tmp_path / "out"))
+    assert list(second["parameters"]) == list(LEVELS)
+    assert second["parameters"][LEVELS[0]]["nominal"] == pytest.approx(first["parameters"][LEVELS[0]]["value"])
+    assert second["before"] == pytest.approx(first["after"], rel=2e-5)
+
+
+def test_an_identified_machine_can_be_studied(workbench: Commands, written: Path, tmp_path: Path):
+    scenario = (
+        f"format: 1\nname: found\nmachine: {written / 'machine.yaml'}\npayloads_kg: [0]\nstart_position_m: 4.0\n"
+        "moves: [{by_m: 0.5}]\nlimits: {speed_m_s: 0.5, acceleration_m_s2: 0.5, jerk_m_s3: 1.0}\n"
+        "references: [ruckig]\ncontroller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}\n"
+    )
+    (tmp_path / "found.yaml").write_text(scenario)
+    done = workbench("study", tmp_path / "found.yaml", "--out", tmp_path / "study")
+    assert done.status == 0, done.err
+
+
+def test_identify_json_is_complete(written: Path, found: Identification):
+    said = read_json(written / "identify.json")
+    keys = list(found.fit.values())
+    assert list(said["parameters"]) == said["correlation"]["keys"] == keys
+    matrix = np.array(said["correlation"]["matrix"])
+    np.testing.assert_allclose(np.diag(matrix), 1.0)
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-4)
+    assert said["paper_iteration"]["hoisting"][0] == 6000.0
+    assert said["statements"] == list(found.fit.statements)
+    assert said["after"]["torque_residual_rms_moving_nm"] < said["before"]["torque_residual_rms_moving_nm"]
+
+
+def test_the_page_shows_figures_6_to_8_and_how_sure_the_fit_is(written: Path):
+    page = (written / "identify.html").read_text(encoding="utf-8")
+    assert page.count('class="plotly-graph-div"') == 6
+    titles = ("Measured motor torque", "Friction law", "Measured and simulated speed", "Torque residual")
+    assert all(title in page for title in (*titles, "Friction levels over the iterations", "Correlation of"))
+    assert {p.name for p in written.iterdir()} == {"machine.yaml", "replay.json", "identify.json", "identify.html"}
+
+
+def test_the_friction_figure_shows_levels_over_the_combined_weight(found: Identification):
+    figure = identify_page.friction(found)
+    weight = combined_weight(found.machine, found.after)
+    assert weight is not None
+    assert weight == pytest.approx((8000.0 + 4500.0) * 9.81, rel=0.02)
+    (line,) = [trace for trace in figure.data if trace.name == "identified"]
+    level = found.fit.values()[LEVELS[0]]
+    assert line.y.max() == pytest.approx(level / weight, rel=0.02)
+    (cloud,) = [trace for trace in figure.data if trace.name == "force balance of the log"]
+    assert np.median(cloud.y[cloud.x > 0.1]) == pytest.approx(level / weight, rel=0.05)
+
+
+def test_the_balance_of_the_log_shows_the_true_friction_whatever_machine_looks(campaign: Campaign):
+    """All but the levels nominal: the balance's points lie on the true law, though the machine's own is another."""
+    from workbench.simulate.replay import replay_runs
+
+    speed, force = force_balance(default_hoist(), replay_runs(default_hoist(), campaign.runs))
+    fast = np.abs(speed) > 0.2
+    true = law(true_machine(), speed[fast])
+    assert abs(np.mean(force[fast] / true) - 1.0) < 0.02
+    assert np.max(np.abs(law(default_hoist(), np.array([0.5])) - guide_friction(0.5, _plant_values()))) == 0.0
+
+
+def _plant_values() -> Any:
+    from workbench.plants import plant_of
+
+    return plant_of(default_hoist()).values(default_hoist())
+
+
+def test_values_that_hang_together_are_said_as_one_group(found: Identification):
+    grouped = [s for s in found.fit.statements if "told apart poorly" in s]
+    assert any(
+        all(key in s for key in ("motor.rotor_inertia_kg_m2", "sensors.payload_scale", "sensors.torque_gain"))
+        for s in grouped
+    )
+    named = [key for s in grouped for key in found.fit.values() if key in s]
+    assert len(named) == len(set(named))
+
+
+def test_a_value_far_off_or_a_residual_above_the_noise_leads_to_diagnose(campaign: Campaign, found: Identification):
+    assert not any("diagnose" in sentence for sentence in sentences(found))
+    free, value = found.fit.free[0], list(found.fit.value)
+    assert free.prior_std is not None and not free.logarithmic
+    value[0] = free.nominal + 7.0 * free.scale * free.prior_std
+    assert tolerances_off(free, value[0]) == pytest.approx(7.0)
+    far = replace(found, fit=replace(found.fit, value=tuple(value)))
+    assert sentences(far)[-1] == (
+        "A value is 7 tolerances off: the model may lack something; `workbench diagnose` names what."
+    )
+    above = replace(found, after=replace(found.after, residual_rms_moving=2.0 * found.after.noise_rms))
+    assert sentences(above)[-1].startswith("The residual while moving is 2.0 times the noise: the model may lack")
+
+
+def test_every_line_of_the_table_says_whether_a_tolerance_holds_the_value(found: Identification):
+    lines = table(found.fit)
+    assert [line[0] for line in lines] == list(found.fit.values())
+    assert {line[-1] for line in lines} == {held(True)}
+    assert all("nan" not in cell for line in lines for cell in line)
+
+
+def test_the_terminal_shows_values_and_both_replays_within_90_columns(workbench: Commands, folder: Path):
+    done = workbench("identify", folder, "--free", ",".join(LEVELS))
+    lines = done.out.splitlines()
+    assert sum(line.startswith("guide.coulomb_") for line in lines) == 2
+    replays = [line.split()[0] for line in lines if line.startswith(("nominal", "identified"))]
+    assert replays == ["nominal", "identified"]
+    assert "The paper's iteration" in done.out
+    assert "Nothing is written without --out." in done.out
+    assert max(len(line) for line in lines) <= 98
+
+
+def test_list_names_every_key_that_free_takes(workbench: Commands, folder: Path, tmp_path: Path):
+    done = workbench("identify", folder, "--list")
+    keys = [line.split()[0] for line in done.out.splitlines()[1:]]
+    assert {*LEVELS, "wire.damping_time_s", "sensors.torque_gain"} <= set(keys)
+    for key in ("wire.damping_time_s", "sheave.inertia_kg_m2"):
+        assert workbench("identify", folder, "--free", f"{key}, {LEVELS[0]}").status == 0
+
+
+def test_a_misspelt_key_is_answered_with_the_nearest(workbench: Commands, folder: Path, tmp_path: Path):
+    words = ("--free", "guide.coulomb_hosting_n", "--out", tmp_path / "out")
+    done = workbench("identify", folder, *words)
+    assert (done.status, done.out) == (2, "")
+    assert done.err.count("\n") == 1
+    assert "--free: cannot fit 'guide.coulomb_hosting_n'; did you mean 'guide.coulomb_hoisting_n'?" in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("free", ["", f"{LEVELS[0]},{LEVELS[0]}", f"{LEVELS[0]},"])
+def test_an_empty_or_doubled_key_is_refused(workbench: Commands, folder: Path, tmp_path: Path, free: str):
+    done = workbench("identify", folder, "--free", free, "--out", tmp_path / "out")
+    assert done.status == 2
+    assert "--free" in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_machine_at_rest_is_nothing_to_fit(workbench: Commands, folder: Path, tmp_path: Path):
+    still = tmp_path / "still"
+    (still / "runs").mkdir(parents=True)
+    (still / "machine.yaml").symlink_to(folder / "machine.yaml")
+    (still / "runs.yaml").write_text((folder / "runs.yaml").read_text())
+    for log in (folder / "runs").iterdir():
+        rows = log.read_text().splitlines()
+        (still / "runs" / log.name).write_text("\n".join(rows[:80]) + "\n")  # the 0.8 s before the first move
+    done = workbench("identify", still, "--out", tmp_path / "out")
+    assert done.status == 2
+    assert "hardly moves in these runs: nothing to fit" in done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_fit_that_ends_elsewhere_than_the_truth_would_be_seen(campaign: Campaign):
+    """The check of the checks: with a wrong carriage held fast, the residual stays far above the noise."""
+    from dataclasses import replace
+
+    wrong = replace(campaign, machine=with_values(default_hoist(), {"carriage.mass_kg": 8800.0}))
+    fit: Fit = identify(wrong, free=["guide.atan_slope_s_per_m"]).fit
+    assert fit.residual_rms > 5.0 * fit.noise_rms

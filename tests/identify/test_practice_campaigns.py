@@ -1,0 +1,89 @@
+"""Recorded campaigns of machines whose source nobody here has: replay and identify tell sensible figures on each."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.commands import Commands
+from workbench.machine import Hoist, load_machine
+
+WITHOUT_A_GAP = ("01", "20", "25", "26", "27", "28")
+WITH_A_GAP = [f"{number:02d}" for number in range(1, 34) if f"{number:02d}" not in WITHOUT_A_GAP]
+LEVELS = ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n")
+
+
+@pytest.fixture
+def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+def read_json(path: Path) -> Any:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def assert_finite(data: Any, place: str = "") -> None:
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ():
+        assert value is not None, f"{place}.{key}"
+        assert not isinstance(value, float) or math.isfinite(value), f"{place}.{key}"
+        assert_finite(value, f"{place}.{key}")
+
+
+@pytest.mark.parametrize("number", WITHOUT_A_GAP)
+def test_a_machine_without_a_gap_is_explained_down_to_the_noise(
+    workbench: Commands, campaigns: Path, tmp_path: Path, number: str
+):
+    out = tmp_path / "out"
+    done = workbench("identify", campaigns / number, "--out", out)
+    assert done.status == 0, done.err
+    said = read_json(out / "identify.json")
+    assert_finite(said)
+    assert workbench("replay", campaigns / number, "--out", tmp_path / "replay").status == 0
+    assert read_json(tmp_path / "replay" / "replay.json")["overall"] == said["before"]
+    before, after = said["before"], said["after"]
+    assert after["torque_residual_rms_moving_nm"] <= 1.3 * after["noise_rms_nm"]
+    assert 0.5 < before["speed_rmse_percent"] < 20.0
+    assert after["speed_rmse_percent"] < 1.0
+    assert after["speed_rmse_percent"] < before["speed_rmse_percent"]
+    machine = load_machine(campaigns / number / "machine.yaml")
+    assert isinstance(machine, Hoist)
+    for key in LEVELS:
+        entry = said["parameters"][key]
+        assert abs(entry["value"] - entry["nominal"]) < 4.0 * machine.tolerances.coulomb * entry["nominal"], key
+        assert 0.0 < entry["std_error"] < entry["nominal"]
+
+
+@pytest.mark.parametrize("number", WITH_A_GAP)
+def test_a_machine_with_a_gap_gives_finite_and_sensible_figures(
+    workbench: Commands, campaigns: Path, tmp_path: Path, number: str
+):
+    """Replay of all six runs; identification from two of them, which is quicker."""
+    done = workbench("replay", campaigns / number, "--out", tmp_path / "replay")
+    assert done.status == 0, done.err
+    said = read_json(tmp_path / "replay" / "replay.json")
+    assert_finite(said)
+    assert len(said["runs"]) == 6
+    overall = said["overall"]
+    # A torque scale 8 % off, the largest of these gaps, is 60 N m at full load, which drifts without end.
+    assert 0.1 < overall["speed_rmse_percent"] < 400.0
+    assert overall["speed_rmse_percent_restarted_2s"] < min(overall["speed_rmse_percent"], 20.0)
+    # The two channels' noise is 2 to 3 N m a sample, 0.5 N m in the band.
+    assert 0.3 < overall["noise_rms_nm"] < 1.5
+    assert overall["noise_rms_nm"] < overall["torque_residual_rms_nm"] < 80.0
+    assert 0.1 < overall["torque_residual_percent"] < 15.0
+
+    words = ("--runs", "half_slow,full_fast", "--out", tmp_path / "found")
+    done = workbench("identify", campaigns / number, *words)
+    assert done.status == 0, done.err
+    found = read_json(tmp_path / "found" / "identify.json")
+    assert_finite(found)
+    before, after = found["before"], found["after"]
+    assert after["torque_residual_rms_moving_nm"] <= before["torque_residual_rms_moving_nm"]
+    assert after["torque_residual_rms_moving_nm"] > 0.5 * after["noise_rms_nm"]
+    for key in LEVELS:
+        assert 0.0 <= found["parameters"][key]["value"] < 4.0 * found["parameters"][key]["nominal"], key
+    assert found["paper_iteration"]["settled"]

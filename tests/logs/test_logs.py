@@ -1,0 +1,257 @@
+"""Campaigns: recorded ones read whole, runs.yaml is strict, every format gives the same run."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+import scipy.io
+
+from tests.support.log_campaign import AXIS, RUNS, axis_columns, csv_text, hoist_columns, write_campaign
+from workbench.errors import InputError
+from workbench.logs import read_campaign
+from workbench.machine import Hoist, LinearAxis
+
+EMPS_RUNS = """\
+columns:
+  time_s: t
+  force_n: {{column: vir, scale: 35.1507}}
+  position_m: qm
+  position_reference_m: qg
+runs:
+- {{name: train, file: {0}/DATA_EMPS.mat}}
+- {{name: test, file: {0}/DATA_EMPS_PULSES.mat}}
+"""
+
+
+def refusal(folder: Path, **options: object) -> str:
+    with pytest.raises(InputError) as caught:
+        read_campaign(folder, **options)  # type: ignore[arg-type]
+    return str(caught.value)
+
+
+def test_every_recorded_campaign_reads_whole_and_without_repair(campaigns):
+    folders = sorted(path.parent for path in campaigns.glob("*/runs.yaml"))
+    assert len(folders) >= 33
+    for folder in folders:
+        campaign = read_campaign(folder)
+        assert isinstance(campaign.machine, Hoist)
+        assert campaign.name == folder.name
+        assert len(campaign.runs) == 6
+        assert campaign.all_notes == (), f"{folder.name}: these logs have no fault"
+        for run in campaign.runs:
+            assert run.duration_s == pytest.approx(49.75, abs=0.02)
+            assert run.sample_time_s == pytest.approx(0.01)
+            both = run["torque_motor1_nm"] + run["torque_motor2_nm"]
+            assert np.array_equal(run["torque_motor_nm"], both)
+
+
+def test_recorded_values_are_those_of_the_file(campaigns):
+    run = read_campaign(campaigns / "01").run("empty_fast")
+    assert (run.payload_kg, run.start_position_m, run.start_time_s) == (0.0, 9.143, 0.0)
+    assert (run["torque_motor1_nm"][0], run["torque_motor2_nm"][0], run["speed_motor_rad_s"][1]) == (
+        192.5,
+        188.4,
+        -0.02,
+    )
+
+
+def test_optional_signals_of_a_recorded_campaign_are_there(campaigns):
+    run = read_campaign(campaigns / "21").runs[0]
+    assert {"position_carriage_m", "tension_dead_line_n", "speed_reference_rad_s"} <= run.signals.keys()
+
+
+def test_real_axis_in_matlab_files_reads_with_scaled_force(shared_data, tmp_path):
+    emps = os.path.relpath(shared_data / "emps", tmp_path)
+    (tmp_path / "machine.yaml").write_text(AXIS)
+    (tmp_path / "runs.yaml").write_text(EMPS_RUNS.format(emps))
+    campaign = read_campaign(tmp_path)
+    assert isinstance(campaign.machine, LinearAxis)
+    raw = scipy.io.loadmat(str(shared_data / "emps" / "DATA_EMPS.mat"))
+    train = campaign.run("train")
+    assert train.time_s.shape == (24841,)
+    assert np.array_equal(train["force_n"], 35.1507 * raw["vir"].ravel())
+    assert np.array_equal(train["position_m"], raw["qm"].ravel())
+    assert train.start_position_m == raw["qm"][0, 0]
+    assert "position_reference_m" in campaign.run("test")
+    assert any("ignored columns in test: pulses_N" in note for note in campaign.notes)
+
+
+def test_campaign_is_read_from_its_list_of_runs_as_well(tmp_path):
+    write_campaign(tmp_path, hoist_columns())
+    assert read_campaign(tmp_path / "runs.yaml").runs[0].source == read_campaign(tmp_path).runs[0].source
+
+
+def test_parquet_and_matlab_give_the_very_same_run_as_csv(tmp_path):
+    columns = hoist_columns()
+    write_campaign(tmp_path, columns)
+    pa.parquet.write_table(pa.table(columns), tmp_path / "runs" / "lift.parquet")
+    scipy.io.savemat(tmp_path / "runs" / "lift.mat", columns)
+    plain = read_campaign(tmp_path).runs[0]
+    for suffix in ("parquet", "mat"):
+        (tmp_path / "runs.yaml").write_text(RUNS.replace("lift.csv", f"lift.{suffix}"))
+        run = read_campaign(tmp_path).runs[0]
+        assert np.array_equal(run.time_s, plain.time_s)
+        assert run.signals.keys() == plain.signals.keys()
+        assert all(np.array_equal(run[name], plain[name]) for name in plain.signals)
+
+
+def test_columns_map_with_scale_and_offset(tmp_path):
+    columns = hoist_columns()
+    columns["n rpm"] = columns.pop("speed_motor_rad_s") * 60 / (2 * np.pi) + 3.0
+    mapping = (
+        "columns:\n  speed_motor_rad_s: {column: n rpm, scale: 0.10471975511965977, offset: -0.31415926535897931}\n"
+    )
+    run = read_campaign(write_campaign(tmp_path, columns, runs=mapping + RUNS)).runs[0]
+    assert np.allclose(run["speed_motor_rad_s"], hoist_columns()["speed_motor_rad_s"], atol=1e-12)
+    assert run.notes == ()
+
+
+def test_sum_of_both_motors_is_enough(tmp_path):
+    columns = hoist_columns()
+    total = columns.pop("torque_motor1_nm") + columns.pop("torque_motor2_nm")
+    run = read_campaign(write_campaign(tmp_path, columns | {"torque_motor_nm": total})).runs[0]
+    assert np.array_equal(run["torque_motor_nm"], total)
+    assert "torque_motor1_nm" not in run
+
+
+def test_logged_sum_gives_way_to_both_motors_and_that_is_said(tmp_path):
+    columns = hoist_columns()
+    run = read_campaign(write_campaign(tmp_path, columns | {"torque_motor_nm": columns["time_s"]})).runs[0]
+    assert np.array_equal(run["torque_motor_nm"], columns["torque_motor1_nm"] + columns["torque_motor2_nm"])
+    assert run.notes == ("torque_motor_nm is not used: both motors are logged for themselves",)
+
+
+def test_order_of_columns_does_not_matter_and_strangers_are_listed(tmp_path):
+    columns = hoist_columns()
+    shuffled = {name: columns[name] for name in sorted(columns, reverse=True)} | {"motor_temp": columns["time_s"]}
+    campaign = read_campaign(write_campaign(tmp_path, shuffled))
+    assert np.array_equal(campaign.runs[0]["speed_motor_rad_s"], columns["speed_motor_rad_s"])
+    assert campaign.notes == ("ignored columns in all runs: motor_temp",)
+
+
+def test_text_in_a_column_nobody_asked_for_does_no_harm(tmp_path):
+    lines = csv_text(hoist_columns()).splitlines()
+    text = "\n".join([lines[0] + ",state", *(line + ",moving" for line in lines[1:])])
+    assert len(read_campaign(write_campaign(tmp_path, text)).runs[0].time_s) == 500
+
+
+def test_axis_reads_with_velocity_alone(tmp_path):
+    columns = axis_columns()
+    columns["velocity_m_s"] = np.gradient(columns.pop("position_m"), columns["time_s"])
+    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
+    run = read_campaign(write_campaign(tmp_path, columns, runs=runs, machine=AXIS)).runs[0]
+    assert (run.payload_kg, run.start_position_m) == (0.0, 0.0)
+    assert "velocity_m_s" in run
+
+
+def test_axis_without_position_and_velocity_is_refused(tmp_path):
+    columns = axis_columns()
+    del columns["position_m"]
+    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
+    write_campaign(tmp_path, columns, runs=runs, machine=AXIS)
+    assert "lift: no column position_m or velocity_m_s; did you mean 'position_reference_m'?" in refusal(tmp_path)
+
+
+def two_runs(folder: Path, **changes: str) -> str:
+    second = {"name": "back", "file": "runs/back.csv"} | changes
+    (folder / "runs" / "back.csv").write_text(csv_text(hoist_columns(400)))
+    return RUNS + (
+        f"- {{name: {second['name']}, file: {second['file']}, payload_kg: 0.0, start_position_m: 9.0, "
+        "start_time_s: 60.0}\n"
+    )
+
+
+def test_selected_runs_are_read_and_the_others_not_even_opened(tmp_path):
+    write_campaign(tmp_path, hoist_columns())
+    (tmp_path / "runs.yaml").write_text(two_runs(tmp_path, file="runs/gone.csv"))
+    assert [run.name for run in read_campaign(tmp_path, select="lift").runs] == ["lift"]
+    assert [run.name for run in read_campaign(tmp_path, select=["lift"]).runs] == ["lift"]
+    assert "no run 'lft'; did you mean 'lift'?" in refusal(tmp_path, select="lft")
+
+
+def test_two_runs_under_one_name_are_refused_with_both_lines(tmp_path):
+    write_campaign(tmp_path, hoist_columns())
+    (tmp_path / "runs.yaml").write_text(two_runs(tmp_path, name="lift"))
+    assert "runs.yaml:3: runs[1].name: 'lift' is used twice; it names the run on line 2 too" in refusal(tmp_path)
+
+
+def test_same_file_twice_is_pointed_out(tmp_path):
+    write_campaign(tmp_path, hoist_columns())
+    (tmp_path / "runs.yaml").write_text(two_runs(tmp_path, file="./runs/lift.csv"))
+    assert "runs 'lift' and 'back' are the same file, ./runs/lift.csv" in read_campaign(tmp_path).notes
+
+
+def test_copied_log_is_pointed_out(tmp_path):
+    write_campaign(tmp_path, hoist_columns())
+    (tmp_path / "runs.yaml").write_text(two_runs(tmp_path))
+    (tmp_path / "runs" / "back.csv").write_text(csv_text(hoist_columns()))
+    assert read_campaign(tmp_path).notes == ("runs 'lift' and 'back' hold the same samples",)
+
+
+def test_runs_that_do_not_say_when_they_began_are_pointed_out(tmp_path):
+    write_campaign(tmp_path, hoist_columns())
+    (tmp_path / "runs.yaml").write_text(two_runs(tmp_path).replace(", start_time_s: 60.0", ""))
+    assert any("back do not say when it began" in note for note in read_campaign(tmp_path).notes)
+
+
+RUNS_MISTAKES = {
+    ("payload_kg: 4500.0, ", ""): "runs.yaml:2: runs[0].payload_kg: run 'lift' needs payload_kg",
+    ("start_position_m: 9.0, ", ""): "runs.yaml:2: runs[0].start_position_m: run 'lift' needs start_position_m",
+    ("payload_kg: 4500.0", "payload_kg: -1"): "runs[0].payload_kg: -1, expected a number of at least 0",
+    ("payload_kg: 4500.0", "payload_kg: .inf"): "runs[0].payload_kg: inf, expected a finite number",
+    ("payload_kg", "payload"): "unknown key 'payload'; did you mean 'payload_kg'?",
+    ("position_m: 9.0", "position_m: 30"): "30.0 m, expected a height from 0 to 25.0 m, where the dead anchor is",
+    ("name: lift, ", ""): "runs[0].name: is missing; expected text",
+    ("name: lift", "name: 7"): "runs[0].name: 7, expected text; put it in quotes",
+    ("name: lift", "name: ../lift"): "runs[0].name",
+    ("runs/lift.csv", "runs/left.csv"): "runs.yaml:2: lift: runs/left.csv: no such file; did you mean 'lift.csv'?",
+    ("runs/lift.csv", "runs"): "lift: runs: is a folder; expected a file",
+    ("runs/lift.csv", "machine.yaml"): "a file that ends in '.yaml' is not read by this version",
+    ("runs/lift.csv", '"a\\0b.csv"'): "runs.yaml:2: lift:",
+    (RUNS, "runs: []\n"): "runs",
+    (RUNS, "rums:\n- {}\n"): "unknown key 'rums'; did you mean 'runs'?",
+    ("runs:\n", "format: 3\nruns:\n"): "runs.yaml:1: format: 3, expected 1",
+    ("runs:\n", "columns: {torque_motor: T}\nruns:\n"): "columns.torque_motor: unknown signal 'torque_motor'; did",
+    ("runs:\n", "columns: {time_s: {column: t, scale: 0.0}}\nruns:\n"): "columns.time_s.scale: 0.0, expected a number",
+    ("runs:\n", "columns: {time_s: {colum: t}}\nruns:\n"): "unknown key 'colum'; did you mean 'column'?",
+    ("runs:\n", "columns: {time_s: 5}\nruns:\n"): "columns.time_s: 5, expected a block of keys",
+    ("runs:\n", "columns: {time_s: tme_s}\nruns:\n"): "lift: no column 'tme_s' for time_s; did you mean 'time_s'?",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new"), RUNS_MISTAKES)
+def test_mistake_in_the_list_of_runs_is_named_by_place(tmp_path, old, new):
+    write_campaign(tmp_path, hoist_columns(), runs=RUNS.replace(old, new, 1))
+    assert RUNS_MISTAKES[old, new] in refusal(tmp_path)
+
+
+def test_formats_to_come_are_named(tmp_path):
+    write_campaign(tmp_path, hoist_columns(), runs=RUNS.replace("lift.csv", "lift.mf4"))
+    (tmp_path / "runs" / "lift.mf4").write_bytes(b"MDF     4.10")
+    assert "MDF4 files are not read by this version; save the log as .csv, .parquet or .mat" in refusal(tmp_path)
+
+
+def test_missing_campaign_gets_the_nearest_name(tmp_path):
+    write_campaign(tmp_path / "spring", hoist_columns())
+    assert "no such campaign; did you mean 'spring'?" in refusal(tmp_path / "sprin")
+    assert "is a machine; expected a campaign's folder" in refusal(tmp_path / "spring" / "machine.yaml")
+    (tmp_path / "spring" / "runs.yaml").unlink()
+    assert "runs.yaml: no such file" in refusal(tmp_path / "spring")
+
+
+def test_confined_campaign_may_not_reach_outside_its_folder(tmp_path):
+    write_campaign(tmp_path / "other", hoist_columns())
+    outside = RUNS.replace("runs/lift.csv", "../other/runs/lift.csv")
+    folder = write_campaign(tmp_path / "mine", hoist_columns(), runs=outside)
+    assert read_campaign(folder).runs
+    assert "lies outside the campaign's folder" in refusal(folder, confined=True)
+    (folder / "runs" / "link.csv").symlink_to(tmp_path / "other" / "runs" / "lift.csv")
+    (folder / "runs.yaml").write_text(RUNS.replace("lift.csv", "link.csv"))
+    assert "lies outside the campaign's folder" in refusal(folder, confined=True)
+    (folder / "runs.yaml").write_text(RUNS)
+    assert read_campaign(folder, confined=True).runs

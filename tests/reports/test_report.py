@@ -1,0 +1,283 @@
+"""`workbench report`: a finished result becomes one page that needs nothing else; anything else is refused."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from tests.support.commands import Commands
+from workbench.errors import InputError
+from workbench.reports.study.figures import figures_of
+from workbench.reports.study.page import write_study_report
+from workbench.reports.study.tables import run_tables, what_was_run
+from workbench.reports.study.words import conclusions
+from workbench.study.execute.batch import run_batch
+from workbench.study.results.finished import Finished, read_finished
+from workbench.study.results.folder import place_for
+from workbench.study.scenario.load import load_study
+
+SCENARIO = """\
+format: 1
+name: small
+description: What is asked.
+payloads_kg: [0, 9000]
+start_position_m: 4.0
+moves: [{by_m: 1.5}, {dwell_s: 0.5}, {to_m: 4.0}]
+limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
+references: [trapezoid, ruckig]
+controller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
+settle_s: 3.0
+"""
+SWEEP = """\
+sweep:
+  limits.acceleration_m_s2: [0.3, 0.5, 0.7]
+  limits.jerk_m_s3: {from: 0.4, to: 6.4, steps: 5, scale: log}
+outputs: {signals: none}
+"""
+GAINS = """\
+sweep:
+  controller.kp_nm_s_per_rad: [15, 31]
+  controller.anti_windup: [back_calculation, conditional]
+"""
+SAMPLE = """\
+outputs: {signals: none}
+sample: {count: 32, tolerances: true}
+"""
+
+
+class Page(HTMLParser):
+    """The words outside scripts, the cells of each table, and whatever would be fetched from elsewhere."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.words, self._inside = "", ""
+        self.tables: list[list[list[str]]] = []
+        self.foreign: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self._inside = tag
+        self.foreign += [value for name, value in attrs if name in ("src", "href") and value]
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+
+    def handle_endtag(self, tag):
+        self._inside = ""
+
+    def handle_data(self, data):
+        if self._inside in ("td", "th"):
+            self.tables[-1][-1].append(data)
+        if self._inside not in ("script", "style"):
+            self.words += data
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The folder of SCENARIO and more, run once."""
+    base, known = tmp_path_factory.mktemp("results"), dict[str, Path]()
+
+    def made(more: str = "") -> Path:
+        if more not in known:
+            file = base / f"{len(known)}.yaml"
+            file.write_text(SCENARIO + more, encoding="utf-8")
+            study = load_study(file)
+            run_batch(study, place_for(study, base / f"{len(known)}"))
+            known[more] = base / f"{len(known)}"
+        return known[more]
+
+    return made
+
+
+@pytest.fixture
+def copy(results, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(results(""), tmp_path / "copy"))
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+def titles(result: Finished) -> list[str]:
+    return [figure.layout.title.text for figure, _ in figures_of(result)]
+
+
+def what(result: Finished) -> dict[str, str]:
+    return {line[0]: line[1] for line in what_was_run(result)[1]}
+
+
+def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, run) -> None:
+    done = run("report", copy)
+    assert done.status == 0
+    page = Page((copy / "report.html").read_text(encoding="utf-8"))
+    assert page.foreign == []
+    assert [len(lines) for lines in page.tables[:3]] == [5, 5, 5]  # a head and four runs
+    assert "What is asked." in page.words
+    assert "Jerk-limited at 0.8 m/s³ costs" in page.words
+    assert f"Report: {copy / 'report.html'}" in done.out
+    assert "Jerk-limited at 0.8 m/s³ costs" in done.out
+    assert max(map(len, done.out.splitlines())) <= 100
+
+
+def test_each_run_has_a_line_in_each_table_of_runs(results) -> None:
+    result = read_finished(results(""))
+    page_tables = run_tables(result.rows)
+    assert [len(lines) for _, lines, _ in page_tables] == [4, 4, 4]
+    for head, lines, _ in page_tables:
+        assert {len(line) for line in lines} == {len(head)}
+    peak = {(line[0], line[1]): line[2] for line in page_tables[0][1]}
+    for row in result.rows:
+        assert peak[f"{row.payload_kg:g}", row.reference] == f"{row['peak_torque_motor_nm']:.0f}"
+
+
+def test_figures_over_payload_over_time_and_over_speed_for_a_study_of_payloads(results) -> None:
+    assert titles(read_finished(results(""))) == [
+        "Torque peak over payload",
+        "Start of the first move",
+        "Closed loop over time",
+        "Torque and speed of one motor, in what the drive can give",
+    ]
+
+
+def test_a_sweep_of_limits_has_its_fronts_with_the_knee_named_and_no_curves_without_signals(results) -> None:
+    result = read_finished(results(SWEEP))
+    assert titles(result) == [
+        "Move time against torque peak per motor",
+        "Move time against wire tension swing",
+        "Over acceleration",
+        "Over jerk",
+    ]
+    front = figures_of(result)[0][0]
+    assert sum(1 for trace in front.data if trace.name == "knee") == 2  # a panel a payload
+    assert sum("knee" in note.text for note in front.layout.annotations) == 2
+    assert any("the knee of move time against torque peak per motor is" in text for text in conclusions(result))
+
+
+def test_a_sweep_of_gains_shows_what_changes_and_leaves_out_what_does_not(results) -> None:
+    result = read_finished(results(GAINS))
+    found = titles(result)
+    assert found[0] == "Over kp"
+    assert "Over anti windup" not in found  # nothing winds up here
+    assert "Closed loop over time" in found
+    curves = figures_of(result)[found.index("Closed loop over time")][0]
+    assert {trace.name for trace in curves.data} == {"kp 15 N m s/rad", "kp 31 N m s/rad", "set points"}
+    assert any(text.startswith("Anti windup makes no difference") for text in conclusions(result))
+
+
+def test_a_sample_has_its_spread_and_what_it_hangs_on(results) -> None:
+    result = read_finished(results(SAMPLE))
+    assert titles(result) == ["Spread of the results", "What the torque peak per motor hangs on"]
+    tornado = figures_of(result)[1][0]
+    assert all(-1.0 <= value <= 1.0 for trace in tornado.data for value in trace.x)
+    assert len(run_tables(result.rows)[0][1]) == 4 * 5  # 128 runs: quantiles of each payload and reference
+    lines = what(result)
+    assert " to " in lines["drawn: carriage mass"] and lines["drawn: carriage mass"].endswith(" kg")
+
+
+def test_what_was_run_is_said_without_a_date(results) -> None:
+    result = read_finished(results(GAINS))
+    lines = what(result)
+    assert lines["moves"] == "by 1.5 m, rest 0.5 s, to 4 m"
+    assert lines["limits"] == "speed 0.7 m/s, acceleration 0.6 m/s², jerk 0.8 m/s³"
+    assert lines["swept: kp"] == "15 N m s/rad, 31 N m s/rad"
+    assert "workbench " in lines["program"]
+    assert not re.search(r"\b20\d\d-\d\d-\d\d\b", " ".join(lines.values()))
+
+
+def test_the_same_result_gives_the_same_bytes(results, tmp_path: Path) -> None:
+    for name in ("a.html", "b.html"):
+        write_study_report(read_finished(results(GAINS)), tmp_path / name)
+    assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
+
+
+def test_a_cycle_that_heats_too_much_needs_a_pause_of_its_own_excess(results) -> None:
+    result = read_finished(results(""))
+    row = result.rows[0]
+    # 30 s at nominal heat in a cycle of 20 s: 10 s of rest, and 150 %.
+    hot = replace(row, metrics={**row.metrics, "i2t_s": 30.0, "thermal_load_percent": 150.0})
+    said = " ".join(conclusions(replace(result, rows=(hot,))))
+    assert "thermal load is at most 150 % of nominal" in said
+    assert "the cycle needs 10.0 s more of rest" in said
+
+
+def test_a_study_whose_runs_all_failed_has_a_page_that_says_why(results, tmp_path: Path) -> None:
+    result = read_finished(results(""))
+    lost = tuple(
+        replace(row, status="failed", reason="ran away", metrics=dict.fromkeys(row.metrics)) for row in result.rows
+    )
+    write_study_report(replace(result, rows=lost), tmp_path / "lost.html")
+    words = Page((tmp_path / "lost.html").read_text(encoding="utf-8")).words
+    assert "9000kg_ruckig failed: ran away." in words
+
+
+def test_a_result_of_an_older_version_without_the_newer_metrics_still_has_a_report(results, tmp_path: Path) -> None:
+    from workbench.study.results.row import METRICS
+
+    result = read_finished(results(SWEEP))
+    kept = {*METRICS, "moves", "hold_torque_nm", "slack_events"}
+    old = tuple(replace(row, metrics={k: v for k, v in row.metrics.items() if k in kept}) for row in result.rows)
+    write_study_report(replace(result, rows=old), tmp_path / "old.html")
+    assert "knee" in Page((tmp_path / "old.html").read_text(encoding="utf-8")).words
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda f: (f / "manifest.json").unlink(), "is no finished result of a study"),
+        (lambda f: (f / "manifest.json").write_text('{"for'), "is no finished result of a study"),
+        (lambda f: ((f / "manifest.json").unlink(), (f / "chunks").mkdir()), "is not finished"),
+        (lambda f: (f / "index.parquet").unlink(), "index.parquet: is no readable index"),
+        (lambda f: (f / "index.parquet").write_bytes(b"PAR1"), "index.parquet: is no readable index"),
+        (lambda f: (f / "machine.yaml").unlink(), "machine.yaml"),
+        (lambda f: (f / "scenario.yaml").unlink(), "scenario.yaml: cannot be read"),
+        (lambda f: (f / "scenario.yaml").write_text("a: ["), "scenario.yaml: is no readable scenario"),
+        (lambda f: shutil.rmtree(f), "no such folder, expected a folder that `workbench study` made"),
+    ],
+)
+def test_a_result_that_is_not_whole_is_refused_in_one_line(copy: Path, run, spoil, said: str) -> None:
+    spoil(copy)
+    done = run("report", copy)
+    assert done.status == 2
+    assert said in done.err and str(copy) in done.err
+    assert len(done.err.strip().splitlines()) == 1
+    assert not (copy / "report.html").exists()
+
+
+def test_a_manifest_that_counts_other_runs_is_refused(copy: Path) -> None:
+    manifest = json.loads((copy / "manifest.json").read_text())
+    manifest["runs"]["all"] = 5
+    (copy / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match=r"holds 4 runs, its manifest\.json says 5"):
+        read_finished(copy)
+
+
+def test_an_unfinished_folder_is_refused_even_with_all_in_it(copy: Path) -> None:
+    part = copy.rename(copy.with_name(".small.abc.part"))
+    with pytest.raises(InputError, match="is not finished"):
+        read_finished(part)
+
+
+def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path, run) -> None:
+    out = tmp_path / "mine.html"
+    assert run("report", copy, "--out", out).status == 0
+    assert run("report", copy, "--out", out).status == 0
+    out.write_text("<html>notes</html>")
+    done = run("report", copy, "--out", out)
+    assert done.status == 2 and "is there and is no report; nothing is overwritten" in done.err
+    assert out.read_text() == "<html>notes</html>"
+    done = run("report", copy, "--out", tmp_path)
+    assert done.status == 2 and "is a folder" in done.err
+
+
+def test_a_place_that_cannot_be_written_is_one_sentence(copy: Path, tmp_path: Path, run) -> None:
+    done = run("report", copy, "--out", tmp_path / "nowhere" / "x.html")
+    assert done.status == 2 and "the report cannot be written: No such file or directory" in done.err

@@ -1,0 +1,347 @@
+"""`workbench replay`: figures that are right, files as the format says, bad input in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.commands import Commands
+from tests.support.log_campaign import AXIS, csv_text
+from tests.support.simulated_campaign import PAYLOADS, TORQUE_NOISE_NM, simulated_campaign, true_machine
+from workbench.errors import InputError
+from workbench.figures.style import LINES
+from workbench.logs import read_campaign
+from workbench.machine import default_hoist, save_machine, with_values
+from workbench.reports.numbers import change_percent, figures, rounded, with_error
+from workbench.reports.replay import page as replay_page
+from workbench.reports.replay.report import sentences, to_json
+from workbench.simulate.band import check_band
+from workbench.simulate.replay import replay_runs
+from workbench.whole_folder import whole_folder, write_json
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated_campaign(tmp_path_factory.mktemp("replay") / "lifts")
+
+
+@pytest.fixture
+def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+def read_json(path: Path) -> Any:
+    def refuse(word: str) -> float:
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def test_the_true_machine_leaves_only_noise(workbench: Commands, campaign: Path, tmp_path: Path):
+    save_machine(true_machine(), tmp_path / "true.yaml")
+    done = workbench("replay", campaign, "--machine", tmp_path / "true.yaml", "--out", tmp_path / "out")
+    assert done.status == 0, done.err
+    overall = read_json(tmp_path / "out" / "replay.json")["overall"]
+    # The sum of two channels' white noise, of which the band keeps band / Nyquist of the power.
+    noise = TORQUE_NOISE_NM * np.sqrt(2.0 * overall["band_hz"] / 50.0)
+    assert overall["noise_rms_nm"] == pytest.approx(noise, rel=0.1)
+    assert overall["torque_residual_rms_moving_nm"] < 1.2 * noise
+    assert overall["speed_rmse_percent"] < 0.5
+    assert "the model explains these runs" in " ".join(done.out.split())
+
+
+def test_a_lack_of_friction_shows_as_the_torque_it_takes(workbench: Commands, campaign: Path, tmp_path: Path):
+    assert workbench("replay", campaign, "--out", tmp_path / "out").status == 0
+    overall = read_json(tmp_path / "out" / "replay.json")["overall"]
+    # 1200 N and 900 N missing, on the lever of 0.6 m drum, two falls, ratio 31.
+    lever = 0.6 / 4.0 / 31.0
+    assert 900.0 * lever < overall["torque_residual_rms_moving_nm"] < 1200.0 * lever
+    assert 1.0 < overall["speed_rmse_percent"] < 20.0
+    assert overall["speed_rmse_percent_restarted_2s"] < overall["speed_rmse_percent"]
+
+
+def test_a_residual_above_the_noise_leads_to_identify_and_diagnose(workbench: Commands, campaign: Path, tmp_path: Path):
+    said = " ".join(workbench("replay", campaign).out.split())
+    assert "`workbench identify` fits the values, `workbench diagnose` names what the model lacks." in said
+    save_machine(true_machine(), tmp_path / "true.yaml")
+    assert "diagnose" not in workbench("replay", campaign, "--machine", tmp_path / "true.yaml").out
+
+
+def test_replay_json_has_the_keys_of_the_format(workbench: Commands, campaign: Path, tmp_path: Path):
+    workbench("replay", campaign, "--out", tmp_path / "out")
+    said = read_json(tmp_path / "out" / "replay.json")
+    assert said["format"] == 1
+    assert said["campaign"] == "lifts"
+    assert [run["name"] for run in said["runs"]] == list(PAYLOADS)
+    shared = {"speed_rmse_percent", "speed_rmse_percent_restarted_2s", "torque_residual_rms_nm"}
+    assert all(shared <= run.keys() for run in said["runs"])
+    assert shared | {"torque_residual_percent", "band_hz"} <= said["overall"].keys()
+    for part in (*said["runs"], said["overall"]):
+        assert all(np.isfinite(value) for key, value in part.items() if key != "name")
+
+
+def test_the_overall_figures_are_over_all_samples_of_all_runs(campaign: Path):
+    read = read_campaign(campaign)
+    result = replay_runs(read.machine, read.runs)
+    errors = [r.simulated["speed_motor_rad_s"] - r.balance.run["speed_motor_rad_s"] for r in result.runs]
+    rmse = 100.0 * np.sqrt(np.mean(np.concatenate(errors) ** 2)) / default_hoist().motor.nominal_speed_rad_s
+    assert to_json(read, result)["overall"]["speed_rmse_percent"] == pytest.approx(rmse, rel=1e-5)
+
+
+def test_table_has_a_line_a_run_within_80_columns(workbench: Commands, campaign: Path):
+    lines = workbench("replay", campaign).out.splitlines()
+    assert [line.split()[0] for line in lines[3:7]] == ["empty", "half", "full", "all"]
+    assert max(len(line) for line in lines[:7]) < 80
+
+
+def test_chosen_runs_are_replayed_alone_as_among_the_others(workbench: Commands, campaign: Path, tmp_path: Path):
+    workbench("replay", campaign, "--out", tmp_path / "all", "--band", "1.5")
+    workbench("replay", campaign, "--out", tmp_path / "two", "--band", "1.5", "--runs", "half,full")
+    everything, two = (read_json(tmp_path / name / "replay.json") for name in ("all", "two"))
+    assert [run["name"] for run in two["runs"]] == ["half", "full"]
+    for run, same in zip(two["runs"], everything["runs"][1:], strict=True):
+        assert run["speed_rmse_percent"] == pytest.approx(same["speed_rmse_percent"], rel=1e-4)
+        assert run["torque_residual_rms_nm"] == pytest.approx(same["torque_residual_rms_nm"], rel=1e-3)
+
+
+def test_the_page_shows_the_papers_figures_and_the_residual(workbench: Commands, campaign: Path, tmp_path: Path):
+    workbench("replay", campaign, "--out", tmp_path / "out")
+    page = (tmp_path / "out" / "replay.html").read_text(encoding="utf-8")
+    assert page.count('class="plotly-graph-div"') == 3
+    assert "<script src=" not in page
+    titles = ("Measured motor torque", "Measured and simulated speed", "Torque residual", "Replay of campaign lifts")
+    assert all(title in page for title in titles)
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["replay.html", "replay.json"]
+
+
+def test_figures_carry_what_was_replayed(campaign: Path):
+    read = read_campaign(campaign)
+    result = replay_runs(read.machine, read.runs)
+    speeds = replay_page.speeds(read.machine, result)
+    fastest = 100.0 * max(float(r.simulated["speed_motor_rad_s"].max()) for r in result.runs) / 157.1
+    shown = [trace for trace in speeds.data if trace.name == "simulated"]
+    assert len(shown) == 3
+    assert {trace.line.color for trace in shown} == {LINES["simulated"][0]}
+    assert max(trace.y.max() for trace in shown) == pytest.approx(fastest, rel=1e-3)
+    rests = [s for s in replay_page.residuals(read.machine, result).layout.shapes if s.type == "rect"]
+    first = [s for s in rests if s.xref == "x"]
+    still = result.runs[0].balance
+    assert sum(s.x1 - s.x0 for s in first) == pytest.approx(16.0 * (1.0 - still.moving.mean()), abs=0.1)
+
+
+def test_the_reading_of_the_logs_is_noted_briefly(workbench: Commands, campaign: Path, tmp_path: Path):
+    runs = campaign / "runs.yaml"
+    silent = tmp_path / "silent"
+    silent.mkdir()
+    for name in ("machine.yaml", "runs"):
+        (silent / name).symlink_to(campaign / name)
+    text = "\n".join(line.split(", start_time_s")[0] + "}" for line in runs.read_text().splitlines()[1:])
+    (silent / "runs.yaml").write_text(f"runs:\n{text}\n")
+    done = workbench("replay", silent)
+    assert "Notes on the logs:" in done.out
+    assert "when it began" in done.out
+    assert "Notes" not in workbench("replay", campaign).out
+
+
+def axis_campaign(folder: Path, *, speed_logged: bool) -> Path:
+    """A linear axis of exactly AXIS' values, moved by a sine, with the force that it takes."""
+    time = np.arange(4000) * 0.001
+    w = 2 * np.pi * 0.5
+    position, speed = 0.1 * np.sin(w * time), 0.1 * w * np.cos(w * time)
+    force = -95.1089 * 0.1 * w**2 * np.sin(w * time) + 203.5 * speed + 20.39 * np.clip(speed / 1e-4, -1.0, 1.0)
+    columns = {"time_s": time, "force_n": force, "position_m": position}
+    if speed_logged:
+        columns["velocity_m_s"] = speed
+    (folder / "runs").mkdir(parents=True)
+    (folder / "runs" / "sine.csv").write_text(csv_text(columns))
+    (folder / "machine.yaml").write_text(AXIS)
+    (folder / "runs.yaml").write_text("runs:\n- {name: sine, file: runs/sine.csv}\n")
+    return folder
+
+
+@pytest.mark.parametrize("speed_logged", [True, False])
+def test_a_linear_axis_says_force_and_newton(workbench: Commands, tmp_path: Path, speed_logged: bool):
+    folder = axis_campaign(tmp_path / "axis", speed_logged=speed_logged)
+    done = workbench("replay", folder, "--out", tmp_path / "out")
+    assert done.status == 0, done.err
+    overall = read_json(tmp_path / "out" / "replay.json")["overall"]
+    assert {"force_residual_rms_n", "force_residual_percent"} <= overall.keys()
+    assert not any("torque" in key for key in overall)
+    assert overall["force_residual_percent"] < 2.0  # the Coulomb force's edges, and nothing else
+    assert "force" in done.out
+    assert "torque" not in done.out
+
+
+BAD: list[tuple[list[str], str]] = [
+    (["NOWHERE"], "no such campaign"),
+    (["MACHINE"], "is a machine; expected a campaign's folder"),
+    (["LOG"], "is a file; expected a campaign's folder"),
+    (["CAMPAIGN", "--runs", "empty,fulll"], "no run 'fulll'; did you mean 'full'?"),
+    (["CAMPAIGN", "--band", "0"], "--band: 0 Hz, expected at least 0.25 Hz"),
+    (["CAMPAIGN", "--band", "-1"], "--band: -1 Hz"),
+    (["CAMPAIGN", "--band", "50"], "less than 50 Hz (half the sampling rate)"),
+    (["CAMPAIGN", "--band", "nan"], "--band: nan Hz"),
+    (["CAMPAIGN", "--band", "fast"], "'fast' is not a valid float"),
+    (["CAMPAIGN", "--machine", "NOWHERE"], "no such file"),
+    (["CAMPAIGN", "--machine", "AXIS"], "is another kind of machine than the campaign's"),
+]
+
+
+@pytest.mark.parametrize("name", ["replay", "identify"])
+@pytest.mark.parametrize(("words", "problem"), BAD)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    workbench: Commands, campaign: Path, tmp_path: Path, name: str, words: list[str], problem: str
+):
+    (tmp_path / "axis.yaml").write_text(AXIS)
+    places = {
+        "CAMPAIGN": campaign,
+        "NOWHERE": tmp_path / "nowhere",
+        "MACHINE": campaign / "machine.yaml",
+        "LOG": campaign / "runs" / "full.csv",
+        "AXIS": tmp_path / "axis.yaml",
+    }
+    done = workbench(name, *[places.get(word, word) for word in words], "--out", tmp_path / "out")
+    assert done.status == 2
+    assert problem in done.err
+    assert "Traceback" not in done.err
+    assert done.out == ""
+    assert len([line for line in done.err.splitlines() if line.lower().startswith("error")]) == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["axis.yaml"]
+
+
+@pytest.mark.parametrize("name", ["replay", "identify"])
+def test_nothing_is_overwritten(workbench: Commands, campaign: Path, tmp_path: Path, name: str):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("keep")
+    done = workbench(name, campaign, "--out", tmp_path / "mine")
+    assert (done.status, done.out) == (2, "")
+    assert "is not empty; nothing is overwritten, choose another --out" in done.err
+    done = workbench(name, campaign, "--out", tmp_path / "mine" / "notes.txt")
+    assert "is a file, expected a folder to be made" in done.err
+    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+    assert (tmp_path / "mine" / "notes.txt").read_text() == "keep"
+
+
+def test_an_empty_folder_is_filled(workbench: Commands, campaign: Path, tmp_path: Path):
+    (tmp_path / "out").mkdir()
+    assert workbench("replay", campaign, "--out", tmp_path / "out").status == 0
+    assert (tmp_path / "out" / "replay.json").is_file()
+
+
+def test_the_current_folder_is_refused_as_out(
+    workbench: Commands, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    done = workbench("replay", campaign, "--out", ".")
+    assert done.status == 2
+    assert "is the current folder; name one to be made" in done.err
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="allowed: no /dev/full on this system")
+def test_a_full_disk_leaves_no_folder(
+    workbench: Commands, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def onto_a_full_disk(read: Any, result: Any, path: Path) -> None:
+        with open("/dev/full", "w") as stream:
+            stream.write("x")
+
+    monkeypatch.setattr("workbench.reports.replay.write.save_replay_page", onto_a_full_disk)
+    done = workbench("replay", campaign, "--out", tmp_path / "out")
+    assert done.status == 2
+    assert "out: no results written: No space left on device" in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_said_in_json_is_refused_and_leaves_no_folder(tmp_path: Path):
+    with pytest.raises(ValueError, match="JSON"), whole_folder(tmp_path / "out") as hidden:
+        write_json(hidden / "a.json", {"x": float("nan")})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_whole_folder_stands_under_its_name_only_when_the_block_ends(tmp_path: Path):
+    with whole_folder(tmp_path / "deep" / "out") as hidden:
+        (hidden / "a").write_text("1")
+        assert not (tmp_path / "deep" / "out").exists()
+        assert hidden.parent == tmp_path / "deep"
+    assert (tmp_path / "deep" / "out" / "a").read_text() == "1"
+    assert [p.name for p in (tmp_path / "deep").iterdir()] == ["out"]
+
+
+def test_a_band_is_checked_against_the_shortest_and_the_slowest_run(campaign: Path):
+    runs = read_campaign(campaign).runs
+    check_band(0.3, runs)
+    check_band(49.0, runs)
+    for band in (0.2, 50.0, float("inf"), -3.0):
+        with pytest.raises(InputError, match="--band"):
+            check_band(band, runs)
+
+
+def test_an_identified_machine_is_compared_in_its_own_band(campaign: Path):
+    read = read_campaign(campaign)
+    machine = with_values(default_hoist(), {"wire.youngs_modulus_pa": 8e10})
+    known = machine.model_copy(update={"identified": {"band_hz": 1.25}})
+    assert replay_runs(known, read.runs).band_hz == 1.25
+    assert replay_runs(machine, read.runs).band_hz != 1.25
+
+
+def test_sentences_say_when_nothing_moves(campaign: Path):
+    read = read_campaign(campaign)
+    result = replay_runs(read.machine, read.runs)
+    from dataclasses import replace
+
+    still = replace(result, residual_rms_moving=float("nan"))
+    assert "never moves" in " ".join(sentences(read.machine, still))
+    assert to_json(read, still)["overall"]["torque_residual_rms_moving_nm"] is None
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (7651.015, 355.66, ("7650", "360")),
+        (0.026227, 0.000254, ("0.02623", "0.00025")),
+        (8.9013831e10, 2.62e9, ("89.0e9", "2.6e9")),
+        (-8.4806, 0.97, ("-8.48", "0.97")),
+        (1e-5, 2e-7, ("10.00e-6", "0.20e-6")),
+        (20.0, 0.0, ("20", "–")),
+        (20.49, 0.9996, ("20.5", "1.0")),
+        (0.062677, 0.0, ("0.06268", "–")),
+        (0.0, 0.5, ("0.00", "0.50")),
+    ],
+)
+def test_a_value_is_shown_to_its_errors_second_digit(value: float, error: float, shown: tuple[str, str]):
+    assert with_error(value, error) == shown
+
+
+def test_a_number_that_rounds_up_to_the_next_power_of_ten_has_no_digit_too_many():
+    assert [figures(x) for x in (9.99999, 0.99999, 99.96, -0.09999, 0.00099999)] == [
+        "10.0", "1.00", "100", "-0.100", "0.00100",
+    ]  # fmt: skip
+
+
+def test_numbers_are_shown_with_the_digits_asked_for():
+    assert [figures(x) for x in (0.0, 0.53198, 16.394, 1234.5, 1e11, float("nan"))] == [
+        "0", "0.532", "16.4", "1234", "100e9", "–",
+    ]  # fmt: skip
+    assert [change_percent(*pair) for pair in ((0.0, 3.0), (100.0, 99.99), (-2.0, -1.0))] == ["–", "0.0", "+50.0"]
+    assert rounded(1.23456789) == 1.23457
+    assert rounded(float("inf")) is None
+
+
+def test_the_command_runs_as_a_process_of_its_own(campaign: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    done = subprocess.run(
+        [sys.executable, "-m", "workbench", "replay", campaign, "--out", out],
+        cwd=ROOT, capture_output=True, text=True, check=True, env={**os.environ, "COLUMNS": "80"},
+    )  # fmt: skip
+    assert f"Figures: {out / 'replay.html'}" in done.stdout
+    assert done.stderr == ""
+    assert read_json(out / "replay.json")["overall"]["speed_rmse_percent"] > 1.0

@@ -1,0 +1,292 @@
+"""Batches: killed, interrupted, resumed, doubled, half-broken; the result is the same to the byte, or none."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from tests.support.batches import RUNS, SCENARIO, chunks_of, environment, part_of, wait_for_chunks, workbench
+from workbench.cli.study import command
+from workbench.errors import InputError
+from workbench.simulate.loop import LoopCase, LoopResult
+from workbench.study.execute.batch import Progress, chunk_sizes, on_this_computer, run_batch
+from workbench.study.execute.lock import LOCK, locked
+from workbench.study.execute.store import Chunk
+from workbench.study.results.folder import place_for
+from workbench.study.results.index import read_rows
+from workbench.study.scenario.load import Study, load_study
+
+SMALL = SCENARIO.replace(f"steps: {RUNS // 4}", "steps: 75").replace("name: batch", "name: three")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("batch") / "batch.yaml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def index(file: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The batch run at once."""
+    out = tmp_path_factory.mktemp("at_once") / "out"
+    study = load_study(file)
+    run_batch(study, place_for(study, out))
+    return (out / "index.parquet").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """300 runs in three chunks."""
+    path = tmp_path_factory.mktemp("small") / "three.yaml"
+    path.write_text(SMALL, encoding="utf-8")
+    return load_study(path)
+
+
+def stopping_after(chunks: int, study: Study, numbers: Sequence[int]) -> Iterator[tuple[int, Chunk]]:
+    """Runs some chunks, then is stopped as by Ctrl-C."""
+    yield from on_this_computer(study, numbers[:chunks])
+    raise KeyboardInterrupt
+
+
+def never(study: Study, numbers: Sequence[int]) -> Iterator[tuple[int, Chunk]]:
+    assert not numbers, "was run"
+    return iter(())
+
+
+def resumed(file: Path, out: Path, index: bytes, kept: int) -> None:
+    """A second call goes on after what is kept and ends with the bytes of a batch run at once."""
+    again = workbench("study", file, "--out", out)
+    _, said = again.communicate(timeout=120)
+    assert again.returncode == 0
+    assert f"batch: goes on after {kept} of {RUNS} runs" in said
+    assert (out / "index.parquet").read_bytes() == index
+    assert part_of(out) is None
+    assert json.loads((out / "manifest.json").read_text())["runs"] == {"all": RUNS, "ok": RUNS, "failed": 0}
+
+
+def test_kill_9_in_the_middle_keeps_what_is_done_and_a_second_call_does_the_rest(
+    file: Path, index: bytes, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    process = workbench("study", file, "--out", out)
+    wait_for_chunks(out, 2, process)
+    process.kill()
+    process.communicate()
+    assert not out.exists()
+    assert 2 <= len(chunks_of(out)) < 10
+    part = part_of(out)
+    assert part and (part / LOCK).is_file(), "killed, it leaves its lock file"
+    resumed(file, out, index, 128 * len(chunks_of(out)))
+
+
+def test_ctrl_c_says_what_is_kept_and_a_second_call_does_the_rest(file: Path, index: bytes, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = workbench("study", file, "--out", out)
+    wait_for_chunks(out, 2, process)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    kept = 128 * len(chunks_of(out))
+    assert f"batch: {kept} of {RUNS} runs done and kept; the same command goes on from there." in said
+    assert "Traceback" not in said
+    assert not out.exists()
+    resumed(file, out, index, kept)
+
+
+def test_of_two_processes_on_the_same_study_one_runs_it_and_the_other_says_so(
+    file: Path, index: bytes, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    first = workbench("study", file, "--out", out)
+    wait_for_chunks(out, 1, first)
+    second = workbench("study", file, "--out", out)
+    _, said = second.communicate(timeout=60)
+    assert second.returncode == 2
+    assert f"is being written by process {first.pid} on " in said
+    assert len(said.splitlines()) == 1
+    first.communicate(timeout=120)
+    assert first.returncode == 0
+    assert (out / "index.parquet").read_bytes() == index
+
+
+def test_a_lock_file_that_a_dead_process_left_is_taken_over(tmp_path: Path) -> None:
+    (tmp_path / LOCK).write_text("process 1 on elsewhere, killed long ago")
+    with locked(tmp_path):
+        assert (tmp_path / LOCK).read_text().startswith(f"process {os.getpid()} on ")
+        with pytest.raises(InputError, match=f"is being written by process {os.getpid()} on"), locked(tmp_path):
+            raise AssertionError("locked twice")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_batch_on_one_core_or_several_stopped_or_not_gives_the_same_bytes(small: Study, tmp_path: Path) -> None:
+    for name, cores in (("one", 1), ("two", 2), ("five", 5)):
+        run_batch(small, place_for(small, tmp_path / name), spread=partial(on_this_computer, cores=cores))
+    stopped = place_for(small, tmp_path / "stopped")
+    for done in (1, 1):
+        with pytest.raises(KeyboardInterrupt):
+            run_batch(small, stopped, spread=partial(stopping_after, done))
+        assert not stopped.folder.exists()
+    run_batch(small, stopped)
+    found = {path.read_bytes() for path in tmp_path.glob("*/index.parquet")}
+    assert len(list(tmp_path.glob("*/index.parquet"))) == 4
+    assert len(found) == 1
+
+
+def test_progress_counts_what_was_kept_and_what_failed(small: Study, tmp_path: Path) -> None:
+    heavy = replace(small, scenario=small.scenario.model_copy(update={"payloads_kg": (0.0, 60000.0)}))
+    place = place_for(heavy, tmp_path / "out")
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(heavy, place, spread=partial(stopping_after, 1))
+    told: list[Progress] = []
+    run_batch(heavy, place, tell=told.append)
+    assert (told[0].done, told[0].kept, told[0].failed) == (128, 128, 64)
+    assert (told[-1].done, told[-1].kept, told[-1].failed) == (300, 128, 150)
+    assert [each.done for each in told] == sorted(each.done for each in told)
+
+
+def test_runs_that_fail_are_rows_with_a_reason_and_the_rest_goes_on(small: Study, tmp_path: Path) -> None:
+    heavy = replace(small, scenario=small.scenario.model_copy(update={"payloads_kg": (0.0, 60000.0)}))
+    out = tmp_path / "out"
+    run_batch(heavy, place_for(heavy, out))
+    rows = read_rows(out)
+    assert len(rows) == 300
+    assert {row.payload_kg for row in rows if not row.ok} == {60000.0}
+    assert all("holding the load takes" in row.reason for row in rows if not row.ok)
+    assert json.loads((out / "manifest.json").read_text())["runs"] == {"all": 300, "ok": 150, "failed": 150}
+
+
+def test_a_run_that_cannot_begin_takes_no_other_with_it(small: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    from workbench.study.execute import chunk
+
+    specs = small.specs[:3]
+    simulate = chunk.simulate_loop
+
+    def breaks_at_the_second(cases: Sequence[LoopCase], **how: Any) -> list[LoopResult]:
+        if any(case.name == specs[1].run_id for case in cases):
+            raise ZeroDivisionError("a wire without stiffness")
+        return simulate(cases, **how)
+
+    monkeypatch.setattr(chunk, "simulate_loop", breaks_at_the_second)
+    rows = [row for row, _ in chunk.run_specs(specs)]
+    assert [row.ok for row in rows] == [True, False, True]
+    assert rows[1].reason == "a wire without stiffness"
+
+
+def test_a_kept_chunk_that_is_damaged_is_run_again(small: Study, tmp_path: Path) -> None:
+    run_batch(small, place_for(small, tmp_path / "whole"))
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(small, place_for(small, out), spread=partial(stopping_after, 2))
+    first, second = chunks_of(out)
+    first.write_bytes(first.read_bytes()[:1000])
+    second.write_bytes(b"")
+    told: list[Progress] = []
+    run_batch(small, place_for(small, out), tell=told.append)
+    assert told[0].kept == 0
+    assert (out / "index.parquet").read_bytes() == (tmp_path / "whole" / "index.parquet").read_bytes()
+
+
+def test_a_whole_result_that_only_lacks_its_name_gets_it_and_nothing_is_run(
+    small: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = place_for(small, tmp_path / "out")
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("workbench.study.execute.store.Part.finish", stop)
+        with pytest.raises(KeyboardInterrupt):
+            run_batch(small, place)
+    assert not place_for(small, tmp_path / "out").finished
+    run_batch(small, place, spread=never)
+    assert place_for(small, tmp_path / "out").finished
+
+
+def test_a_result_that_another_process_finished_meanwhile_is_left_alone(small: Study, tmp_path: Path) -> None:
+    place = place_for(small, tmp_path / "out")  # found unfinished ...
+    run_batch(small, place)
+    before = (place.folder / "manifest.json").stat()
+    run_batch(small, place, spread=never)
+    assert (place.folder / "manifest.json").stat() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_another_study_does_not_go_on_with_the_chunks_of_this_one(small: Study, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(small, place_for(small, tmp_path / "out"), spread=partial(stopping_after, 1))
+    other = replace(small, scenario=small.scenario.model_copy(update={"settle_s": 9.0}))
+    told: list[Progress] = []
+    run_batch(other, place_for(other, tmp_path / "out"), tell=told.append)
+    assert told[0].kept == 0
+
+
+def test_chunks_do_not_depend_on_the_computer(small: Study) -> None:
+    assert chunk_sizes(small) == [128, 128, 44]
+    outputs = small.scenario.outputs.model_copy(update={"signals": "full"})
+    assert chunk_sizes(replace(small, scenario=small.scenario.model_copy(update={"outputs": outputs})))[0] == 32
+
+
+PEAK = """
+import resource, sys
+from workbench.cli import main
+try:
+    main(["study", *sys.argv[1:]])
+finally:
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def peak_mb(file: Path, out: Path) -> float:
+    words = [sys.executable, "-c", PEAK, str(file), "--out", str(out)]
+    done = subprocess.run(words, env=environment(), capture_output=True, text=True, check=True)
+    return float(done.stdout.splitlines()[-1]) / 1024.0
+
+
+def test_memory_is_the_same_for_ten_times_the_runs(tmp_path: Path) -> None:
+    # The signals alone are 0.2 MB a run: 2,000 of them held in memory would show.
+    taken = {}
+    for runs in (200, 2000):
+        text = SCENARIO.replace(f"steps: {RUNS // 4}", f"steps: {runs // 4}").replace("none", "thinned, every_s: 0.02")
+        path = tmp_path / f"{runs}.yaml"
+        path.write_text(text, encoding="utf-8")
+        taken[runs] = peak_mb(path, tmp_path / f"out{runs}")
+    assert taken[2000] < taken[200] + 60.0, taken
+
+
+def test_several_files_go_into_folders_of_their_names(tmp_path: Path) -> None:
+    files = []
+    for name in ("one", "two"):
+        files.append(tmp_path / f"{name}.yaml")
+        text = SCENARIO.replace("name: batch", f"name: {name}").replace(f"steps: {RUNS // 4}", "steps: 2")
+        files[-1].write_text(text, encoding="utf-8")
+    done = CliRunner().invoke(command, [*map(str, files), "--out", str(tmp_path / "all")], catch_exceptions=False)
+    assert done.exit_code == 0
+    assert sorted(path.name for path in (tmp_path / "all").iterdir()) == ["one", "two"]
+    twice = CliRunner().invoke(command, [str(files[0]), str(files[0]), "--out", str(tmp_path / "again")])
+    assert isinstance(twice.exception, InputError)
+    assert "is study 'one', like" in str(twice.exception)
+    assert not (tmp_path / "again").exists()
+
+
+def test_of_many_runs_quantiles_and_extremes_are_shown_and_where_the_rest_lies(small: Study, tmp_path: Path) -> None:
+    path = tmp_path / "three.yaml"
+    path.write_text(SMALL, encoding="utf-8")
+    done = CliRunner().invoke(command, [str(path), "--out", str(tmp_path / "out")], catch_exceptions=False)
+    assert "Each of the 300 runs has its line in the index." in done.output
+    assert "median" in done.output and "highest torque peak" in done.output
+    assert max(map(len, done.output.splitlines())) <= 100
+    assert str(tmp_path / "out" / "index.parquet") in done.output
+    assert not (tmp_path / "out" / "study.html").exists()

@@ -1,0 +1,253 @@
+"""Comparisons: deltas by hand, runs matched by id or by what they are, limits that end with status 1."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner, Result
+
+from workbench.cli.compare import command
+from workbench.errors import InputError
+from workbench.metrics import METRICS as MEASURED
+from workbench.study.compare.compare import BETTER, compare, matched, metric_named, parse_limits, regressions
+from workbench.study.compare.scale import percent, plain
+from workbench.study.compare.unmatched import why_unmatched
+from workbench.study.results.index import index_table
+from workbench.study.results.row import METRICS, Row
+
+
+def row(run_id: str, payload: float = 9000.0, **metrics: float) -> Row:
+    return Row(run_id, "s", "ok", "", payload, "ruckig", dict.fromkeys(METRICS, 1.0) | metrics, {"sweep.kp": payload})
+
+
+def failed(one: Row, reason: str = "ran away") -> Row:
+    return replace(one, status="failed", reason=reason, metrics=dict.fromkeys(one.metrics))
+
+
+PEAK = "peak_torque_motor_nm"
+A = [row("a", 0.0, peak_torque_motor_nm=100.0), row("b", peak_torque_motor_nm=200.0), row("c", 1.0)]
+B = [row("a", 0.0, peak_torque_motor_nm=104.0), row("b", peak_torque_motor_nm=190.0), row("c", 1.0)]
+
+
+def test_means_medians_and_largest_deltas_are_those_of_a_hand_calculation() -> None:
+    (change,) = [change for change in compare(A, B).changes if change.metric == PEAK]
+    assert change.mean_a == pytest.approx(301.0 / 3.0)
+    assert change.mean_b == pytest.approx(295.0 / 3.0)
+    assert change.mean_delta == pytest.approx(-2.0)
+    assert change.median_delta == 0.0
+    assert change.max_delta == -10.0
+    assert change.mean_percent == pytest.approx(100.0 * -6.0 / 301.0)
+    assert [pair.name for pair in change.worst] == ["b", "a"]  # c has not moved
+
+
+def test_metrics_that_nothing_changed_have_no_runs_that_moved() -> None:
+    assert {change.metric for change in compare(A, B).changes if change.worst} == {PEAK}
+    assert all(change.max_delta == 0.0 for change in compare(A, A).changes)
+
+
+def test_runs_of_other_ids_are_matched_by_payload_reference_and_assigned_values() -> None:
+    renamed = [replace(each, run_id=f"new_{each.run_id}") for each in B]
+    pairs, only_a, only_b = matched(A, renamed)
+    assert [(pair.a.run_id, pair.b.run_id) for pair in pairs] == [("a", "new_a"), ("b", "new_b"), ("c", "new_c")]
+    assert not only_a and not only_b
+    assert compare(A, renamed).changes[0].mean_delta == compare(A, B).changes[0].mean_delta
+
+
+def test_runs_that_values_cannot_tell_apart_are_not_matched_by_chance() -> None:
+    twins = [row("x"), row("y")]
+    pairs, only_a, only_b = matched(twins, [row("v"), row("w")])
+    assert (pairs, only_a, only_b) == ([], ["x", "y"], ["v", "w"])
+
+
+def test_runs_without_a_partner_and_runs_that_newly_fail_are_named() -> None:
+    found = compare([*A, row("gone", 5.0)], [B[0], failed(B[1]), B[2], row("new", 6.0)])
+    assert (found.only_a, found.only_b) == (("gone",), ("new",))
+    assert [pair.name for pair in found.newly_failed] == ["b"]
+    assert found.changes[0].runs == 2
+
+
+@pytest.mark.parametrize(
+    ("metric", "a", "b", "percent"),
+    [
+        ("peak_torque_percent", 100.0, 106.0, 6.0),  # lower is better
+        ("peak_torque_percent", 100.0, 94.0, None),
+        ("min_wire_tension_n", 1000.0, 940.0, 6.0),  # higher is better
+        ("min_wire_tension_n", 1000.0, 1060.0, None),
+        ("position_error_end_m", 0.1, -0.106, 6.0),  # nearer to zero is better
+        ("position_error_end_m", -0.1, 0.05, None),
+        ("slack_time_s", 0.0, 0.001, float("inf")),  # what was nothing has no per cent
+        ("slack_time_s", 0.0, 0.0, None),
+    ],
+)
+def test_worse_is_what_the_metric_says_is_worse(metric: str, a: float, b: float, percent: float | None) -> None:
+    found = compare([row("a", **{metric: a})], [row("a", **{metric: b})])
+    hits = regressions(found, parse_limits([f"{metric}=5%"], METRICS))
+    assert [each.worse for each in hits] == ([] if percent is None else [pytest.approx(percent)])
+    still = regressions(found, parse_limits([f"{metric}=7%"], METRICS))
+    assert [each.worse for each in still] == ([percent] if percent == float("inf") else [])
+
+
+def test_one_bad_run_among_good_ones_is_a_regression() -> None:
+    (hit,) = regressions(compare(A, B), parse_limits([f"{PEAK}=3"], METRICS))
+    assert (hit.pair.name, hit.worse) == ("a", 4.0)
+
+
+def test_a_metric_is_known_without_its_unit_and_a_typo_gets_the_nearest() -> None:
+    assert metric_named("peak_torque", METRICS) == "peak_torque_percent"
+    assert metric_named("peak_torque_motor", METRICS) == PEAK
+    assert metric_named("speed_error_rms", METRICS) == "speed_error_rms_rad_s"
+    assert metric_named(PEAK, METRICS) == PEAK
+    with pytest.raises(InputError, match=r"unknown metric 'peek_torque'; did you mean 'peak_torque'\?"):
+        metric_named("peek_torque", METRICS)
+
+
+@pytest.mark.parametrize("text", ["peak_torque", "peak_torque=", "peak_torque=5 percent", "peak_torque=-5%", "=5%"])
+def test_a_limit_that_is_none_says_what_one_looks_like(text: str) -> None:
+    with pytest.raises(InputError, match=r"--max-regression: .*(peak_torque=5%|unknown metric)"):
+        parse_limits([text], METRICS)
+
+
+def test_every_metric_says_which_way_is_better() -> None:
+    assert {metric.name for metric in MEASURED} | set(METRICS) <= BETTER.keys()
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    for name, rows in (("a", A), ("b", B)):
+        (tmp_path / name).mkdir()
+        pq.write_table(index_table(rows), tmp_path / name / "index.parquet")
+    return tmp_path / "a", tmp_path / "b"
+
+
+def called(folders: Sequence[Path], *words: str) -> Result:
+    done = CliRunner().invoke(command, [*map(str, folders), *words], standalone_mode=False)
+    if done.exception is not None:
+        raise done.exception
+    return done
+
+
+def test_the_command_answers_1_where_a_limit_is_exceeded_and_0_within(folders: tuple[Path, Path]) -> None:
+    assert called(folders).return_value == 0
+    good = called(folders, "--max-regression", "peak_torque_motor=5%")
+    assert good.return_value == 0
+    assert "Within peak_torque_motor_nm=5% in all 3 runs." in good.output
+    bad = called(folders, "--max-regression", "peak_torque_motor=3%", "--max-regression", "rms_torque_motor=1%")
+    assert bad.return_value == 1
+    assert "a 100.0 → 104.0: worse by 4 %, allowed peak_torque_motor_nm=3%" in bad.output
+    assert max(map(len, bad.output.splitlines())) <= 100
+
+
+def test_a_run_that_newly_fails_breaks_any_limit(folders: tuple[Path, Path]) -> None:
+    pq.write_table(index_table([B[0], failed(B[1]), B[2]]), folders[1] / "index.parquet")
+    done = called(folders, "--max-regression", "peak_torque_motor=50%")
+    assert done.return_value == 1
+    assert "b failed: ran away" in done.output
+
+
+@pytest.mark.parametrize("words", [(), ("--max-regression", "peak_torque=5%")])
+def test_results_without_a_common_run_are_bad_input(folders: tuple[Path, Path], words: tuple[str, ...]) -> None:
+    pq.write_table(index_table([row("z", 77.0)]), folders[1] / "index.parquet")
+    with pytest.raises(
+        InputError, match=r"no run is in both A \(.*a\) and B \(.*b\): payload is .* in A and 77 kg in B"
+    ):
+        called(folders, *words)
+
+
+KP = "sweep.controller.kp_nm_s_per_rad"
+
+
+@pytest.mark.parametrize(
+    ("other", "why"),
+    [
+        ({"payload_kg": 100.0}, "payload is 9000 kg in A and 100 kg in B"),
+        ({"reference": "trapezoid"}, "reference is ruckig in A and trapezoid in B"),
+        ({"assigned": {KP: 40.0}}, "kp is 30 N m s/rad in A and 40 N m s/rad in B"),
+        ({"assigned": {}}, "only A varies kp"),
+        ({"assigned": {KP: 30.0, "sweep.limits.jerk_m_s3": 1.0}}, "only B varies jerk"),
+        ({"assigned": {KP: 30.0}}, "several runs have the same payload, reference and varied values"),
+    ],
+)
+def test_why_no_run_matches_is_said_by_what_differs(other: dict[str, Any], why: str) -> None:
+    ours = [replace(row("a"), assigned={KP: 30.0}), replace(row("b"), assigned={KP: 30.0})]
+    theirs = [replace(each, run_id=f"new_{each.run_id}", **other) for each in ours]
+    assert why_unmatched(ours, theirs).startswith(why)
+
+
+def test_runs_that_share_every_value_but_no_combination_say_so() -> None:
+    ours = [row("a", 0.0), replace(row("b", 1.0), reference="trapezoid")]
+    theirs = [replace(row("c", 0.0), reference="trapezoid"), row("d", 1.0)]
+    assert why_unmatched(ours, theirs) == "no combination of payload, reference and varied values stands in both"
+
+
+def test_what_nobody_can_notice_has_no_per_cent() -> None:
+    """An end position that goes from 0.1 to 59 micrometres is no change of 59,000 per cent."""
+    end = "position_error_end_m"
+    found = compare([row("a", **{end: 1e-7})], [row("a", **{end: -5.9e-5})])
+    (change,) = [change for change in found.changes if change.metric == end]
+    assert change.mean_percent == 0.0
+    assert change.worst and not change.noticeable
+    assert regressions(found, parse_limits([f"{end}=5%"], METRICS)) == []
+    assert percent(end, 1e-7, 2e-3) == float("inf")  # from nothing to 2 mm is worse
+    assert percent(end, 1e-3, 2e-3) == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("metric", "value", "shown"),
+    [
+        ("energy_motoring_j", 1.5702e6, "1570200"),
+        ("peak_torque_motor_nm", 480.9631, "481.0"),
+        ("wire_tension_swing_n", -1084.2, "-1084"),
+        ("position_error_end_m", -3.3e-6, "0.0000"),
+        ("position_error_max_m", 0.012506, "0.0125"),
+        ("slack_events", 3.0, "3"),
+        ("move_time_s", float("nan"), "–"),
+    ],
+)
+def test_numbers_are_plain_and_no_finer_than_can_be_noticed(metric: str, value: float, shown: str) -> None:
+    assert plain(metric, value) == shown
+
+
+def test_long_ids_are_wrapped_and_what_hardly_moves_is_named_below(folders: tuple[Path, Path]) -> None:
+    ids = [f"9000kg_ruckig_acceleration_m_s2_0.2_jerk_m_s3_{k}" for k in range(4)]
+    for folder, shift in zip(folders, (0.0, 1.0), strict=True):
+        rows = [
+            row(name, k, energy_motoring_j=1.5e6 + 1e5 * shift * k, position_error_end_m=1e-6 * shift)
+            for k, name in enumerate(ids)
+        ]
+        pq.write_table(index_table(rows), folder / "index.parquet")
+    said = called(folders).output
+    assert max(map(len, said.splitlines())) <= 100
+    assert "e+0" not in said
+    assert "and these change by next to nothing: position_error_end_m." in " ".join(said.split())
+    assert f"{ids[3]} 1500000 → 1800000" in said
+    assert "+10.00" in said  # per cent of the mean, 1.5 MJ to 1.65 MJ
+
+
+def test_runs_that_failed_in_either_are_not_said_to_be_the_same(folders: tuple[Path, Path]) -> None:
+    pq.write_table(index_table([failed(each) for each in B]), folders[1] / "index.parquet")
+    assert "3 runs compared; none of them ran to its end in both." in called(folders).output
+
+
+def test_json_holds_the_figures_and_no_infinity(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    never_slack = row("a", 0.0, peak_torque_motor_nm=100.0, slack_time_s=0.0)
+    pq.write_table(index_table([never_slack]), folders[0] / "index.parquet")
+    file = tmp_path / "said.json"
+    called(folders, "--max-regression", "slack_time=1%", "--json", str(file))
+    said = json.loads(file.read_text())
+    assert said["metrics"][PEAK]["mean_delta"] == 4.0
+    assert said["metrics"]["slack_time_s"]["mean_percent"] is None
+    assert said["regressions"] == [
+        {"limit": "slack_time_s=1%", "worse": None, "run": "a", "a": 0.0, "b": 1.0},
+    ]
+    assert said["only_b"] == ["b", "c"]
+
+
+def test_a_folder_without_an_index_is_named(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none/index\.parquet: is no readable index"):
+        called((folders[0], tmp_path / "none"))

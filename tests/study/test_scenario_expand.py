@@ -1,0 +1,337 @@
+"""Sweeps and samples: how many runs, which values, the same ones each time, each with an id of its own."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import re
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tests.support.scenario_text import study_of
+from workbench.machine import default_hoist
+from workbench.study.execute.chunk import run_specs
+from workbench.study.scenario.record import Scenario
+from workbench.study.variations.axes import Distribution, RangeBlock, SampleBlock
+from workbench.study.variations.check import expand
+from workbench.study.variations.run_spec import RunSpec
+from workbench.study.variations.sampling import distributions, draws
+
+SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,199}")
+BASE: dict[str, Any] = {
+    "name": "x",
+    "payloads_kg": [0.0, 9000.0],
+    "start_position_m": 4.0,
+    "moves": [{"by_m": 4.0}],
+    "limits": {"speed_m_s": 0.7, "acceleration_m_s2": 0.6, "jerk_m_s3": 0.8},
+    "references": ["trapezoid", "ruckig"],
+    "controller": {"kp_nm_s_per_rad": 31.0, "ki_nm_per_rad": 122.0},
+}
+
+
+def specs_of(**changes: Any) -> Any:
+    scenario = Scenario.model_validate({**BASE, **changes})
+    return expand(scenario, default_hoist())
+
+
+def test_without_sweep_and_sample_each_payload_runs_with_each_reference() -> None:
+    specs = specs_of()
+    assert [(s.payload_kg, s.reference) for s in specs] == [
+        (0.0, "trapezoid"), (0.0, "ruckig"), (9000.0, "trapezoid"), (9000.0, "ruckig")
+    ]  # fmt: skip
+    assert [s.run_id for s in specs][:2] == ["0kg_trapezoid", "0kg_ruckig"]
+    assert all(not s.assigned and not s.problem for s in specs)
+
+
+values = st.lists(st.floats(0.05, 50.0), min_size=1, max_size=5, unique=True)
+
+
+@settings(max_examples=60, deadline=None)
+@given(values, values, st.integers(1, 4), st.data())
+def test_a_grid_holds_every_combination_once(kp: list[float], jerk: list[float], together: int, data: Any) -> None:
+    unlike = st.lists(st.floats(0.0, 3.0), min_size=together, max_size=together, unique=True)
+    first, second = data.draw(unlike), data.draw(unlike)
+    specs = specs_of(
+        sweep={
+            "controller.kp_nm_s_per_rad": kp,
+            "limits.jerk_m_s3": jerk,
+            "zip": {"lead_s": first, "settle_s": second},
+        }
+    )
+    assert len(specs) == len(kp) * len(jerk) * together * 4
+    runs: list[RunSpec] = specs[:]
+    assert {
+        (s.controller.kp_nm_s_per_rad, s.limits and s.limits.hoisting.jerk_m_s3, s.lead_s, s.settle_s) for s in runs
+    } == {(k, j, a, b) for k in kp for j in jerk for a, b in zip(first, second, strict=True)}
+    assert len({s.run_id for s in runs}) == len(runs)
+    assert all(SAFE.fullmatch(s.run_id) for s in runs)
+    assert all(s.assigned["sweep.limits.jerk_m_s3"] == s.limits.lowering.jerk_m_s3 for s in runs if s.limits)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(-60, 60), st.integers(-60, 60), st.sampled_from([1, 2, -1, -3, None]))
+def test_a_slice_is_the_same_runs_as_one_by_one(start: int, stop: int, step: int | None) -> None:
+    specs = specs_of(sweep={"lead_s": {"from": 0, "to": 9, "steps": 10}})
+    assert [s.run_id for s in specs[start:stop:step]] == [s.run_id for s in list(specs)[start:stop:step]]
+    assert specs[-1] == specs[len(specs) - 1]
+
+
+def test_a_number_beyond_the_last_run_is_an_index_error() -> None:
+    specs = specs_of()
+    for index in (4, -5):
+        with pytest.raises(IndexError):
+            specs[index]
+
+
+def test_ten_thousand_runs_take_no_time_before_they_are_asked_for() -> None:
+    start = time.perf_counter()
+    specs = specs_of(
+        sweep={
+            "controller.kp_nm_s_per_rad": {"from": 10, "to": 40, "steps": 50},
+            "controller.ki_nm_per_rad": {"from": 10, "to": 140, "steps": 50},
+        }
+    )
+    assert len(specs) == 10_000
+    assert time.perf_counter() - start < 0.5
+    start = time.perf_counter()
+    specs[5000:5100]
+    assert time.perf_counter() - start < 0.2
+
+
+def test_expansion_and_runs_can_be_sent_to_another_process() -> None:
+    specs = specs_of(sample={"count": 5, "tolerances": True})
+    specs[:]
+    again = pickle.loads(pickle.dumps(specs))
+    assert again[3] == specs[3]
+    assert pickle.loads(pickle.dumps(specs[:])) == specs[:]
+
+
+@given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3), st.integers(2, 200))
+def test_a_linear_range_has_its_ends_and_even_steps(low: float, width: float, steps: int) -> None:
+    found = RangeBlock.model_validate({"from": low, "to": low + width, "steps": steps}).values()
+    assert len(found) == steps and found[0] == low and found[-1] == low + width
+    np.testing.assert_allclose(found, np.linspace(low, low + width, steps), rtol=1e-10, atol=1e-9)
+
+
+@given(st.floats(1e-3, 1e3), st.floats(1.01, 1e3), st.integers(2, 100))
+def test_a_logarithmic_range_goes_in_equal_ratios(low: float, ratio: float, steps: int) -> None:
+    found = RangeBlock.model_validate({"from": low, "to": low * ratio, "steps": steps, "scale": "log"}).values()
+    assert len(found) == steps
+    np.testing.assert_allclose(found, np.geomspace(low, low * ratio, steps), rtol=1e-10)
+
+
+def test_a_range_by_step_reads_as_it_is_written_and_may_fall() -> None:
+    tenths = RangeBlock.model_validate({"from": 0.1, "to": 0.6, "step": 0.1}).values()
+    assert tenths == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    assert RangeBlock.model_validate({"from": 3, "to": 1, "step": 1}).values() == [3.0, 2.0, 1.0]
+
+
+def test_a_limit_without_a_direction_sets_both_and_one_with_a_direction_goes_over_it() -> None:
+    specs = specs_of(sweep={"limits.hoisting.jerk_m_s3": [5.0], "limits.jerk_m_s3": [2.0]})
+    limits = specs[0].limits
+    assert limits is not None
+    assert (limits.hoisting.jerk_m_s3, limits.lowering.jerk_m_s3) == (5.0, 2.0)
+
+
+def test_every_kind_of_field_reaches_its_run() -> None:
+    (spec, *_) = specs_of(
+        payloads_kg=None,
+        references=["ruckig"],
+        sweep={
+            "payload_kg": [1234.0],
+            "start_position_m": [5.0],
+            "moves[0].by_m": [2.0],
+            "controller.anti_windup": ["conditional"],
+            "controller.notch.frequency_hz": [3.0],
+            "controller.feed_forward.inertia": [0.5],
+            "drive.torque_lag_s": [0.004],
+            "drive.field_weakening": [False],
+            "drive.encoder_counts_per_turn": [1024],
+            "machine.motor.count": [2],
+            "machine.wire.segment_length_m": [30.0],
+            "machine.wire.breaking_load_n": [4e5],
+            "events.motor_fails_s": [3.0],
+            "solver.step_s": [0.0005],
+        },
+    )
+    assert (spec.payload_kg, spec.start_position_m, spec.moves[0].by_m) == (1234.0, 5.0, 2.0)
+    assert spec.controller.anti_windup == "conditional" and spec.controller.notch.frequency_hz == 3.0
+    assert spec.controller.feed_forward.inertia == 0.5 and spec.step_s == 0.0005
+    assert (spec.machine.drive.torque_lag_s, spec.machine.drive.field_weakening) == (0.004, False)
+    assert spec.machine.drive.encoder_counts_per_turn == 1024
+    assert spec.machine.wire.segment_length_m == 30.0 and spec.machine.wire.breaking_load_n == 4e5
+    assert spec.events.motor_fails_s == 3.0
+    assert spec.assigned["sweep.drive.field_weakening"] == 0.0
+    assert spec.assigned["sweep.controller.anti_windup"] == "conditional"
+
+
+@pytest.mark.parametrize("signals", ["none", "thinned", "full"])
+def test_outputs_say_how_many_samples_are_kept(signals: str) -> None:
+    spec = specs_of(outputs={"signals": signals, "every_s": 0.02})[0]
+    assert spec.record_every == {"none": 0, "thinned": 20, "full": 1}[signals]
+    ((_, run),) = run_specs([spec])
+    assert (run is None) == (signals == "none")
+    if run is not None:
+        assert run.sample_time_s == pytest.approx(spec.record_every * 0.001)
+
+
+def test_values_that_do_not_fit_together_are_a_row_with_the_reason() -> None:
+    specs = specs_of(
+        references=["ruckig"], payloads_kg=[0.0],
+        sweep={"start_position_m": [4.0, 20.0], "moves[0].by_m": [2.0, 18.0]},
+    )  # fmt: skip
+    rows = [row for row, _ in run_specs(specs[:])]
+    assert [row.ok for row in rows] == [True, True, True, False]
+    assert "goes from 20 m to 38 m and leaves the rail" in rows[3].reason
+    assert rows[3].assigned == {"sweep.start_position_m": 20.0, "sweep.moves[0].by_m": 18.0}
+    assert set(rows[3].metrics) == set(rows[0].metrics)
+    specs = specs_of(
+        payloads_kg=[0.0],
+        references=["ruckig"],
+        sweep={"machine.winch.pin_diameter_m": [0.1, 0.59], "machine.winch.drum_diameter_m": [0.6, 0.58]},
+    )
+    rows = [row for row, _ in run_specs(specs[:])]
+    assert [row.ok for row in rows] == [True, True, True, False]
+    assert "pin_diameter_m 0.59, expected less than drum_diameter_m 0.58" in rows[3].reason
+
+
+def test_runs_do_not_depend_on_the_chunk_they_are_simulated_in() -> None:
+    specs = specs_of(sweep={"limits.jerk_m_s3": [0.5, 2.0]}, sample={"count": 3, "tolerances": True})
+    whole = [row for row, _ in run_specs(specs[:])]
+    parts = [row for a in range(0, len(specs), 5) for row, _ in run_specs(specs[a : a + 5])]
+    assert whole == parts
+
+
+DISTRIBUTIONS = {
+    "uniform": {"low": 2.0, "high": 5.0},
+    "normal": {"mean": 3.0, "std": 0.5},
+    "lognormal": {"median": 2.0, "sigma": 0.3},
+    "triangular": {"low": 1.0, "mode": 2.0, "high": 4.0},
+}
+
+
+@pytest.mark.parametrize("method", ["latin_hypercube", "sobol"])
+@pytest.mark.parametrize("name", sorted(DISTRIBUTIONS))
+def test_draws_follow_their_distribution(name: str, method: Any) -> None:
+    """Against scipy's own distributions; evenly spread points lie closer than random ones would."""
+    from scipy import stats
+
+    p = DISTRIBUTIONS[name]
+    block = SampleBlock(count=1024, method=method, values={"lead_s": Distribution(distribution=name, **p)})
+    drawn = draws(block, block.values, 7)[:, 0]
+    theirs = {
+        "uniform": lambda: stats.uniform(2.0, 3.0),
+        "normal": lambda: stats.norm(3.0, 0.5),
+        "lognormal": lambda: stats.lognorm(0.3, scale=2.0),
+        "triangular": lambda: stats.triang(1 / 3, 1.0, 3.0),
+    }[name]()
+    assert stats.kstest(drawn, theirs.cdf).statistic < 3.0 / 1024
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.integers(1, 300), st.integers(0, 10_000))
+def test_a_latin_hypercube_fills_each_of_its_rows_once(count: int, seed: int) -> None:
+    block = SampleBlock(count=count, values={n: Distribution(distribution="uniform", low=0.0, high=1.0) for n in "abc"})
+    drawn = draws(block, block.values, seed)
+    for column in drawn.T:
+        assert sorted(np.floor(column * count).astype(int)) == list(range(count))
+
+
+def test_the_seed_decides_the_draws() -> None:
+    def values_of(**changes: Any) -> list[Any]:
+        specs = specs_of(sample={"count": 8, "tolerances": True, **changes.pop("sample", {})}, **changes)
+        return [dict(s.assigned) for s in specs]
+
+    assert values_of(seed=3) == values_of(seed=3) == values_of(sample={"seed": 3}, seed=9)
+    assert values_of(seed=3) != values_of(seed=4)
+
+
+def test_tolerances_are_drawn_about_the_nominal_machine_with_their_own_spread() -> None:
+    machine = default_hoist()
+    chosen = distributions(SampleBlock(count=1, tolerances=True), machine)
+    assert {name: d.std for name, d in chosen.items()} == {
+        "machine.motor.rotor_inertia_kg_m2": 0.01,
+        "machine.carriage.mass_kg": 0.004,
+        "machine.sensors.payload_scale": 0.005,
+        "machine.guide.coulomb_hoisting_n": 0.15,
+        "machine.guide.coulomb_lowering_n": 0.15,
+        "machine.bearing.pin_friction_coefficient": 0.1,
+        "machine.wire.youngs_modulus_pa": 0.05,
+    }
+    specs = specs_of(sample={"count": 512, "tolerances": True}, references=["ruckig"], payloads_kg=[9000.0])
+    up = np.array([s.machine.guide.coulomb_hoisting_n for s in specs])
+    down = np.array([s.machine.guide.coulomb_lowering_n for s in specs])
+    assert up.mean() == pytest.approx(6000.0, rel=2e-3) and up.std() == pytest.approx(900.0, rel=2e-2)
+    assert abs(np.corrcoef(up, down)[0, 1]) < 0.15
+    # The payload as stated stays what the index is sorted by.
+    assert {s.payload_kg for s in specs} == {9000.0}
+
+
+def test_a_relative_draw_multiplies_the_swept_value_and_the_listed_payload() -> None:
+    about_one = {"distribution": "uniform", "low": 0.9, "high": 1.1, "relative": True}
+    specs = specs_of(
+        sweep={"controller.kp_nm_s_per_rad": [10.0, 40.0]},
+        sample={"count": 16, "values": {"controller.kp_nm_s_per_rad": about_one, "payload_kg": about_one}},
+    )
+    assert len(specs) == 2 * 16 * 2 * 2
+    for spec in specs:
+        base = spec.assigned["sweep.controller.kp_nm_s_per_rad"]
+        assert 0.9 * base <= spec.controller.kp_nm_s_per_rad <= 1.1 * base
+        assert spec.assigned["sample.controller.kp_nm_s_per_rad"] == spec.controller.kp_nm_s_per_rad
+        assert spec.payload_kg == 0.0 or 8100.0 <= spec.payload_kg <= 9900.0
+    # Every point of the sweep gets the same draws, so that points compare.
+    factors: dict[float, set[float]] = {10.0: set(), 40.0: set()}
+    for spec in specs:
+        base = spec.assigned["sweep.controller.kp_nm_s_per_rad"]
+        factors[base].add(round(spec.controller.kp_nm_s_per_rad / base, 9))
+    assert factors[10.0] == factors[40.0] and len(factors[10.0]) == 16
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=6, unique=True))
+def test_ids_tell_payloads_apart_that_look_alike(payloads: list[float]) -> None:
+    close = sorted({*payloads, *(p * (1 + 1e-9) for p in payloads)})
+    specs = specs_of(payloads_kg=[p for p in close if p <= 1e6] or [1.0])
+    ids = [s.run_id for s in specs]
+    assert len(set(ids)) == len(ids) and all(SAFE.fullmatch(i) for i in ids)
+
+
+def test_an_id_of_many_swept_fields_stays_short_and_its_own() -> None:
+    fields = (
+        "guide.coulomb_hoisting_n",
+        "guide.coulomb_lowering_n",
+        "guide.atan_slope_s_per_m",
+        "carriage.mass_kg",
+        "wire.damping_time_s",
+        "winch.inertia_kg_m2",
+        "sheave.inertia_kg_m2",
+    )
+    names = [f"machine.{name}" for name in fields]
+    specs = specs_of(sweep={name: [1.0, 2.0] for name in names})
+    ids = [s.run_id for s in specs]
+    assert len(set(ids)) == len(ids) and max(map(len, ids)) <= 140
+
+
+def test_all_runs_are_as_long_as_the_slowest_motion() -> None:
+    specs = specs_of(sweep={"limits.speed_m_s": [0.2, 0.7]}, lead_s=1.0, settle_s=2.0)
+    assert {s.duration_s for s in specs} == {specs.duration_s}
+    assert specs.duration_s == pytest.approx(3.0 + 4.0 / 0.2 + 2 * (0.2 / 0.8) ** 0.5, abs=0.05)
+
+
+def test_a_written_scenario_is_read_back_with_its_sweep_and_sample(tmp_path: Path) -> None:
+    study = study_of(
+        tmp_path,
+        "sweep: {limits.jerk_m_s3: {from: 1, to: 4, steps: 3, scale: log}, zip: {lead_s: [1, 2], settle_s: [3, 4]}}\n"
+        "sample: {count: 3, tolerances: true,\n"
+        "  values: {payload_kg: {distribution: normal, mean: 1, std: 0.1, relative: true}}}\n"
+        "drive: {overload: 1.8}\nmachine_overrides: {wire: {damping_time_s: 0.05}}\nevents: {motor_fails_s: 3}\n",
+    )
+    said = json.loads(json.dumps(study.scenario.model_dump(mode="json")))
+    assert Scenario.model_validate(said) == study.scenario
+    assert [s.run_id for s in study.specs] == [s.run_id for s in expand(study.scenario, study.machine)]

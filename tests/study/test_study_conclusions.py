@@ -1,0 +1,190 @@
+"""What a study that sweeps or draws is said to come to, from rows made by hand."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from workbench.metrics import METRICS as MEASURED
+from workbench.study.conclude import aggregate
+from workbench.study.conclude.rank import rank_correlations
+from workbench.study.conclude.summary import head, sentences, table
+from workbench.study.results.labels import field_label, metric_label
+from workbench.study.results.row import METRICS, Row
+from workbench.study.variations.varying import drawn_columns, said, swept_axes
+
+LIMIT = 768.0
+JERK, ACCELERATION = "sweep.limits.jerk_m_s3", "sweep.limits.acceleration_m_s2"
+
+
+def row(assigned: dict[str, float | str], payload: float = 9000.0, kind: str = "ruckig", **changes: float) -> Row:
+    metrics = dict.fromkeys(METRICS, 0.0) | {
+        "moves": 2.0, "hold_torque_nm": 800.0, "slack_events": 0.0, "peak_torque_motor_nm": 500.0,
+        "peak_torque_above_static_nm": 300.0, "speed_error_max_rad_s": 10.0, "min_wire_tension_n": 6e4,
+        "wire_tension_swing_n": 1e4, "move_time_s": 36.0,
+    }  # fmt: skip
+    name = "_".join([f"{payload:g}kg", kind, *(f"{value}" for value in assigned.values())])
+    return Row(name, "s", "ok", "", payload, kind, metrics | changes, assigned)
+
+
+@pytest.mark.parametrize(
+    ("column", "words", "unit"),
+    [
+        ("sweep.limits.jerk_m_s3", "jerk", "m/s³"),
+        ("sweep.limits.lowering.acceleration_m_s2", "lowering acceleration", "m/s²"),
+        ("sweep.controller.kp_nm_s_per_rad", "kp", "N m s/rad"),
+        ("sweep.moves[0].by_m", "move 1 by", "m"),
+        ("sample.machine.wire.damping_time_s", "wire damping time", "s"),
+        ("sample.machine.sensors.payload_scale", "payload scale", ""),
+        ("sample.machine.carriage.mass_kg", "carriage mass", "kg"),
+        ("sweep.events.brake_release_s", "brake release", "s"),
+    ],
+)
+def test_a_field_is_said_in_words_with_its_unit(column, words, unit):
+    assert (field_label(column).words, field_label(column).unit) == (words, unit)
+
+
+def test_every_metric_of_the_loop_has_words_and_its_declared_unit():
+    for metric in MEASURED:
+        label = metric_label(metric.name)
+        assert label.unit == metric.unit.replace("–", "")
+        assert "_" not in label.words
+
+
+def test_fields_that_are_walked_together_are_one_axis_and_a_grid_is_two():
+    walked = [row({JERK: 2 * a, ACCELERATION: a}) for a in (0.4, 0.2)]
+    (axis,) = swept_axes(walked)
+    assert axis.columns == (JERK, ACCELERATION)
+    assert axis.points == ((0.4, 0.2), (0.8, 0.4))
+    grid = [row({JERK: j, ACCELERATION: a}) for a in (0.4, 0.2) for j in (1.0, 2.0)]
+    assert [axis.columns for axis in swept_axes(grid)] == [(JERK,), (ACCELERATION,)]
+
+
+def test_a_field_that_is_the_same_in_all_runs_is_no_axis():
+    rows = [row({JERK: 1.0, ACCELERATION: a}) for a in (0.4, 0.2)]
+    assert [axis.columns for axis in swept_axes(rows)] == [(ACCELERATION,)]
+    assert "jerk" not in " ".join(head(rows))
+
+
+def test_lines_of_a_sweep_can_be_told_apart_by_their_values():
+    rows = [row({JERK: 0.8, "sweep.controller.anti_windup": w}) for w in ("back_calculation", "conditional")]
+    heads = head(rows)
+    assert heads[2] == " anti windup"  # words are set left
+    assert [line[2] for line in table(rows)] == ["back calculation", "conditional"]
+
+
+def front_rows() -> list[Row]:
+    """Move time against peak: a hyperbola, and one run that another beats in both."""
+    rows = [
+        row({JERK: 10.0 / t}, move_time_s=30.0 + t, peak_torque_motor_nm=400.0 + 200.0 / t)
+        for t in (1.0, 2.0, 4.0, 8.0)
+    ]
+    return [*rows, row({JERK: 9.0}, move_time_s=39.0, peak_torque_motor_nm=650.0)]
+
+
+def test_the_knee_is_said_with_its_price_per_move_and_what_it_takes_off():
+    # To 0…1: x = (t − 1)/7, y = (200/t − 25)/175; farthest below the chord is t = 2 or 4 by symmetry of 1/t about √8.
+    (knee,) = [text for text in sentences(front_rows(), LIMIT) if "knee" in text]
+    assert "with jerk 5 m/s³: 32.0 s and 500 N m" in knee or "with jerk 2.5 m/s³: 34.0 s and 450 N m" in knee
+    assert "Against the fastest run, 31.0 s and 600 N m" in knee
+    assert "the gentlest needs 38.0 s for 425 N m" in knee
+    costs, off = re.search(r"it costs ([\d.]+) s per move and takes (\d+) % off", knee).groups()  # type: ignore[union-attr]
+    assert (float(costs), int(off)) in [(0.5, 17), (1.5, 25)]
+
+
+def test_a_sweep_of_gains_is_no_matter_of_move_time():
+    rows = [row({"sweep.controller.kp_nm_s_per_rad": k}, peak_torque_motor_nm=500 + k) for k in (1.0, 2.0, 3.0)]
+    assert "knee" not in " ".join(sentences(rows, LIMIT))
+
+
+def test_an_axis_is_said_from_end_to_end_and_its_extreme_between_them():
+    peaks = {1.0: 500.0, 2.0: 450.0, 3.0: 520.0}
+    rows = [row({JERK: j}, peak_torque_motor_nm=p, speed_error_max_rad_s=j) for j, p in peaks.items()]
+    (text,) = [each for each in sentences(rows, LIMIT) if each.startswith("Jerk from")]
+    assert text == (
+        "Jerk from 1 m/s³ to 3 m/s³: at 9000 kg the torque peak per motor goes from 500 to 520 N m, with its least, "
+        "450 N m, at 2 m/s³ and the largest speed error goes from 1 to 3 rad/s."
+    )
+
+
+def test_an_axis_without_effect_is_said_to_have_none():
+    rows = [row({"sweep.controller.anti_windup": w}) for w in ("none", "conditional")]
+    assert any(each.startswith("Anti windup makes no difference at 9000 kg") for each in sentences(rows, LIMIT))
+
+
+def test_words_are_said_one_by_one():
+    errors = {"none": 9.0, "conditional": 5.0}
+    rows = [row({"sweep.controller.anti_windup": word}, speed_error_max_rad_s=e) for word, e in errors.items()]
+    said_of_it = " ".join(sentences(rows, LIMIT))
+    assert (
+        "Anti windup: at 9000 kg the largest speed error is 9 rad/s with none, 5 rad/s with conditional." in said_of_it
+    )
+
+
+def sample_rows(n: int = 200) -> list[Row]:
+    rng = np.random.default_rng(3)
+    mass, stiffness = rng.normal(8000.0, 30.0, n), rng.normal(1e11, 5e9, n)
+    return [
+        row(
+            {"sample.machine.carriage.mass_kg": float(m), "sample.machine.wire.youngs_modulus_pa": float(k)},
+            peak_torque_motor_nm=500.0 + 0.1 * (m - 8000.0),
+        )
+        for m, k in zip(mass, stiffness, strict=True)
+    ]
+
+
+def test_the_scatter_is_said_with_its_quantiles_and_what_it_hangs_on():
+    rows = sample_rows()
+    peaks = [each["peak_torque_motor_nm"] for each in rows]
+    (text,) = [each for each in sentences(rows, LIMIT) if "median" in each]
+    assert f"{np.median(peaks):.0f} N m in the median" in text
+    assert f"{np.quantile(peaks, 0.05):.0f} to {np.quantile(peaks, 0.95):.0f} N m in nine of ten" in text
+    assert text.endswith("it goes with carriage mass (rank correlation +1.00).")
+
+
+def test_rank_correlation_is_that_of_scipy_with_ties():
+    from scipy.stats import spearmanr
+
+    rng = np.random.default_rng(5)
+    values = rng.integers(0, 6, 60).astype(float)
+    rows = [row({"sample.x_s": v}, speed_error_max_rad_s=float(v + rng.integers(0, 5))) for v in values]
+    (found,) = rank_correlations(rows, drawn_columns(rows), "speed_error_max_rad_s")
+    wanted = spearmanr(values, [each["speed_error_max_rad_s"] for each in rows]).statistic
+    assert found.value == pytest.approx(wanted, rel=1e-12)
+
+
+def test_quantiles_are_of_each_payload_and_reference_and_failures_are_counted():
+    rows = [row({JERK: float(j)}, kind=kind, peak_torque_motor_nm=400.0 + j) for kind in ("a", "b") for j in range(101)]
+    rows[0] = Row("x", "s", "failed", "ran away", 9000.0, "a", {}, {JERK: 0.0})
+    lines = aggregate.quantile_table(rows)
+    assert len(lines) == 10
+    assert {len(line) for line in lines} == {len(aggregate.HEAD)}
+    assert lines[0][:3] == ["9000", "a", "100 + 1 failed"]
+    assert [line[4] for line in lines[5:]] == ["400", "405", "450", "495", "500"]
+
+
+def test_extremes_name_the_run_in_words():
+    rows = [row({JERK: float(j)}, peak_torque_motor_nm=400.0 + j) for j in range(50)]
+    lines = aggregate.extremes(rows, swept_axes(rows))
+    assert [line[:2] for line in lines] == [
+        ["highest torque peak", "9000 kg, ruckig, jerk 49 m/s³"],
+        ["lowest torque peak", "9000 kg, ruckig, jerk 0 m/s³"],
+    ]
+
+
+def test_a_drawn_run_is_said_with_the_number_of_its_draw():
+    one = Row("9000kg_ruckig_s017", "s", "ok", "", 9000.0, "ruckig", {}, {"sample.machine.carriage.mass_kg": 8000.0})
+    assert said(one, []) == "9000 kg, ruckig, draw 017"
+
+
+def test_a_carriage_that_ends_elsewhere_is_told_with_by_how_much():
+    rows = [row({JERK: float(j)}, position_error_end_m=-j) for j in range(3)]
+    (text,) = [each for each in sentences(rows, LIMIT) if "does not end" in each]
+    assert text.endswith("farthest off 9000 kg, ruckig, jerk 2 m/s³, 2.00 m below it.")
+
+
+def test_where_each_run_has_its_own_torque_limit_none_is_said_to_be_reached():
+    rows = [row({"sweep.drive.overload": o}, peak_torque_motor_nm=900.0) for o in (1.0, 2.0)]
+    assert "limit" not in " ".join(sentences(rows, LIMIT))

@@ -1,0 +1,349 @@
+"""Studies run, and their results: right rows, whole folders, the same bytes each time."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from workbench.cli.study import command
+from workbench.errors import InputError
+from workbench.figures.study_page import save_study_page, study_figures
+from workbench.study.conclude.summary import HEAD, head, sentences, table
+from workbench.study.execute.batch import run_batch
+from workbench.study.execute.run import METRICS, Row, StudyResult, run_study
+from workbench.study.execute.store import Chunk
+from workbench.study.results.folder import SavedRuns, place_for
+from workbench.study.results.index import index_table, read_rows
+from workbench.study.scenario.load import Study, load_study
+
+SCENARIO = """\
+format: 1
+name: small
+payloads_kg: [0, 9000]
+start_position_m: 4.0
+moves: [{by_m: 1.5}, {dwell_s: 0.5}, {to_m: 4.0}]
+limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
+controller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
+settle_s: 3.0
+"""
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scenario") / "small.yaml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def study(scenario: Path) -> Study:
+    return load_study(scenario)
+
+
+@pytest.fixture(scope="module")
+def result(study: Study) -> StudyResult:
+    return run_study(study)
+
+
+def test_every_payload_runs_with_every_reference(result: StudyResult) -> None:
+    assert [(row.payload_kg, row.reference) for row in result.rows] == [
+        (payload, kind) for payload in (0.0, 9000.0) for kind in ("trapezoid", "ruckig", "ruckig_equal_time")
+    ]
+    assert all(row.ok and row.reason == "" for row in result.rows)
+    assert len({row.run_id for row in result.rows}) == 6
+
+
+def test_rows_agree_with_the_signals_of_their_runs(result: StudyResult) -> None:
+    for row in result.rows:
+        run = result.runs[row.run_id]
+        error = run["speed_reference_rad_s"] - run["speed_motor_rad_s"]
+        # The signals hold every tenth sample of those the metrics are taken at.
+        assert np.abs(run["torque_motor1_nm"]).max() == pytest.approx(row["peak_torque_motor_nm"], rel=5e-3)
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(row["speed_error_rms_rad_s"], rel=2e-2)
+        assert np.abs(error).max() == pytest.approx(row["speed_error_max_rad_s"], rel=2e-2)
+        above = run["torque_motor_nm"].max() - run["torque_motor_nm"][0]
+        assert above == pytest.approx(row["peak_torque_above_static_nm"], rel=1e-2)
+        assert row["peak_torque_percent"] == pytest.approx(100.0 * row["peak_torque_motor_nm"] / 480.0)
+
+
+def test_torque_at_rest_is_weight_through_two_falls_drum_and_gearbox(result: StudyResult) -> None:
+    for row in result.rows:
+        # (8000 kg + payload)·g / 2 falls · 0.3 m / 31, and less than a hundredth of wire on top of it.
+        weight = (8000.0 + row.payload_kg) * 9.81 / 2.0 * 0.3 / 31.0
+        assert 0.0 <= row["hold_torque_nm"] - weight < 15.0
+
+
+def test_torque_above_static_is_inertia_times_acceleration_and_friction(result: StudyResult) -> None:
+    for row in result.rows:
+        mass = 8000.0 + row.payload_kg
+        inertia = 2 * 0.8 + 55.0 / 31.0**2 + mass * (0.15 / 31.0) ** 2
+        wanted = inertia * row["acceleration_limit_m_s2"] * 31.0 / 0.15 + 6000.0 * 0.15 / 31.0
+        # Above it: pin friction and the loop's overshoot. Ruckig may stay below its acceleration limit.
+        low = 0.75 if row.reference != "trapezoid" else 1.0
+        assert low * wanted < row["peak_torque_above_static_nm"] < 1.35 * wanted
+
+
+def test_move_times_are_those_of_the_references(result: StudyResult, study: Study) -> None:
+    by_kind = {row.reference: row["move_time_s"] for row in result.rows}
+    one = 1.5 / 0.7 + 0.7 / 0.6
+    assert by_kind["trapezoid"] == pytest.approx(2 * one)
+    assert by_kind["ruckig_equal_time"] == pytest.approx(2 * one, abs=1e-8)
+    assert by_kind["ruckig"] > 2 * one
+
+
+def test_carriage_ends_where_the_reference_ends(result: StudyResult) -> None:
+    assert all(abs(row["position_error_end_m"]) < 2e-3 for row in result.rows)
+
+
+def test_jerk_limit_lowers_the_torque_peak_under_the_same_limits(result: StudyResult) -> None:
+    rows = {(row.payload_kg, row.reference): row for row in result.rows}
+    for payload in (0.0, 9000.0):
+        smooth, hard = rows[payload, "ruckig"], rows[payload, "trapezoid"]
+        assert smooth["peak_torque_above_static_nm"] < hard["peak_torque_above_static_nm"]
+        assert smooth["speed_error_max_rad_s"] < hard["speed_error_max_rad_s"]
+
+
+def written(study: Study, folder: Path) -> Path:
+    run_batch(study, place_for(study, folder), extras={"study.html": save_study_page})
+    return folder
+
+
+def test_folder_holds_index_signals_scenario_machine_manifest_and_page(
+    result: StudyResult, study: Study, tmp_path: Path
+) -> None:
+    folder = written(study, tmp_path / "deep" / "small")
+    index = pq.read_table(folder / "index.parquet")
+    assert index.column_names[:6] == ["run_id", "scenario", "status", "reason", "payload_kg", "reference"]
+    assert index.column_names[6 : 6 + len(METRICS)] == list(METRICS)
+    assert index.num_rows == 6
+    for run_id in index["run_id"].to_pylist():
+        signals = pq.read_table(folder / "runs" / run_id / "signals.parquet")
+        np.testing.assert_array_equal(signals["time_s"].to_numpy(), result.runs[run_id].time_s)
+        np.testing.assert_array_equal(signals["tension_drum_n"].to_numpy(), result.runs[run_id]["tension_drum_n"])
+    said = json.loads((folder / "manifest.json").read_text())
+    assert said["fingerprint"] == result.study.fingerprint
+    assert said["versions"]["workbench"]
+    assert said["runs"] == {"all": 6, "ok": 6, "failed": 0}
+    assert "Plotly.newPlot" in (folder / "study.html").read_text(encoding="utf-8")
+    assert [p.name for p in folder.parent.iterdir()] == ["small"]
+    assert folder.stat().st_mode & 0o777 == 0o755
+
+
+def test_written_scenario_is_complete_and_the_same_study(study: Study, tmp_path: Path) -> None:
+    folder = written(study, tmp_path / "small")
+    again = load_study(folder / "scenario.yaml")
+    assert again.fingerprint == study.fingerprint
+    assert again.scenario.model_dump(exclude={"machine"}) == study.scenario.model_dump(exclude={"machine"})
+
+
+def test_identical_input_gives_identical_bytes_of_the_index(study: Study, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        run_batch(study, place_for(study, tmp_path / name))
+    a, b = ((tmp_path / name / "index.parquet").read_bytes() for name in ("a", "b"))
+    assert a == b
+
+
+def test_index_read_back_is_the_rows_that_were_written(result: StudyResult, tmp_path: Path) -> None:
+    rows = list(result.rows)
+    rows[1] = replace(rows[1], status="failed", reason="ran away", metrics=dict.fromkeys(rows[1].metrics))
+    folder = tmp_path / "x"
+    folder.mkdir()
+    pq.write_table(index_table(rows), folder / "index.parquet")
+    assert read_rows(folder) == rows
+
+
+def test_signals_read_back_are_those_of_the_runs(result: StudyResult, study: Study, tmp_path: Path) -> None:
+    folder = written(study, tmp_path / "small")
+    saved = SavedRuns(folder, read_rows(folder))
+    assert list(saved) == [row.run_id for row in result.rows]
+    for run_id, run in saved.items():
+        assert run.signals.keys() == result.runs[run_id].signals.keys()
+        for name, values in run.signals.items():
+            np.testing.assert_array_equal(values, result.runs[run_id][name])
+        assert run.payload_kg == result.runs[run_id].payload_kg
+
+
+def test_an_index_that_is_damaged_is_named(tmp_path: Path) -> None:
+    (tmp_path / "index.parquet").write_bytes(b"PAR1 and then nothing")
+    with pytest.raises(InputError, match=r"index\.parquet: is no readable index"):
+        read_rows(tmp_path)
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_no_result(study: Study, tmp_path: Path) -> None:
+    def full(_: StudyResult, path: Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(InputError, match="small: no results written: No space left on device"):
+        run_batch(study, place_for(study, tmp_path / "small"), extras={"study.html": full})
+    assert not (tmp_path / "small").exists()
+
+
+def test_a_place_that_cannot_be_written_is_known_before_anything_is_run(study: Study, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+
+    def never(*_: object) -> Iterator[tuple[int, Chunk]]:
+        raise AssertionError("was run")
+
+    with pytest.raises(InputError, match="small: no results can be written there: a file stands where"):
+        run_batch(study, place_for(study, tmp_path / "file" / "small"), spread=never)
+
+
+def test_a_finished_result_is_never_overwritten(study: Study, tmp_path: Path) -> None:
+    folder = written(study, tmp_path / "small")
+    assert place_for(study, folder).finished
+    other = replace(study, scenario=study.scenario.model_copy(update={"payloads_kg": (1.0,)}))
+    with pytest.raises(InputError, match=r"holds another result \('small'.*choose another --out"):
+        place_for(other, folder)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("keep")
+    with pytest.raises(InputError, match="is not empty"):
+        place_for(study, tmp_path / "mine")
+    with pytest.raises(InputError, match="is a file, expected a folder"):
+        place_for(study, tmp_path / "mine" / "notes.txt")
+    (tmp_path / "empty").mkdir()
+    assert not place_for(study, tmp_path / "empty").finished
+
+
+def test_a_result_without_its_index_is_not_taken_for_whole(study: Study, tmp_path: Path) -> None:
+    folder = written(study, tmp_path / "small")
+    (folder / "index.parquet").unlink()
+    with pytest.raises(InputError, match="choose another --out"):
+        place_for(study, folder)
+
+
+def test_without_out_another_study_of_the_name_gets_the_next_number(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert place_for(study).folder == Path("results/small")
+    written(study, Path("results/small"))
+    assert place_for(study).finished
+    other = replace(study, scenario=study.scenario.model_copy(update={"settle_s": 1.0}))
+    place = place_for(other)
+    assert place.folder == Path("results/small-2")
+    assert "results/small-2" in place.note
+    assert "another result" in place.note
+
+
+def test_a_loop_that_runs_away_is_a_failed_row_and_the_rest_goes_on(tmp_path: Path) -> None:
+    # Holding 68 t takes 3.2 kN m and the drive gives at most 1.5: the load runs off the rail. Without it all is well.
+    path = tmp_path / "wild.yaml"
+    path.write_text(SCENARIO.replace("[0, 9000]", "[0, 60000]"), encoding="utf-8")
+    study = load_study(path)
+    result = run_study(study)
+    failed = [row for row in result.rows if not row.ok]
+    assert {row.payload_kg for row in failed} == {60000.0}
+    assert len(failed) == 3
+    assert all("holding the load takes 3" in row.reason and "at most 1536 N m" in row.reason for row in failed)
+    assert all(row.metrics["peak_torque_motor_nm"] is None and row.reason for row in failed)
+    assert all(row.metrics["move_time_s"] is not None for row in failed)
+    folder = written(study, tmp_path / "wild")
+    statuses = pq.read_table(folder / "index.parquet")["status"].to_pylist()
+    assert statuses.count("failed") == len(failed)
+    assert any("failed" in line for line in table(result.rows)[-1])
+    assert any(row.run_id in sentence for row in failed for sentence in sentences(result.rows, 768.0))
+
+
+def row(payload: float, kind: str, **changes: float) -> Row:
+    metrics = dict.fromkeys(METRICS, 0.0) | {
+        "moves": 2.0, "hold_torque_nm": 800.0, "slack_events": 0.0, "peak_torque_motor_nm": 500.0,
+        "peak_torque_above_static_nm": 300.0, "speed_error_max_rad_s": 10.0, "move_time_s": 36.0,
+    }  # fmt: skip
+    return Row(f"{payload:g}kg_{kind}", "s", "ok", "", payload, kind, metrics | changes)
+
+
+def test_conclusion_compares_at_the_heaviest_payload() -> None:
+    rows = [
+        row(0.0, "trapezoid"),
+        row(9000.0, "trapezoid"),
+        row(9000.0, "ruckig", move_time_s=37.0, peak_torque_above_static_nm=246.0, speed_error_max_rad_s=5.0),
+        row(9000.0, "ruckig_equal_time", peak_torque_above_static_nm=330.0),
+    ]
+    assert sentences(rows, 768.0) == [
+        "At 9000 kg ruckig with the same limits takes 0.5 s longer per move, takes 18 % off the torque peak above "
+        "static (300 → 246 N m) and takes 50 % off the largest speed error.",
+        "In the trapezoid's own time ruckig adds 10 % to the torque peak above static (300 → 330 N m) and changes "
+        "nothing in the largest speed error.",
+    ]
+
+
+def test_slack_and_the_torque_limit_are_said_when_they_occur() -> None:
+    rows = [row(0.0, "ruckig", slack_time_s=0.31, slack_events=2.0, peak_torque_motor_nm=768.0)]
+    said = " ".join(sentences(rows, 768.0))
+    assert "The torque limit of 768 N m per motor is reached: 0kg_ruckig." in said
+    assert "The wire goes slack: 0kg_ruckig; longest 0.31 s in 2 events" in said
+    assert "slack" not in " ".join(sentences([row(0.0, "ruckig")], 768.0))
+
+
+def test_table_has_a_cell_under_every_head(result: StudyResult) -> None:
+    lines = table(result.rows)
+    assert {len(line) for line in lines} == {len(HEAD)}
+    assert lines[3][:2] == ["9000", "trapezoid"]
+
+
+def test_swept_values_stand_in_the_table_and_the_extremes_in_the_conclusions() -> None:
+    rows = [
+        replace(row(0.0, "ruckig", peak_torque_motor_nm=peak), run_id=f"r{kp:g}", assigned={"sweep.controller.kp": kp})
+        for kp, peak in ((20.0, 300.0), (30.0, 200.0), (40.0, 400.0))
+    ]
+    assert head(rows)[:3] == ("payload\nkg", " reference", "kp")
+    assert [line[2] for line in table(rows)] == ["20", "30", "40"]
+    assert {len(line) for line in table(rows)} == {len(head(rows))}
+    said = sentences(rows, 768.0)
+    assert said[0] == (
+        "Over 3 runs the torque peak per motor goes from 200 N m (0 kg, ruckig, kp 30) "
+        "to 400 N m (0 kg, ruckig, kp 40)."
+    )
+
+
+def test_many_failures_are_counted_and_not_all_listed() -> None:
+    lost = [replace(row(k, "ruckig"), run_id=f"r{k}", status="failed", reason="ran away") for k in range(9)]
+    said = sentences(lost, 768.0)
+    assert said[0] == "r0 failed: ran away."
+    assert said[-1] == "4 more of 9 runs failed; the index says why."
+    assert len(said) == 6
+
+
+def test_page_has_the_three_figures_of_a_study(result: StudyResult) -> None:
+    titles = [figure.layout.title.text for figure in study_figures(result)]
+    assert titles == [
+        "Study small: closed loop at each payload",
+        "Study small: start of the first move",
+        "Torque peak over payload",
+    ]
+
+
+def test_command_prints_table_conclusion_and_where_things_lie_within_100_columns(
+    scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(command, [str(scenario)], catch_exceptions=False)
+    assert done.exit_code == 0
+    lines = done.output.splitlines()
+    assert [line.split()[:2] for line in lines[2:4]] == [["0", "trapezoid"], ["0", "ruckig"]]
+    assert max(len(line) for line in lines[:12]) <= 100
+    assert "At 9000 kg ruckig with the same limits takes" in done.output
+    assert "Figure: results/small/study.html" in done.output
+    assert Path("results/small/index.parquet").is_file()
+
+
+def test_command_says_that_this_very_study_is_there_and_runs_nothing(
+    scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    first = CliRunner().invoke(command, [str(scenario), "--out", str(out)], catch_exceptions=False)
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+    monkeypatch.setattr("workbench.study.execute.chunk.simulate_loop", None)
+    again = CliRunner().invoke(command, [str(scenario), "--out", str(out)], catch_exceptions=False)
+    assert "holds this very study already; nothing was run" in again.output
+    assert again.output.splitlines()[:11] == first.output.splitlines()[:11]
+    assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*")}

@@ -1,0 +1,45 @@
+"""Problems of a diagnosis made of simulated runs, and fits to them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tests.support.noisy_runs import hoist_runs, with_effects
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
+from workbench.diagnose.hypotheses.knobs import Setting, effect_knobs
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.effects import find, ranges_of
+from workbench.machine import default_hoist
+from workbench.run import Array
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def made_by(problem: Problem, setting: Setting) -> Problem:
+    """The problem with the torque that the machine under `setting` takes, to the last bit of it."""
+    gain, offset, _ = problem._sensed(setting)
+    p = [problem._of_run(setting, j) for j in range(len(problem.runs))]
+    predicted = problem.bench.predict([p])[0]
+    runs = [
+        replace(run, signals={**run.signals, "torque_motor_nm": gain * raw + offset})
+        for run, (raw, _) in zip(problem.runs, predicted, strict=True)
+    ]
+    return Problem(problem.machine, runs, problem.band_hz)
+
+
+def fitted_to(
+    truth: dict[str, dict[str, float]], begin: dict[str, float | tuple[float, ...]]
+) -> tuple[Problem, Fitted]:
+    problem = Problem(default_hoist(), hoist_runs(with_effects(default_hoist(), truth), seed=4))
+    (name,) = truth
+    effect = find(name, "hoist")
+    ranges = ranges_of(effect, problem.machine, problem.runs)
+    more, start = effect_knobs(effect, ranges, {r.symbol: begin[r.name] for r in ranges})
+    knobs = [*base_knobs(problem.machine, problem.runs).values(), *more]
+    z = np.concatenate([np.zeros(len(knobs) - len(more)), start])
+    return problem, fit_knobs(problem, (name,), knobs, z, problem.noise, 60)

@@ -1,0 +1,28 @@
+"""Campaigns with the search of their gap done, among a few effects only: what the steps after it start from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from tests.support.simulated_campaign import simulated_campaign, true_machine
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import Found, Search
+from workbench.effects import find
+from workbench.logs import Campaign, read_campaign
+
+
+def found_in(folder: Path, effects: Sequence[str]) -> tuple[Campaign, Found]:
+    campaign = read_campaign(folder)
+    problem = Problem(campaign.machine, campaign.runs)
+    kind = problem.active.kind
+    return campaign, Search(problem, [find(each, kind) for each in effects]).run(1)
+
+
+def simulated_found(
+    folder: Path, truth: Mapping[str, Mapping[str, float]], effects: Sequence[str]
+) -> tuple[Campaign, Found]:
+    """Of the simulated campaign with the effects `truth` at work, all else within its tolerances."""
+    plain = true_machine({"guide.coulomb_hoisting_n": 6300.0, "guide.coulomb_lowering_n": 4300.0})
+    machine = type(plain).model_validate(plain.model_dump() | {"effects": truth})
+    return found_in(simulated_campaign(folder, machine), effects)

@@ -1,0 +1,130 @@
+"""What a finished batch came to: its numbers, conclusions, figures, runs and files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import streamlit as st
+
+from workbench.dashboard import session
+from workbench.dashboard.jobs.job import Job, result_folder
+from workbench.dashboard.pages.batches.work import CSV, REPORT
+from workbench.dashboard.widgets import Number, chart, numbers, plain, table
+from workbench.study.results.finished import Finished, read_finished
+from workbench.study.results.index import INDEX, read_table
+
+if TYPE_CHECKING:
+    from workbench.reports.study.figures import Noted
+
+MOST_LINES = 1_000
+
+
+def show_results(job: Job) -> None:
+    """Everything about a batch that is done. InputError where its result is damaged."""
+    folder = result_folder(job)
+    if folder is None:
+        return
+    result, figures = _read(job, folder)
+    count = len(result.rows)
+    st.subheader(f"{result.name} · {count:,} run{'s' if count != 1 else ''}")
+    _numbers(result)
+    _downloads(job, folder, result.name)
+    said, drawn, runs, how = st.tabs(["Conclusions", "Figures", "Runs", "What was run"])
+    with said:
+        _conclusions(result)
+    with drawn:
+        _figures(job, figures)
+    with runs:
+        _runs(folder, len(result.rows))
+    with how:
+        from workbench.reports.study.tables import what_was_run
+
+        table(what_was_run(result))
+        st.code((folder / "scenario.yaml").read_text(encoding="utf-8"), language="yaml")
+
+
+def _read(job: Job, folder: Path) -> tuple[Finished, list[Noted]]:
+    """Read and drawn once for as long as it is the one that is open."""
+    from workbench.reports.study.figures import figures_of
+
+    last = session.get("batches result", tuple, ())
+    if not last or last[0] != job.id:
+        result = read_finished(folder)
+        last = (job.id, (result, figures_of(result)))
+        session.put("batches result", last)
+    found: tuple[Finished, list[Noted]] = last[1]
+    return found
+
+
+def _numbers(result: Finished) -> None:
+    good = [row for row in result.rows if row.ok]
+    if not good:
+        return
+    peak = max(each["peak_torque_percent"] for each in good)
+    error = max(each["speed_error_max_rad_s"] for each in good)
+    wire = min(each["min_wire_tension_n"] for each in good) / 1000.0
+    times = [each["move_time_s"] for each in good]
+    numbers(
+        [
+            Number("Largest torque peak", peak, "%", help="Of one motor, in per cent of its nominal torque."),
+            Number("Largest speed error", error, "rad/s", help="Motor speed against its set point."),
+            Number("Least wire tension", wire, "kN", help="Of one fall; 0 is a slack wire."),
+            Number("Shortest move time", min(times), "s", help=f"The longest is {max(times):.2f} s."),
+        ]
+    )
+
+
+def _downloads(job: Job, folder: Path, name: str) -> None:
+    files = [
+        ("Report", job.folder / REPORT, f"{name}.html", "text/html"),
+        ("Index (CSV)", job.folder / CSV, f"{name}.csv", "text/csv"),
+        ("Index (Parquet)", folder / INDEX, f"{name}.parquet", "application/vnd.apache.parquet"),
+        ("Scenario", folder / "scenario.yaml", f"{name}.yaml", "application/yaml"),
+    ]
+    with st.container(horizontal=True):
+        for label, path, called, kind in files:
+            st.download_button(
+                label, path.read_bytes, called, kind, key=f"batches download {label}", icon=":material/download:",
+                on_click="ignore",
+            )  # fmt: skip
+
+
+def _conclusions(result: Finished) -> None:
+    from workbench.reports.study.words import conclusions
+
+    if description := str(result.scenario.get("description") or ""):
+        st.markdown(plain(description))
+    st.markdown("\n".join(f"- {plain(sentence)}" for sentence in conclusions(result)))
+
+
+def _figures(job: Job, figures: Sequence[Noted]) -> None:
+    if not figures:
+        st.info("No run succeeded, so there is nothing to draw.")
+    for number, (figure, note) in enumerate(figures):
+        chart(figure, key=f"batch-{job.id}-{number}", alt=note or None)
+        if note:
+            st.caption(plain(note))
+
+
+def _runs(folder: Path, count: int) -> None:
+    from workbench.reports.study.tables import run_tables
+    from workbench.study.results.index import rows_of
+
+    index = read_table(folder / INDEX)
+    for each in run_tables(rows_of(index)):
+        table(each)
+    st.markdown("**Index**")
+    shown = index.drop_columns(["scenario"]).slice(0, MOST_LINES)
+    st.dataframe(
+        shown,
+        hide_index=True,
+        column_config={
+            each.name: st.column_config.NumberColumn(format="%.5g")
+            for each in shown.schema
+            if str(each.type) == "double"
+        },
+    )
+    if count > MOST_LINES:
+        st.caption(f"The first {MOST_LINES} of {count} runs; the downloads hold all.")

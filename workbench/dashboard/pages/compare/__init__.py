@@ -1,0 +1,1 @@
+"""The page Compare: kept runs side by side."""

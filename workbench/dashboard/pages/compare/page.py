@@ -1,0 +1,172 @@
+"""The page Compare: kept runs side by side, their signals over one another and their metrics with differences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import streamlit as st
+
+from workbench.dashboard.pages.compare.kept import Kept, forget, kept
+from workbench.dashboard.widgets import SAME, chart, plain, text
+from workbench.figures.study import MOST_COLUMNS, overview
+from workbench.figures.study_plane import torque_speed_plane
+from workbench.figures.style import label
+from workbench.run import Run
+from workbench.study.compare.compare import BETTER
+from workbench.study.execute.run import motor_torque_limit_nm
+from workbench.study.results.row import Row
+from workbench.study.scenario.standalone import alone_text
+
+# What stands in the table, in this order: metric -> (in words, unit, what its values are multiplied by).
+METRICS: Mapping[str, tuple[str, str, float]] = {
+    "peak_torque_motor_nm": ("Torque peak per motor", "N m", 1.0),
+    "rms_torque_motor_nm": ("RMS torque per motor", "N m", 1.0),
+    "thermal_load_percent": ("Thermal load of a motor", "%", 1.0),
+    "speed_error_max_rad_s": ("Largest speed error, motor side", "rad/s", 1.0),
+    "speed_error_rms_rad_s": ("RMS speed error, motor side", "rad/s", 1.0),
+    "position_error_max_m": ("Largest position error, carriage side", "mm", 1e3),
+    "settling_time_s": ("Settling time after the last move", "s", 1.0),
+    "move_time_s": ("Time in motion", "s", 1.0),
+    "min_wire_tension_n": ("Smallest wire tension", "kN", 1e-3),
+    "wire_tension_swing_n": ("Swing of wire tension", "kN", 1e-3),
+    "slack_time_s": ("Time with slack wire", "s", 1.0),
+    "peak_power_motoring_kw": ("Largest power, both motors", "kW", 1.0),
+    "energy_motoring_j": ("Work of the motors", "kJ", 1e-3),
+}
+
+
+def show() -> None:
+    """Draws the page."""
+    runs = kept()
+    if not runs:
+        st.info("Nothing is kept yet. On the page Study, set something up and press **Keep for Compare**.")
+        return
+    chosen, baseline, kind = _choice(runs)
+    _list(runs)
+    if not chosen:
+        st.info("Choose at least one of the kept studies.")
+        return
+    payloads = _payloads(chosen, kind)
+    if not payloads:
+        st.info("These studies have no payload in common for this reference.")
+        return
+    _table(chosen, baseline, kind, payloads)
+    _figures(chosen, kind, payloads)
+
+
+def _choice(runs: Mapping[str, Kept]) -> tuple[list[Kept], Kept, str]:
+    with st.sidebar:
+        names = st.multiselect("Side by side", list(runs), default=list(runs), key="compare names")
+        first = names or list(runs)
+        baseline = st.selectbox("Differences to", first, key="compare baseline")
+        kinds = [kind for name in first for kind in runs[name].result.study.scenario.kinds]
+        common = list(dict.fromkeys(kinds))
+        usual = common.index("ruckig") if "ruckig" in common else 0
+        kind = st.radio("Reference", common, index=usual, format_func=label, key="compare reference")
+    chosen = [runs[name] for name in names if name in runs]
+    return chosen, runs[baseline], kind
+
+
+def _list(runs: Mapping[str, Kept]) -> None:
+    """Each kept study with its settings, to save or to remove."""
+    with st.expander(f"{len(runs)} kept", expanded=False, icon=":material/inventory_2:"):
+        for name, each in runs.items():
+            words, saving, removing = st.columns([6, 1.2, 1.2], vertical_alignment="center")
+            words.markdown(f"**{plain(name)}** · {plain(_settings(each))}")
+            saving.download_button(
+                "Save", alone_text(each.scenario, each.machine), file_name=f"{each.scenario.name}.yaml",
+                mime="application/yaml", key=f"compare save {name}", on_click="ignore", width="stretch",
+            )  # fmt: skip
+            if removing.button("Remove", key=f"compare remove {name}", width="stretch"):
+                forget(name)
+                st.rerun()
+
+
+def _settings(each: Kept) -> str:
+    limits, loop = each.scenario.limits, each.scenario.controller
+    said = [f"{limits.speed_m_s:g} m/s", f"{limits.acceleration_m_s2:g} m/s²"] if limits.speed_m_s else []
+    if limits.jerk_m_s3:
+        said.append(f"{limits.jerk_m_s3:g} m/s³")
+    said.append(f"kp {loop.kp_nm_s_per_rad:g} N m s/rad, ki {loop.ki_nm_per_rad:g} N m/rad")
+    return f"{each.machine.name}: {', '.join(said)}"
+
+
+def _payloads(chosen: Sequence[Kept], kind: str) -> list[float]:
+    """Those that all of the chosen studies have run with this reference."""
+    each = [{row.payload_kg for row in one.result.rows if row.ok and row.reference == kind} for one in chosen]
+    return sorted(set.intersection(*each))
+
+
+def _row(each: Kept, kind: str, payload_kg: float) -> Row:
+    return next(row for row in each.result.rows if row.ok and row.reference == kind and row.payload_kg == payload_kg)
+
+
+def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence[float]) -> None:
+    payload = payloads[-1]
+    if len(payloads) > 1:
+        payload = st.segmented_control(
+            "Payload", payloads, default=payload, format_func=lambda kg: f"{kg:g} kg", key="compare payload",
+            required=True,
+        ) or payload  # fmt: skip
+    columns = [baseline, *(each for each in chosen if each.name != baseline.name)]
+    rows = [_row(each, kind, payload) for each in columns]
+    table: dict[str, list[str]] = {"": [], plain(baseline.name): []}
+    table |= {plain(each.name): [] for each in columns[1:]}
+    for metric, (words, unit, scale) in METRICS.items():
+        if not all(row.metrics.get(metric) is not None for row in rows):
+            continue
+        values = [scale * row[metric] for row in rows]
+        table[""].append(plain(f"{words} ({unit})"))
+        for each, value in zip(columns, values, strict=True):
+            cell = text(value)
+            if each.name != baseline.name:
+                cell += difference(value, values[0], metric)
+            table[plain(each.name)].append(cell)
+    st.table(table, hide_index=True)
+    st.caption(f"{label(kind).capitalize()}, {payload:g} kg. In brackets the difference to {plain(baseline.name)}.")
+
+
+def difference(value: float, base: float, metric: str) -> str:
+    """The difference in brackets, green where it is better and red where it is worse."""
+    by = value - base
+    if not math.isfinite(by) or (abs(by) <= SAME * max(abs(base), abs(value)) and text(value) == text(base)):
+        return " (=)"
+    better = BETTER.get(metric)
+    gain = {"lower": -by, "higher": by, "zero": abs(base) - abs(value)}.get(better or "", 0.0)
+    colour = "green" if gain > 0.0 else "red" if gain < 0.0 else "gray"
+    return f" :{colour}[({text(by, 2, sign=True)})]"
+
+
+def _figures(chosen: Sequence[Kept], kind: str, payloads: Sequence[float]) -> None:
+    runs: list[tuple[str, Run]] = []
+    for each in chosen:
+        for payload in _few(payloads):
+            row = _row(each, kind, payload)
+            if row.run_id in each.result.runs:
+                runs.append((each.name, each.result.runs[row.run_id]))
+    if not runs:
+        return
+    # The strictest of the machines' limits: a line that holds for all of them.
+    machines = [each.result.study.machine for each in chosen]
+    strictest = min(machines, key=motor_torque_limit_nm)
+    motor, limit = strictest.motor, motor_torque_limit_nm(strictest)
+    chart(
+        overview(runs, motor.nominal_torque_nm, limit, "", height=740),
+        "compare over time",
+        "Speed, tracking error, torque and wire tension of the kept studies over time",
+    )
+    chart(
+        torque_speed_plane(
+            runs, motor.nominal_torque_nm, limit, motor.nominal_speed_rad_s, strictest.drive.field_weakening, height=460
+        ),
+        "compare plane",
+        "Torque over speed of one motor, of the kept studies",
+    )
+
+
+def _few(payloads: Sequence[float]) -> list[float]:
+    """The lightest, a middle and the heaviest."""
+    if len(payloads) <= MOST_COLUMNS:
+        return list(payloads)
+    return [payloads[0], payloads[len(payloads) // 2], payloads[-1]]

@@ -1,0 +1,1 @@
+"""The page Loop: margins and tuning."""

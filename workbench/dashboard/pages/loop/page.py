@@ -1,0 +1,104 @@
+"""The page Loop: what the sampled speed loop bears over payloads and heights, and gains by slider or by tuning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import streamlit as st
+
+from workbench.analysis.family import Member, weakest
+from workbench.dashboard.pages.loop.controls import Question, gains, question
+from workbench.dashboard.pages.loop.family import loops
+from workbench.dashboard.pages.loop.tuning import tuned_before, tuning, wanted
+from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain
+from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
+from workbench.reports.loop import report
+from workbench.reports.loop.case import LoopCaseFile, usual_controller
+
+
+def show() -> None:
+    """Draws the page."""
+    with st.sidebar, guarded():
+        asked = question()
+        settings = gains(asked)
+        goal = wanted(asked.ms_limit)
+    case = LoopCaseFile(asked.machine, settings, "on this page", asked.payloads_kg, asked.heights_m, None)
+    st.markdown(f"#### Speed loop · {plain(case.machine.name)}")
+    top = st.container()
+    tuning(case, asked, goal)
+    with guarded():
+        members = loops(case, asked.motion)
+        before = loops(_by_rule(case), asked.motion)
+    with top:
+        _numbers(case, members, before)
+    _bode_and_nyquist(members, asked)
+    tuned_before(case)
+    st.markdown(plain(" ".join(report.sentences(case, members))))
+    _others(members, asked)
+    _table(members)
+
+
+def _by_rule(case: LoopCaseFile) -> LoopCaseFile:
+    """The same loop under the gains that a rule of thumb gives: the baseline of the numbers."""
+    rule = usual_controller(case.machine)
+    gains_ = {"kp_nm_s_per_rad": rule.kp_nm_s_per_rad, "ki_nm_per_rad": rule.ki_nm_per_rad}
+    settings = case.settings.model_copy(update=gains_)
+    return LoopCaseFile(case.machine, settings, "by rule", case.payloads_kg, case.heights_m, None)
+
+
+def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Member]) -> None:
+    """The weakest of all loops, against the weakest under the gains by rule."""
+    now, then = weakest(members).margins, weakest(before).margins
+    if not now.stable:
+        st.error("Unstable with these gains: no margin means anything.", icon=":material/warning:")
+        return
+
+    same = case.settings == _by_rule(case).settings
+
+    def delta(new: float, old: float) -> float | None:
+        return new - old if then.stable and not same else None
+
+    slow, slow_before = (min(m.margins.bandwidth_hz for m in each) for each in (members, before))
+    up, up_before = (report.gain_text(m).partition("/")[0] for m in (now, then))
+    gain = float(up) if up[:1].isdigit() else None
+    said = [
+        Number("Largest Ms", now.ms, "", delta(now.ms, then.ms), "lower"),
+        Number("Phase margin", now.phase_deg, "°", delta(now.phase_deg, then.phase_deg), "higher"),
+        Number(
+            "Gain margin", gain, "dB", delta(gain, float(up_before)) if gain and up_before[:1].isdigit() else None,
+            "higher",
+        ),
+        Number("Delay margin", 1e3 * now.delay_s, "ms", delta(1e3 * now.delay_s, 1e3 * then.delay_s), "higher"),
+        Number("Slowest bandwidth", slow, "Hz", delta(slow, slow_before), "higher"),
+    ]  # fmt: skip
+    numbers(said)
+    rule = "" if same else "; below, the difference to gains by rule, crossover about 2.5 Hz"
+    st.caption(f"The weakest of the {len(members)} loops{rule}.")
+
+
+def _bode_and_nyquist(members: Sequence[Member], asked: Question) -> None:
+    unit = RAD_S if asked.rad_s else HZ
+    left, right = st.columns([1.25, 1.0])
+    with left:
+        # The colours are Nyquist's, whose legend stands for both.
+        figure = bode(members, height=600, unit=unit).update_layout(showlegend=False, margin={"t": 50})
+        chart(figure, "loop bode", "Bode diagram of the open loop")
+    with right:
+        figure = nyquist(members, asked.ms_limit, height=600)
+        below = {"orientation": "h", "x": 0.0, "y": -0.14, "yanchor": "top", "yref": "paper", "font": {"size": 12}}
+        figure.update_layout(legend=below, margin={"l": 60, "r": 10, "t": 50})
+        chart(figure, "loop nyquist", "Nyquist diagram with the circle of Ms")
+
+
+def _others(members: Sequence[Member], asked: Question) -> None:
+    unit = RAD_S if asked.rad_s else HZ
+    chart(steps(members, height=760), "loop steps", "Step responses of the closed loop")
+    chart(gang_of_four(members, asked.ms_limit, height=640, unit=unit), "loop gang", "Gang of four")
+
+
+def _table(members: Sequence[Member]) -> None:
+    st.markdown("##### Margins")
+    heads = [" ".join(head.split()) for head in report.HEAD]
+    lines = report.table(members)
+    st.dataframe({head: [line[i] for line in lines] for i, head in enumerate(heads)}, hide_index=True)
+    st.caption(plain(report.CAPTION))

@@ -1,0 +1,79 @@
+"""Tuning on the page Loop: a goal, a button, the trade-off that was found, and the gains into the sliders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import streamlit as st
+
+from workbench.analysis.family import operating_points
+from workbench.analysis.tune import Goal, Tuned, Weights, tune
+from workbench.dashboard import session
+from workbench.dashboard.pages.loop.controls import Question, put_gains
+from workbench.dashboard.widgets import plain, problem
+from workbench.errors import InputError
+from workbench.machine.files import machine_text
+from workbench.reports.loop import tuning as report
+from workbench.reports.loop.case import LoopCaseFile
+
+_FOUND = "loop tuned"
+BANDWIDTH, REJECTION = "bandwidth", "best rejection of load steps"
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A tuning, with the case that it was asked for and the machine's text."""
+
+    case: LoopCaseFile
+    tuned: Tuned
+    machine: str
+
+
+def wanted(ms_limit: float) -> Goal | None:
+    """The side bar's goal, once its button is pressed."""
+    kind = st.radio("Tune for", [BANDWIDTH, REJECTION], key="loop goal")
+    hertz = st.number_input("Bandwidth (Hz)", 0.2, 500.0, 4.0, 0.5, key="loop hertz", disabled=kind != BANDWIDTH)
+    pressed = st.button("Tune", type="primary", width="stretch", icon=":material/tune:", key="loop tune")
+    return Goal(hertz if kind == BANDWIDTH else None, ms_limit) if pressed else None
+
+
+def tuning(case: LoopCaseFile, asked: Question, goal: Goal | None) -> None:
+    """Tunes for a goal, which fills the sliders and draws the page anew."""
+    if goal is None:
+        return
+    try:
+        with st.spinner("Shaping the loop, then trying gains on the nonlinear machine"):
+            tuned = _tune(case, asked, goal)
+    except InputError as error:  # the loop under the present gains is still worth seeing
+        problem(error)
+        return
+    session.put(_FOUND, Found(case, tuned, machine_text(case.machine)))
+    put_gains(tuned.winner.settings)
+    st.rerun()
+
+
+def tuned_before(case: LoopCaseFile) -> None:
+    """What the last tuning found."""
+    found = st.session_state.get(_FOUND)
+    if isinstance(found, Found):
+        with st.expander("What the tuning found", expanded=True, icon=":material/tune:"):
+            _result(found, found.machine == machine_text(case.machine))
+
+
+def _tune(case: LoopCaseFile, asked: Question, goal: Goal) -> Tuned:
+    points = operating_points(case.machine, case.payloads_kg, case.heights_m)
+    return tune(case.machine, case.settings, points, case.trial(), goal, Weights())
+
+
+def _result(found: Found, same_machine: bool) -> None:
+    if not same_machine:
+        st.caption("Found for another machine or drive:")
+    st.markdown(plain(" ".join(report.sentences(found.case, found.tuned, Weights()))))
+    heads = [" ".join(head.split()) or "what" for head in report.HEAD]
+    lines = report.table(found.tuned)
+    st.dataframe({head: [line[i] for line in lines] for i, head in enumerate(heads)}, hide_index=True)
+    st.caption(plain(report.CAPTION))
+    st.download_button(
+        "Controller block for scenarios", report.controller_text(found.tuned.winner.settings),
+        file_name="controller.yaml", mime="application/yaml", icon=":material/download:", on_click="ignore",
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""The page Machine: a run as a moving drawing."""

@@ -1,0 +1,87 @@
+"""Which run the page Machine shows: a quick move, a study's run kept in this session, or a measured one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import streamlit as st
+
+from workbench.dashboard.campaigns import last_campaign
+from workbench.dashboard.machines import chosen_machine
+from workbench.dashboard.pages.compare.kept import kept
+from workbench.errors import InputError
+from workbench.machine import Hoist
+from workbench.machine.files import machine_text
+from workbench.references import Limits, Step, allowed_carriage_speed_m_s, motor_speed_rad_s, plan_motion
+from workbench.reports.loop.case import usual_controller
+from workbench.run import Run
+from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
+
+QUICK, STUDY, MEASURED = "a quick move", "a run kept from Study", "a run of the campaign"
+REFERENCES = ("trapezoid", "ruckig")
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """name: what the page calls the run."""
+
+    name: str
+    machine: Hoist
+    run: Run
+
+
+def chosen_run() -> Shown:
+    """The side bar's choice. InputError where it cannot be shown."""
+    campaign = last_campaign()
+    there = [QUICK, *([STUDY] if kept() else []), *([MEASURED] if campaign is not None else [])]
+    what = st.radio("Run", there, key="machine source")
+    if what == STUDY:
+        return _of_study()
+    if what == MEASURED and campaign is not None:
+        machine = campaign.machine
+        if not isinstance(machine, Hoist):
+            raise InputError("is an axis; this drawing is of a hoist", file="machine.yaml", place="kind")
+        name = st.selectbox("Run of the campaign", [run.name for run in campaign.runs], key="machine measured")
+        return Shown(f"{campaign.name}, {name}", machine, campaign.run(name))
+    return _quick()
+
+
+def _of_study() -> Shown:
+    study = st.selectbox("Study", list(kept()), key="machine study")
+    result = kept()[study].result
+    names = {f"{row.reference}, {row.payload_kg:g} kg": row.run_id for row in result.rows if row.run_id in result.runs}
+    if not names:
+        raise InputError("no run of it has come to its end; there is nothing to show", place=study)
+    # Several runs may be alike in payload and reference, where a sweep varied something else.
+    if len(names) < len(result.runs):
+        names = {run_id: run_id for run_id in result.runs}
+    name = st.selectbox("Run of the study", list(names), key="machine study run")
+    return Shown(f"{study}, {name}", result.study.machine, result.runs[names[name]])
+
+
+def _quick() -> Shown:
+    machine = chosen_machine("machine machine")
+    payload = st.slider("Payload (kg)", 0, 12000, 4500, 250, key="machine payload")
+    reference = st.radio("Reference", REFERENCES, key="machine reference", horizontal=True)
+    ramp = st.slider("Ramp time (s)", 0.3, 3.0, 1.2, 0.1, key="machine ramp", help="From rest to full speed.")
+    return Shown(
+        f"{reference}, {payload:g} kg", machine, _moved(machine_text(machine), payload, reference, ramp, machine)
+    )
+
+
+@st.cache_resource(max_entries=50, show_spinner=False)
+def _moved(said: str, payload_kg: float, reference: str, ramp_s: float, _machine: Hoist) -> Run:
+    """Up over half of the rail and down again at nine tenths of nominal speed; `said` is the machine by value."""
+    low, high = _machine.rail.lowest_position_m, min(_machine.highest_position_m, 0.95 * _machine.wire.segment_length_m)
+    ratio, drum = _machine.gearbox.ratio, _machine.winch.drum_diameter_m
+    speed = 0.9 * allowed_carriage_speed_m_s(_machine.motor.nominal_speed_rad_s, ratio, drum)
+    start, way = low + 0.2 * (high - low), 0.5 * (high - low)
+    limits = Limits(speed, speed / ramp_s, 2.0 * speed / ramp_s**2)
+    steps = [Step(by_m=way), Step(dwell_s=1.5), Step(by_m=-way)]
+    plan = plan_motion(reference, steps, start, limits, (low, high), lead_s=1.0, settle_s=2.0)
+    controller = usual_controller(_machine)
+    motor = motor_speed_rad_s(plan.sample(controller.sample_time_s, plan.duration_s).speed_m_s, ratio, drum)
+    (result,) = simulate_loop([LoopCase(reference, _machine, payload_kg, start, controller, motor)])
+    if result.outcome is Outcome.DIVERGED:
+        raise InputError(f"{result.outcome.value}, {result.at}; try a lighter payload", place="payload")
+    return result.run

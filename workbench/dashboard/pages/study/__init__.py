@@ -1,0 +1,1 @@
+"""The page Study: one what-if by slider."""

@@ -1,0 +1,208 @@
+"""The controls of the Study page, in the sidebar; a scenario file sets them all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, cast
+
+import streamlit as st
+
+from workbench.control.rigid import bandwidth_and_damping, shaft_inertia_kg_m2
+from workbench.dashboard import session
+from workbench.dashboard.pages.study.controls import (
+    BANDWIDTH,
+    GAINS,
+    Controls,
+    Desk,
+    Three,
+    desk_of,
+    gains,
+    highest_move_m,
+    within,
+)
+from workbench.dashboard.widgets import problem, text
+from workbench.errors import InputError
+from workbench.figures.style import label
+from workbench.machine import Hoist, default_hoist
+from workbench.references import allowed_carriage_speed_m_s
+from workbench.study.scenario.standalone import read_alone
+from workbench.yaml_strict import Document, load
+
+DESK, LOADED = "study desk", "study file"
+PAYLOADS = (0.0, 1500.0, 3000.0, 4500.0, 6000.0, 7500.0, 9000.0)
+REFERENCES = ("ruckig", "ruckig_equal_time")
+LEAST_MOVE_M = 0.5
+ROOM_M = 1.0  # to move in, that the start leaves
+
+
+def controls(machine: Hoist) -> Desk:
+    """Draws the controls; what they stand at. What is set stays when another page is looked at meanwhile."""
+    desk = session.get(DESK, Desk, Desk())
+    above, below = st.container(), st.container()
+    with below:
+        desk = _file(desk, machine)
+    fastest = _fastest_m_s(machine)
+    c = within(desk.controls, machine, fastest)
+    with above:
+        payloads, references = _payloads(c), _references(c)
+        c = replace(c, payloads_kg=payloads, references=references)
+        with st.expander("Motion", expanded=True, icon=":material/height:"):
+            c = _limits(_motion(c, machine), fastest)
+        with st.expander("Speed controller", expanded=True, icon=":material/tune:"):
+            c = _controller(c, machine)
+    desk = replace(desk, controls=c)
+    session.put(DESK, desk)
+    return desk
+
+
+def _file(desk: Desk, machine: Hoist) -> Desk:
+    """A scenario file that is chosen anew sets the controls; one that cannot be read leaves them."""
+    with st.expander("Scenario file", icon=":material/description:"):
+        name = st.text_input("Name of the study", key=_kept("name", desk.controls.name), max_chars=64)
+        upload = st.file_uploader("Load a scenario", type=["yaml", "yml"], key="study upload", max_upload_size=1)
+        before, error = session.get(LOADED, tuple, ("", None))
+        if upload is not None and upload.file_id != before:
+            try:
+                desk, error = _read(load(session.stored(upload, "scenario.yaml")), machine), None
+                _forget_widgets()
+                session.put(DESK, desk)
+            except InputError as found:
+                error = found
+            session.put(LOADED, (upload.file_id, error))
+            if error is None:
+                st.rerun()  # the name stands above and is drawn already
+        if upload is not None and error is not None:
+            problem(error)
+    return replace(desk, controls=replace(desk.controls, name=name))
+
+
+def _read(document: Document, machine: Hoist) -> Desk:
+    """The controls as a file sets them. A machine that it names by file is the one chosen above."""
+    chosen = None if machine == default_hoist() else machine
+    return desk_of(read_alone(document, chosen), machine)
+
+
+def _kept(name: str, value: Any) -> str:
+    """The key of a widget that starts, and after another page starts again, at this value."""
+    key = f"study.{name}"
+    if key not in st.session_state:
+        st.session_state[key] = value
+    return key
+
+
+def _forget_widgets() -> None:
+    for key in [str(key) for key in st.session_state if str(key).startswith("study.")]:
+        del st.session_state[key]
+
+
+def _slider(
+    words: str,
+    name: str,
+    value: float,
+    low: float,
+    high: float,
+    step: float,
+    form: str = "%.2f",
+    tip: str | None = None,
+) -> float:
+    """A slider whose range takes in the value it is given."""
+    key = _kept(name, value)
+    low, high = min(low, value), max(high, value)
+    st.session_state[key] = min(max(float(st.session_state[key]), low), high)
+    if low == high:  # nothing to slide
+        return low
+    return float(st.slider(words, low, high, step=step, format=form, key=key, help=tip or None))
+
+
+def _payloads(c: Controls) -> tuple[float, ...]:
+    options = sorted({*PAYLOADS, *c.payloads_kg})
+    chosen = st.multiselect(
+        "Payloads (kg)", options, key=_kept("payloads", list(c.payloads_kg)), format_func=_kg, accept_new_options=True,
+        help="Type any other payload and press Enter.",
+    )  # fmt: skip
+    found = []
+    for each in cast(Sequence[float | str], chosen):
+        try:
+            found.append(float(each))
+        except ValueError:
+            problem(InputError(f"'{each}', expected a number in kg", place="payloads"))
+            st.stop()
+    return tuple(sorted(set(found)))
+
+
+def _kg(payload: float | str) -> str:
+    return payload if isinstance(payload, str) else f"{payload:g}"
+
+
+def _references(c: Controls) -> tuple[str, ...]:
+    chosen = st.pills(
+        "Against the trapezoid", REFERENCES, selection_mode="multi", key=_kept("references", list(c.references)),
+        format_func=label, help="The same limits and a jerk limit; or ramps raised until it takes as long.",
+    )  # fmt: skip
+    return tuple(kind for kind in REFERENCES if kind in chosen)
+
+
+def _motion(c: Controls, machine: Hoist) -> Controls:
+    low, high = machine.rail.lowest_position_m, machine.highest_position_m
+    start = _slider("Start height (m)", "start", c.start_position_m, low, high - ROOM_M, 0.5)
+    if c.own_moves:
+        own = st.toggle("Moves as in the file", key=_kept("own", True))
+        c = replace(c, own_moves=own)
+        if own:
+            return replace(c, start_position_m=start)
+    most = highest_move_m(machine, start)
+    height = _slider("Up and down by (m)", "height", min(c.height_m, most), LEAST_MOVE_M, most, 0.5)
+    return replace(c, start_position_m=start, height_m=height)
+
+
+def _limits(c: Controls, fastest: float) -> Controls:
+    hoisting = _three("" if not c.split else "hoisting ", "up", c.hoisting, fastest)
+    split = st.toggle("Lower under other limits", key=_kept("split", c.split))
+    lowering = _three("lowering ", "down", c.lowering if c.split else hoisting, fastest) if split else hoisting
+    return replace(c, hoisting=hoisting, split=split, lowering=lowering)
+
+
+def _three(way: str, key: str, at: Three, fastest: float) -> Three:
+    speed = _slider(f"Limit {way}speed (m/s)", f"{key}.speed", min(at[0], fastest), 0.1, fastest, 0.01)
+    acceleration = _slider(f"Limit {way}acceleration (m/s²)", f"{key}.acceleration", at[1], 0.1, 1.5, 0.05)
+    jerk = _slider(f"Limit {way}jerk (m/s³)", f"{key}.jerk", at[2], 0.1, 5.0, 0.1, tip="The trapezoid has none.")
+    return speed, acceleration, jerk
+
+
+def _fastest_m_s(machine: Hoist) -> float:
+    """What the motor's nominal speed allows, rounded down to what the slider shows."""
+    motor = machine.motor.nominal_speed_rad_s
+    allowed = allowed_carriage_speed_m_s(motor, machine.gearbox.ratio, machine.winch.drum_diameter_m)
+    return max(int(allowed * 100.0) / 100.0, min(allowed, 0.1))
+
+
+def _controller(c: Controls, machine: Hoist) -> Controls:
+    by = st.segmented_control(
+        "Set by",
+        (BANDWIDTH, GAINS),
+        key=_kept("by", c.by),
+        label_visibility="collapsed",
+        required=True,
+        width="stretch",
+    )
+    c = replace(c, by=by or c.by)
+    inertia = shaft_inertia_kg_m2(machine)
+    if c.by == BANDWIDTH:
+        bandwidth = _slider("Bandwidth (Hz)", "bandwidth", c.bandwidth_hz, 0.5, 6.0, 0.1)
+        damping = _slider("Damping (–)", "damping", c.damping, 0.4, 2.0, 0.05, tip="1 is ki = kp·ω/4.")
+        c = replace(c, bandwidth_hz=bandwidth, damping=damping)
+        kp, ki = gains(c, machine)
+        st.caption(f"kp {text(kp)} N m s/rad, ki {text(ki)} N m/rad: empty gripper, rigid drive.")
+    else:
+        kp = _slider("kp (N m s/rad)", "kp", c.kp_nm_s_per_rad, 2.0, 80.0, 0.5, "%.1f")
+        ki = _slider("ki (N m/rad)", "ki", c.ki_nm_per_rad, 0.0, 600.0, 1.0, "%.0f")
+        hz, damping = bandwidth_and_damping(inertia, kp, ki)
+        st.caption(f"Bandwidth {text(hz, 2)} Hz, damping {text(damping, 2)}: empty gripper, rigid drive.")
+        c = replace(c, kp_nm_s_per_rad=kp, ki_nm_per_rad=ki)
+    weight = _slider("Set-point weight (–)", "weight", c.set_point_weight, 0.0, 1.0, 0.05)
+    ff = tuple(
+        _slider(f"Feed-forward of {what} (–)", f"ff {what}", value, 0.0, 1.0, 0.05)
+        for what, value in zip(("inertia", "weight", "friction"), c.feed_forward, strict=True)
+    )
+    return replace(c, set_point_weight=weight, feed_forward=cast(Three, ff))

@@ -1,0 +1,169 @@
+"""The page Study: what a jerk limit, another payload or another controller does to the move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import streamlit as st
+
+from workbench.dashboard.machines import chosen_machine
+from workbench.dashboard.pages.compare.kept import is_kept, keep
+from workbench.dashboard.pages.study.controls import scenario_of
+from workbench.dashboard.pages.study.form import controls
+from workbench.dashboard.pages.study.runs import beside_payloads, beside_ramps, results, told
+from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain
+from workbench.figures.pareto import pareto
+from workbench.figures.study import overview, peak_torque_over_payload
+from workbench.figures.study_plane import torque_speed_plane
+from workbench.figures.style import label
+from workbench.machine import Hoist
+from workbench.study.conclude.pareto import fronts
+from workbench.study.conclude.summary import sentences
+from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
+from workbench.study.results.row import Row
+from workbench.study.scenario.record import Scenario
+from workbench.study.scenario.standalone import alone_text
+from workbench.study.variations.varying import swept_axes
+
+BASELINE = "trapezoid"
+PEAK = "peak_torque_motor_nm"
+
+
+def show() -> None:
+    """Draws the page."""
+    with st.sidebar, guarded():
+        machine = chosen_machine("study machine")
+        desk = controls(machine)
+    head, top = st.container(), st.container()
+    with top, guarded(), told():
+        scenario = scenario_of(desk, machine)
+        result = results(scenario, machine)
+    with head:
+        _head(scenario, machine, result)
+    with top:
+        _numbers(result)
+    _over_time(result)
+    _plane(result)
+    with guarded():
+        _over_payload(beside_payloads(scenario, machine))
+        _ramps(scenario, machine, result)
+
+
+def _head(scenario: Scenario, machine: Hoist, result: StudyResult) -> None:
+    title, keeping, saving = st.columns([5, 1.5, 1.5], vertical_alignment="center")
+    title.markdown(f"##### {plain(scenario.name)} · {plain(result.study.machine.name)}")
+    known = is_kept(scenario, machine)
+    if keeping.button(
+        "Kept" if known else "Keep for Compare", disabled=known, width="stretch", key="study keep",
+        icon=":material/check:" if known else ":material/compare_arrows:",
+    ):  # fmt: skip
+        keep(scenario.name, scenario, machine, result)
+        st.rerun()
+    saving.download_button(
+        "Save scenario", alone_text(scenario, machine), file_name=f"{scenario.name}.yaml", mime="application/yaml",
+        icon=":material/download:", on_click="ignore", width="stretch", key="study save",
+    )  # fmt: skip
+
+
+def _numbers(result: StudyResult) -> None:
+    """The worst of the payloads, of the first reference beside the trapezoid, against the trapezoid; then in words."""
+    rows = result.rows
+    kinds = [kind for kind in dict.fromkeys(row.reference for row in rows) if kind != BASELINE]
+    kind = kinds[0] if kinds else BASELINE
+    # Only payloads at which both have run: the worst of different loads does not compare.
+    both = {who: {row.payload_kg for row in rows if row.ok and row.reference == who} for who in (kind, BASELINE)}
+    common = both[kind] & both[BASELINE]
+    fair = [row for row in rows if row.payload_kg in (common or both[kind])]
+    worst = {
+        who: {name: _worst([row for row in fair if row.reference == who], name, how) for name, how in _DECIDING.items()}
+        for who in (kind, BASELINE)
+    }
+    said = [
+        ("Torque peak per motor", PEAK, 1.0, "N m", "lower"),
+        ("Largest speed error", "speed_error_max_rad_s", 1.0, "rad/s", "lower"),
+        ("Time in motion", "move_time_s", 1.0, "s", "lower"),
+        ("Smallest wire tension", "min_wire_tension_n", 1e-3, "kN", "higher"),
+    ]
+    numbers(
+        [
+            Number(
+                name, scale * worst[kind][metric], unit,
+                None if kind == BASELINE or not common else scale * (worst[kind][metric] - worst[BASELINE][metric]),
+                "lower" if better == "lower" else "higher",
+                help=f"{label(kind)}; the worst of the payloads",
+            )
+            for name, metric, scale, unit, better in said
+        ]
+    )  # fmt: skip
+    failed = [row for row in rows if not row.ok]
+    if failed:
+        first = f"{failed[0].payload_kg:g} kg, {label(failed[0].reference)}: {failed[0].reason}"
+        st.warning(plain(f"{len(failed)} of {len(rows)} runs failed. {first}."), icon=":material/warning:")
+    good = [row for row in rows if row.ok]
+    said_first = f"**{label(kind).capitalize()}**, the worst of the payloads"
+    said_first += "; below it the difference to the trapezoid." if kinds else "."
+    st.caption(f"{said_first} {plain(' '.join(sentences(good, motor_torque_limit_nm(result.study.machine))))}")
+
+
+_DECIDING = {PEAK: max, "speed_error_max_rad_s": max, "move_time_s": max, "min_wire_tension_n": min}
+
+
+def _worst(rows: Sequence[Row], metric: str, how: object) -> float:
+    values = [row[metric] for row in rows if row.ok]
+    return float("nan") if not values else (min(values) if how is min else max(values))
+
+
+def _good(result: StudyResult) -> list[tuple[str, Row]]:
+    return [(row.reference, row) for row in result.rows if row.ok]
+
+
+def _over_time(result: StudyResult) -> None:
+    machine = result.study.machine
+    runs = [(kind, result.runs[row.run_id]) for kind, row in _good(result)]
+    if runs:
+        limit = motor_torque_limit_nm(machine)
+        figure = overview(runs, machine.motor.nominal_torque_nm, limit, "", height=740)
+        chart(figure, "study over time", "Speed, tracking error, torque and wire tension over time")
+
+
+def _plane(result: StudyResult) -> None:
+    machine = result.study.machine
+    runs = [(kind, result.runs[row.run_id]) for kind, row in _good(result)]
+    if runs:
+        motor, limit = machine.motor, motor_torque_limit_nm(machine)
+        figure = torque_speed_plane(
+            runs, motor.nominal_torque_nm, limit, motor.nominal_speed_rad_s, machine.drive.field_weakening, height=460
+        )
+        chart(figure, "study plane", "Torque over speed of one motor with continuous and peak envelope")
+
+
+def _over_payload(result: StudyResult) -> None:
+    machine = result.study.machine
+    good = [row for row in result.rows if row.ok]
+    payloads = np.array(sorted({row.payload_kg for row in good}))
+    if len(payloads) < 2:
+        return
+    peak = {(row.reference, row.payload_kg): row[PEAK] for row in good}
+    held = {row.payload_kg: row["hold_torque_nm"] / machine.motor.count for row in good}
+    peaks = {
+        kind: np.array([peak.get((kind, payload), np.nan) for payload in payloads])
+        for kind in result.study.scenario.kinds
+    }
+    figure = peak_torque_over_payload(
+        payloads, peaks, machine.motor.nominal_torque_nm, motor_torque_limit_nm(machine),
+        np.array([held[payload] for payload in payloads]), height=400,
+    )  # fmt: skip
+    chart(figure, "study payload", "Torque peak over payload for each reference")
+
+
+def _ramps(scenario: Scenario, machine: Hoist, result: StudyResult) -> None:
+    rows = [row for row in beside_ramps(scenario, machine) if row.ok]
+    if not rows:
+        return
+    heaviest = max(row.payload_kg for row in result.rows)
+    chosen = [row for row in result.rows if row.ok and row.payload_kg == heaviest]
+    axes = swept_axes(rows)
+    figure = pareto(rows, fronts(rows), axes, PEAK, height=480, chosen=chosen)
+    figure.update_layout(title_text=f"Move time against torque peak, {heaviest:g} kg")
+    chart(figure, "study pareto", "Move time against torque peak over accelerations and jerks")

@@ -1,0 +1,78 @@
+"""The runs behind the Study page, kept by value so that a slider that comes back costs nothing."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import streamlit as st
+
+from workbench.machine import Hoist
+from workbench.study.conclude.side_studies import over_payload, over_ramps
+from workbench.study.execute.run import StudyResult, run_study
+from workbench.study.results.row import Row
+from workbench.study.scenario.load import Study, plan_study
+from workbench.study.scenario.record import Scenario
+from workbench.study.scenario.standalone import changed
+
+RAMPS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.25, 1.6)  # of the acceleration that is set
+JERKS = (0.25, 0.4, 0.63, 1.0, 1.6, 2.5, 4.0)  # of the jerk that is set
+POINTS = 7
+
+
+def results(scenario: Scenario, machine: Hoist) -> StudyResult:
+    """The scenario's runs. InputError for what cannot be run."""
+    study = plan_study(scenario, machine)
+    return _run(*_values(study), study)
+
+
+def beside_payloads(scenario: Scenario, machine: Hoist) -> StudyResult:
+    """The same at payloads from none to the heaviest."""
+    most = max(9000.0, *(scenario.payloads_kg or (0.0,)))
+    study = over_payload(scenario, machine, [most * k / (POINTS - 1) for k in range(POINTS)])
+    return _run(*_values(study), study)
+
+
+def beside_ramps(scenario: Scenario, machine: Hoist) -> Sequence[Row]:
+    """Other accelerations and jerks at the heaviest payload; the trapezoid has accelerations only."""
+    limits = scenario.limits
+    accelerations = [round(limits.acceleration_m_s2 * k, 4) for k in RAMPS if limits.acceleration_m_s2]
+    jerks = [round(limits.jerk_m_s3 * k, 4) for k in JERKS if limits.jerk_m_s3]
+    rows: list[Row] = []
+    for kinds, other in ((("trapezoid",), jerks[3:4]), (("ruckig",), jerks)):
+        study = over_ramps(changed(scenario, {"references": kinds}), machine, accelerations, other)
+        rows += _run(*_values(study), study).rows
+    return rows
+
+
+def _values(study: Study) -> tuple[str, str]:
+    return study.scenario_hash, study.machine_hash
+
+
+# A resource rather than data: the records are frozen, so that nobody need have a copy.
+@st.cache_resource(max_entries=200, show_spinner=False)
+def _run(scenario: str, machine: str, _study: Study) -> StudyResult:
+    return run_study(_study)
+
+
+@contextmanager
+def told() -> Iterator[None]:
+    """While the block runs, what the library says (that it compiles, the first time) stands on the page."""
+    place, thread = st.empty(), threading.get_ident()
+
+    class Told(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if threading.get_ident() == thread:  # other sessions compile in their own threads
+                place.info(record.getMessage(), icon=":material/hourglass_top:")
+
+    log, teller = logging.getLogger("workbench"), Told(logging.INFO)
+    if log.getEffectiveLevel() > logging.INFO:
+        log.setLevel(logging.INFO)
+    log.addHandler(teller)
+    try:
+        yield
+    finally:
+        log.removeHandler(teller)
+        place.empty()

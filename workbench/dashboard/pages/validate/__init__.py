@@ -1,0 +1,1 @@
+"""The page Validate: replay and identification."""

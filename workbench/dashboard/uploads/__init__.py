@@ -1,0 +1,1 @@
+"""Files that a browser sends: their limits, and a campaign made of them."""

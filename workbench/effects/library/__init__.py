@@ -1,0 +1,1 @@
+"""The effects that ship: one function each, grouped by the part of the machine that they act on."""

@@ -1,0 +1,192 @@
+"""The page of a diagnosis: the answer first, then each step as it was taken, with its figures and tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from workbench.diagnose.records import Diagnosis, Unknown
+from workbench.diagnose.unexplained.words import OVER
+from workbench.figures import diagnose_time, diagnose_where
+from workbench.figures.consequences import before_and_after
+from workbench.figures.diagnose_shrink import shrink_bars
+from workbench.figures.diagnose_time import RunSeries
+from workbench.figures.diagnose_verdict import isolability, ranking
+from workbench.figures.save import Section, save_sections
+from workbench.reports.diagnosis import consequences as consequences_report
+from workbench.reports.diagnosis import hypotheses, words
+from workbench.reports.diagnosis import tables as report
+from workbench.reports.diagnosis.series import MOST_RUNS, own_values, series_of
+from workbench.reports.words import direction_names, words_of
+
+MOST_RANKED, MOST_CANDIDATES, MOST_PROFILES = 8, 24, 9
+
+
+def sections_of(d: Diagnosis) -> dict[str, Section]:
+    """The page's parts by what they are about, in their order. The runs are replayed for the figures."""
+    runs = series_of(d)
+    return {
+        "answer": _answer(d),
+        "condition": _condition(d),
+        "gap": _gap(d),
+        "where": _where(d, runs),
+        "candidates": _candidates(d),
+        "isolability": _isolability(d),
+        "verdict": _verdict(d),
+        **({} if d.unknown is None else {"unknown": _unknown(d, d.unknown)}),
+        "shrink": _shrink(d, runs),
+        "consequences": _consequences(d),
+        "next_run": _next_run(d),
+    }
+
+
+def save_diagnosis_page(d: Diagnosis, path: Path) -> None:
+    """Write the page of a diagnosis; it needs no network."""
+    title = f"Diagnosis of {d.campaign.machine.name} from campaign {d.campaign.name}"
+    save_sections(list(sections_of(d).values()), path, title, answer=d.verdict.sentence)
+
+
+def _answer(d: Diagnosis) -> Section:
+    """What the rest of the page is the evidence for."""
+    lead = [words.probability_sentence(d), words.alike_sentence(d), words.shrink_sentence(d)]
+    lead += words.effect_sentences(d)
+    table = hypotheses.parameters_table(d)
+    held = "the first run's of what is each run's own" if own_values(d) else "the same values"
+    note = f"What the fit found, with one standard error. A name's end is its unit. machine.yaml holds {held}."
+    return Section(
+        "",
+        [sentence for sentence in lead if sentence],
+        d.warnings,
+        [(hypotheses.PARAMETERS_HEAD, table, note)] if table else [],
+    )
+
+
+def _condition(d: Diagnosis) -> Section:
+    c, w = d.condition, words_of(d.campaign.machine)
+    note = (
+        f"Noise: rms of the logged {w.quantity} below {c.band_hz:.3g} Hz, where measured and predicted are compared. "
+        "Moving: the share of samples that speak of friction and inertia; at rest a machine may hold its load anywhere "
+        "within its friction. Delay: logged speed behind its reference."
+    )
+    table = (report.condition_head(d), report.condition_table(d), note)
+    return Section("1. Condition of the logs", (), c.sentences, [table])
+
+
+def _gap(d: Diagnosis) -> Section:
+    note = (
+        "Rms while moving. Open loop: the measured input drives the model from the first sample on, so every bias adds "
+        "up; judge by the residual."
+    )
+    return Section("2. The gap", (), d.gap.sentences, [(report.gap_head(d), report.gap_table(d), note)])
+
+
+def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
+    unit = words_of(d.campaign.machine).unit
+    fewer = (
+        f" Of {len(d.campaign.runs)} runs the {MOST_RUNS} with most of it." if len(d.campaign.runs) > len(runs) else ""
+    )
+    if d.where is None:
+        note = f"No window is marked, for there is no gap.{fewer}"
+        return Section(
+            "3. Where it lies", [words.where_sentence(d)], (), (), [(diagnose_time.inputs(runs, unit), note)]
+        )
+    table = (report.WHERE_HEAD, report.where_table(d), "Where most of the gap's energy lies, run by run.")
+    note = f"Yellow: the windows that hold most of the gap's energy.{fewer}"
+    figures = [(diagnose_time.inputs(runs, unit), note)]
+    shown = filter(diagnose_where.worth_a_panel, d.where.profiles)
+    order = sorted(shown, key=lambda each: -each.explains)[:MOST_PROFILES]
+    if order:
+        note = (
+            "Explains: the share of the gap's energy that a function of this variable and the direction takes away, "
+            "with a 90 % interval over runs; the best first. One scale for all means; the share of the energy has its "
+            "own in each panel. Over a frequency: the share that one wave in each band takes."
+        )
+        figures.append((diagnose_where.profiles(order, unit, direction_names(d.campaign.machine)), note))
+    return Section("3. Where it lies", [words.where_sentence(d), *d.where.sentences], (), [table], figures)
+
+
+def _candidates(d: Diagnosis) -> Section:
+    shown = hypotheses.candidates_table(d, MOST_CANDIDATES)
+    rest = len(d.candidates) - len(shown)
+    more = (
+        f" {rest} more hypotheses were weighed, most of them linearly only, for they promised less than these; "
+        "diagnosis.json has them all."
+        if rest > 0
+        else ""
+    )
+    note = (
+        "Explains: the share of the gap's energy. Held out: residual rms of runs that the fit did not see. Merit: gain "
+        "in the penalised likelihood, less what its parameters cost; below 0 it is not worth them. Names end in their "
+        f"units.{more}"
+    )
+    return Section("4. Candidates", (), (), [(hypotheses.candidates_head(d), shown, note)])
+
+
+def _isolability(d: Diagnosis) -> Section:
+    i = d.isolability
+    note = (
+        "0°: these runs show one and the same for both effects, so nobody can tell them apart; 90°: unmistakable. "
+        "What refitted base parameters could explain is taken out first."
+    )
+    table = report.visible_table(d)
+    below = "The smallest amount of each effect that these runs would show. A name's end is its unit."
+    figure = [(isolability(i.names, i.angle, d.verdict.effects), note)] if len(i.names) > 1 else []
+    return Section(
+        "5. What these runs can tell apart", (), i.sentences, [(report.VISIBLE_HEAD, table, below)] if table else [],
+        figure,
+    )  # fmt: skip
+
+
+def _verdict(d: Diagnosis) -> Section:
+    said = [d.verdict.sentence, words.alike_sentence(d), words.reasons_lead(d)]
+    figure = ranking(hypotheses.ranking_table(d.verdict.ranking, MOST_RANKED))
+    return Section("6. Verdict", [s for s in said if s], words.reasons_of(d), (), [(figure, "")])
+
+
+def _unknown(d: Diagnosis, unknown: Unknown) -> Section:
+    note = "A level for each direction, with a band of two standard errors; positive opposes the motion."
+    units = [words.curve_unit(d.campaign.machine, each.acts_on) for each in unknown.curves]
+    figure = diagnose_where.curves(unknown.curves, direction_names(d.campaign.machine), OVER, units)
+    drawn = [(figure, note)] if unknown.curves else []
+    return Section("What is known of the unknown cause", words.unknown_sentences(d), (), (), drawn)
+
+
+def _shrink(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
+    s, w = d.shrink, words_of(d.campaign.machine)
+    table = (report.shrink_head(d), report.shrink_table(d), f"Residual rms below {s.band_hz:.3g} Hz.")
+    left = "Dashed: ± twice the noise. Grey: left out, at an end or at rest, where friction may hold any load."
+    driven = f"The measured {w.quantity} drives the machine"
+    figures = [
+        (
+            diagnose_time.residuals(runs, s.unit, d.gap.noise_rms),
+            left
+            if d.verdict.word == "no_gap"
+            else f"{left} Yellow: the gap's windows. After: the corrected machine, fitted to all runs.",
+        ),
+        (
+            diagnose_time.speeds(runs, w.scale),
+            f"{driven} from the first sample on."
+            if d.verdict.word == "no_gap"
+            else f"{driven} before and after its correction, from the first sample on.",
+        ),
+    ]
+    if d.verdict.word != "no_gap":
+        bars = shrink_bars(s.by_run, (s.before, s.after), s.noise, s.unit)
+        figures.insert(0, (bars, "Each run predicted by a fit to the others."))
+    return Section("7. How far it shrinks", [words.shrink_sentence(d), *s.sentences], (), [table], figures)
+
+
+def _consequences(d: Diagnosis) -> Section:
+    heading = "8. What changes in the control study"
+    c = d.consequences
+    if c is None:
+        return Section(heading, [d.why_no_consequences or "The control study was not asked for."])
+    table = (consequences_report.HEAD, consequences_report.table(c), consequences_report.CAPTION)
+    return Section(heading, c.sentences[:1], c.sentences[1:], [table], [(before_and_after(c), "")])
+
+
+def _next_run(d: Diagnosis) -> Section:
+    table = report.next_run_table(d)
+    note = "Apart: how many standard deviations lie between the predictions of the candidates that are still open."
+    return Section(
+        "9. The next run", [words.next_run_sentence(d)], (), [(report.NEXT_RUN_HEAD, table, note)] if table else []
+    )

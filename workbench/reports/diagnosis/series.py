@@ -1,0 +1,80 @@
+"""The runs under the machine before and after its correction, as the figures over time take them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.diagnose.records import Diagnosis
+from workbench.figures.diagnose_time import RunSeries
+from workbench.machine import Axis, Hoist
+from workbench.plants import plant_of
+from workbench.reports.replay.page import stretches
+from workbench.run import Array
+from workbench.simulate.driven import Balance, Bench, changed
+from workbench.simulate.replay import simulate_replays
+
+MOST_RUNS = 12  # that are drawn, those with most of the gap's energy
+Own = Mapping[str, tuple[float, ...]]  # symbol -> a value for each run
+
+
+def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
+    """Balances and open-loop replays of the refitted machine and, where it differs, of the corrected one.
+
+    Of more than `most` runs those with most of the gap's energy, in the campaign's order.
+    """
+    before = _under(d, d.refitted, {})
+    after = None if d.corrected == d.refitted else _under(d, d.corrected, own_values(d))
+    windows = () if d.where is None else d.where.windows
+    energy = {} if d.where is None else d.where.energy_by_run
+    kept = sorted(range(len(before)), key=lambda j: -energy.get(before[j][0].run.name, 0.0))[:most]
+    found = []
+    for j in sorted(kept):
+        balance, scale, speed = before[j]
+        name, time = balance.run.name, balance.run.time_s
+        each = RunSeries(
+            name,
+            time,
+            balance.measured,
+            balance.predicted,
+            None,
+            100.0 * balance.motion.speed / scale,
+            100.0 * speed / scale,
+            None,
+            balance.moving,
+            tuple((w.from_s, w.to_s) for w in windows if w.run == name),
+            stretches(time, ~balance.moving),
+            f"{100.0 * energy[name]:.0f} % of the gap's energy" if name in energy else "",
+        )
+        if after is not None:
+            corrected, scale, speed = after[j]
+            each = replace(each, after=corrected.predicted, speed_after=100.0 * speed / scale)
+        found.append(each)
+    return tuple(found)
+
+
+def own_values(d: Diagnosis) -> Own:
+    """What is each run's own in the chosen hypothesis, such as a phase; machine.yaml holds the first run's."""
+    chosen = next((each for each in d.candidates if set(each.effects) == set(d.verdict.effects)), None)
+    if chosen is None or d.verdict.word != "named":
+        return {}
+    return {
+        f"{effect}__{each.name}": each.value
+        for effect, estimates in chosen.parameters.items()
+        for each in estimates
+        if isinstance(each.value, tuple) and len(each.value) == len(d.campaign.runs)
+    }
+
+
+def _under(d: Diagnosis, machine: Hoist | Axis, own: Own) -> list[tuple[Balance, float, Array]]:
+    """Of every run its balance, the scale of speeds, and the speed replayed open loop."""
+    bench = Bench(machine, d.campaign.runs, d.gap.band_hz)
+    bench.base = [changed(p, {key: values[j] for key, values in own.items()}) for j, p in enumerate(bench.base)]
+    states = simulate_replays(machine, bench)
+    column = len(plant_of(machine).positions)  # the driven speed stands first behind the positions
+    return [
+        (balance, bench.scale, np.asarray(out[:, column]))
+        for balance, out in zip(bench.balances(), states, strict=True)
+    ]

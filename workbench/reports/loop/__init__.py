@@ -1,0 +1,1 @@
+"""What `loop` and `tune` print and write."""

@@ -1,0 +1,109 @@
+"""What `loop` and `tune` are asked about: machine, controller, payloads, heights, from the command's options."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from workbench.analysis.usual import USUAL_CROSSOVER_HZ, usual_controller, usual_heights
+from workbench.control import PiSettings
+from workbench.effects import check
+from workbench.errors import InputError
+from workbench.machine import Hoist, default_hoist, load_machine
+from workbench.yaml_strict import Document, load, validate
+
+if TYPE_CHECKING:
+    from workbench.analysis.trial import Trial
+    from workbench.study.scenario.load import Study
+
+USUAL_PAYLOADS_KG = (0.0, 4500.0, 9000.0)
+MOST = 50  # members of a family
+
+
+@dataclass(frozen=True, eq=False)
+class LoopCaseFile:
+    """A machine with its drive, a controller and where it came from, the family, and the study if there is one."""
+
+    machine: Hoist
+    settings: PiSettings
+    origin: str
+    payloads_kg: tuple[float, ...]
+    heights_m: tuple[float, ...]
+    study: Study | None
+
+    def trial(self) -> Trial:
+        """The moves of the scenario under this family's payloads, or the usual ones."""
+        from workbench.analysis.trial import Trial, usual_trial
+
+        if self.study is None:
+            return usual_trial(self.machine, self.payloads_kg, self.settings.sample_time_s)
+        from workbench.references import motor_speed_rad_s
+
+        ratio, drum = self.machine.gearbox.ratio, self.machine.winch.drum_diameter_m
+        dt, length = self.settings.sample_time_s, self.study.duration_s
+        speeds = {
+            kind: motor_speed_rad_s(plan.sample(dt, length).speed_m_s, ratio, drum)
+            for kind, plan in self.study.plans.items()
+        }
+        n = min(len(speed) for speed in speeds.values())
+        start = self.study.specs[0].start_position_m
+        return Trial(self.machine, self.payloads_kg, start, {kind: speed[:n] for kind, speed in speeds.items()})
+
+
+def load_case(
+    machine: Path | None,
+    scenario: Path | None,
+    controller: Path | None,
+    payloads: str | None,
+    heights: str | None,
+) -> LoopCaseFile:
+    """InputError with file and place for whatever cannot be read or does not fit."""
+    study: Study | None = None
+    settings, origin = None, ""
+    hoist = default_hoist()
+    loads: Sequence[float] = USUAL_PAYLOADS_KG
+    if scenario is not None:
+        from workbench.study.scenario.load import load_study
+
+        study = load_study(scenario)
+        # What the scenario itself says; a sweep's or a sample's points go their own ways from there.
+        hoist, settings, origin = study.machine, study.scenario.controller, f"of {scenario}"
+        loads = sorted({spec.payload_kg for spec in study.specs[:200]})
+    if machine is not None:
+        read = load_machine(machine, check_effects=check)
+        if not isinstance(read, Hoist):
+            raise InputError("is a machine of kind 'axis'; a speed loop is analysed for kind 'hoist'", file=machine)
+        hoist = read
+    if controller is not None:
+        settings, origin = read_controller(controller), f"of {controller}"
+    if settings is None:
+        settings, origin = usual_controller(hoist), f"by rule: crossover about {USUAL_CROSSOVER_HZ:g} Hz"
+    wanted = tuple(loads) if payloads is None else numbers(payloads, "--payloads")
+    places = usual_heights(hoist) if heights is None else numbers(heights, "--heights")
+    if len(wanted) * len(places) > MOST:
+        raise InputError(f"{len(wanted)} payloads at {len(places)} heights, expected at most {MOST} loops in all")
+    return LoopCaseFile(hoist, settings, origin, wanted, places, study)
+
+
+def read_controller(path: Path) -> PiSettings:
+    """The `controller` block of a file: one that tune has written, or a scenario."""
+    document = load(path)
+    block = document.data.get("controller") if isinstance(document.data, dict) else None
+    if not isinstance(block, dict):
+        raise InputError("holds no block 'controller'", file=path)
+    inside = {place[1:]: line for place, line in document.lines.items() if place[:1] == ("controller",)}
+    return validate(PiSettings, Document(document.file, block, inside))
+
+
+def numbers(text: str, place: str) -> tuple[float, ...]:
+    """`0,4500,9000` as numbers, in their order, each once."""
+    try:
+        found = tuple(dict.fromkeys(float(part) for part in text.split(",")))
+    except ValueError as error:
+        raise InputError(f"'{text}', expected numbers with commas between, such as 0,4500,9000", place=place) from error
+    if not all(math.isfinite(x) for x in found):
+        raise InputError(f"'{text}', expected finite numbers", place=place)
+    return found

@@ -1,0 +1,174 @@
+"""What `loop` says: margins as a table, sentences, JSON, and the page of figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from workbench.analysis.family import Member, weakest
+from workbench.analysis.margins import Margins
+from workbench.effects import find
+from workbench.figures.loop import bode, gang_of_four, nyquist, steps
+from workbench.figures.save import save
+from workbench.machine import Hoist
+from workbench.reports.loop.case import LoopCaseFile
+from workbench.reports.numbers import NOTHING, figures, rounded
+from workbench.whole_folder import write_json
+
+HEAD = (
+    "load\nkg", "height\nm", "gain\ndB", "phase\n°", "delay\nms", "\ndisk", "\nMs", "\nMt",
+    "cross\nHz", "band\nHz", "slowest\n1/s", "least\nζ",
+)  # fmt: skip
+CAPTION = (
+    "Margins: how much more gain (after a slash: less), phase and delay the loop bears; disk: gain and phase at once "
+    "(0 nothing, 2 the most). Ms, Mt: largest |1/(1+L)| and |L/(1+L)|. cross: where |L| is 1; band: where |T| falls "
+    "below -3 dB. slowest, ζ: real part of the slowest and damping of the least damped closed-loop pole."
+)
+
+
+def table(members: Sequence[Member]) -> list[list[str]]:
+    return [_line(member) for member in members]
+
+
+def _line(member: Member) -> list[str]:
+    m, point = member.margins, member.point
+    where = [f"{point.payload_kg:g}", f"{point.height_m:g}"]
+    slowest, damping = poles_in_s(member)
+    if not m.stable:
+        return [*where, "unstable", *[NOTHING] * 7, figures(slowest), figures(damping)]
+    return [
+        *where, gain_text(m), figures(m.phase_deg), figures(1000.0 * m.delay_s), figures(m.disk), figures(m.ms),
+        figures(m.mt), figures(m.crossover_hz), figures(m.bandwidth_hz), figures(slowest), figures(damping),
+    ]  # fmt: skip
+
+
+def gain_text(m: Margins) -> str:
+    """dB of more gain, and of less where less can be too little."""
+    up = f"{20.0 * math.log10(m.gain_up):.1f}" if math.isfinite(m.gain_up) else NOTHING
+    return f"{up}/{20.0 * math.log10(m.gain_down):.0f}" if m.gain_down > 0.0 else up
+
+
+def poles_in_s(member: Member) -> tuple[float, float]:
+    """(real part of the slowest pole, 1/s; smallest damping ratio), from the poles in z."""
+    z = member.loop.poles()
+    s = np.log(z[np.abs(z) > 1e-6]) / member.loop.dt
+    return float(np.max(s.real)), float(np.min(-s.real / np.abs(s)))
+
+
+def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
+    """What the table comes to."""
+    drive = drive_sentence(case.machine, case.settings.sample_time_s)
+    unstable = [m for m in members if not m.margins.stable]
+    known = effect_sentences(case.machine)
+    if unstable:
+        where = ", ".join(f"{m.point.payload_kg:g} kg at {m.point.height_m:g} m" for m in unstable)
+        return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive, *known]
+    worst = weakest(members)
+    m = worst.margins
+    where = f"{worst.point.payload_kg:g} kg at {worst.point.height_m:g} m"
+    said = [
+        f"All {len(members)} loops are stable. The weakest, {where}, "
+        f"has Ms {m.ms:.2f} at {figures(m.ms_hz)} Hz, phase margin {m.phase_deg:.0f}° and bears "
+        f"{figures(1000.0 * m.delay_s)} ms more delay.",
+        drive,
+        *known,
+    ]
+    heights = {m.point.height_m for m in members}
+    spread = [max(x.margins.ms for x in same) - min(x.margins.ms for x in same) for same in _by_payload(members)]
+    if len(heights) > 1 and max(spread) < 0.01 and "wire_stiffness_length" not in case.machine.effects:
+        said.append(
+            "Height makes next to no difference to Ms here: in the nominal plant the wire is equally stiff everywhere, "
+            "and with --free-length the drive's inertia still decides."
+        )
+    return said
+
+
+def _by_payload(members: Sequence[Member]) -> list[list[Member]]:
+    loads = dict.fromkeys(m.point.payload_kg for m in members)
+    return [[m for m in members if m.point.payload_kg == load] for load in loads]
+
+
+def drive_sentence(machine: Hoist, sample_time_s: float) -> str:
+    """What stands between the wanted torque and the measured speed."""
+    d = machine.drive
+    parts = [
+        f"{1000.0 * value:g} ms {name}"
+        for name, value in (
+            ("torque lag", d.torque_lag_s), ("speed filter", d.speed_filter_s), ("speed delay", d.speed_delay_s)
+        )
+        if value > 0.0
+    ]  # fmt: skip
+    if not parts:
+        return (
+            f"The drive is ideal: only sampling at {1000.0 * sample_time_s:g} ms limits this loop. Give the drive's "
+            "torque_lag_s, speed_filter_s and speed_delay_s to see what a real one leaves."
+        )
+    return f"In the loop: sampling at {1000.0 * sample_time_s:g} ms, {', '.join(parts)}."
+
+
+def effect_sentences(machine: Hoist) -> list[str]:
+    """What of effects and measured correction is in the loop, and what acts on the log alone; none where none is."""
+    found = {name: find(name, "hoist") for name in machine.effects}
+    inside = [name for name, effect in found.items() if not effect.on_sensor]
+    inside += ["measured_correction"] if machine.measured_correction is not None else []
+    outside = [name for name, effect in found.items() if effect.on_sensor]
+    said = [f"In the machine: {', '.join(inside)}."] if inside else []
+    return said + ([f"Not in the loop, for they act on the log alone: {', '.join(outside)}."] if outside else [])
+
+
+def as_json(case: LoopCaseFile, members: Sequence[Member]) -> dict[str, Any]:
+    """Settings, drive, effects and every loop's margins and poles; null where there is none."""
+    return {
+        "controller": case.settings.model_dump(mode="json"),
+        "drive": case.machine.drive.model_dump(mode="json"),
+        "effects": {name: dict(values) for name, values in case.machine.effects.items()},
+        "loops": [_loop_json(member) for member in members],
+    }
+
+
+def _loop_json(member: Member) -> dict[str, Any]:
+    values = {
+        name: value if isinstance(value, bool) else rounded(value, 8) for name, value in vars(member.margins).items()
+    }
+    z = sorted(member.loop.poles(), key=lambda p: (-abs(p), p.imag))
+    poles = [[rounded(float(p.real), 12), rounded(float(p.imag), 12)] for p in z]
+    where = {"payload_kg": member.point.payload_kg, "height_m": member.point.height_m, "motion": member.point.motion}
+    return {**where, **values, "poles_z": poles}
+
+
+def save_page(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, path: Path) -> None:
+    """The page; it needs no network."""
+    save(
+        [bode(members), nyquist(members, ms_limit), gang_of_four(members, ms_limit), steps(members)],
+        path,
+        title=f"Speed loop — {case.machine.name}",
+        sentences=[f"Controller {case.origin}: {gains_text(case)}.", *sentences(case, members)],
+        table=([name.replace("\n", " ") for name in HEAD], table(members)),
+        caption=CAPTION,
+        figure_notes=[
+            "Drawn: gain and phase margin of the weakest loop. The phase begins at −180°: two integrals, the "
+            "controller's and the machine's.",
+            "A curve outside the grey disk keeps Ms below the limit.",
+            "S: what is left of slow disturbances. T: what follows the reference. PS: a torque on the shaft to the "
+            "speed. CS: noise of the speed to the torque.",
+            "The linear loop; limits of the torque are not in it.",
+        ],
+    )
+
+
+def gains_text(case: LoopCaseFile) -> str:
+    s = case.settings
+    return (
+        f"kp {s.kp_nm_s_per_rad:g} N m s/rad, ki {s.ki_nm_per_rad:g} N m/rad, set-point weight {s.set_point_weight:g}, "
+        f"sampled every {1000.0 * s.sample_time_s:g} ms"
+    )
+
+
+def write_loop(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, folder: Path) -> None:
+    """loop.html and loop.json into a folder that is there."""
+    save_page(case, members, ms_limit, folder / "loop.html")
+    write_json(folder / "loop.json", as_json(case, members))

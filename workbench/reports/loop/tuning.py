@@ -1,0 +1,155 @@
+"""What `tune` says: the trade-off as a table, why the winner won, and the controller block for scenarios."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from workbench.analysis.family import weakest
+from workbench.analysis.step import load_step
+from workbench.analysis.tune import Candidate, Tuned, Weights
+from workbench.control import PiSettings
+from workbench.errors import InputError
+from workbench.machine import Hoist
+from workbench.reports.loop.case import LoopCaseFile
+from workbench.reports.loop.report import drive_sentence, effect_sentences
+from workbench.reports.numbers import figures
+from workbench.yaml_strict import dumps
+
+HEAD = (" ", "kp", "ki", "weight", "tracking\n%", "peak\n%", "effort\n%", "Ms", "band\nHz", "cost")
+CAPTION = (
+    "kp in N m s/rad, ki in N m/rad, of all motors. Candidates that no other beats in tracking error, torque peak and "
+    "Ms at once, spread over all that were found. Worst of all payloads and references: tracking: rms speed error in % "
+    "of nominal speed; peak, effort: largest and rms torque of the harder-worked motor in % of nominal. band: of the "
+    "slowest payload. cost: weighted, shaped = 1."
+)
+SHOWN = 9
+LOAD_NM = 100.0
+
+
+def rows(tuned: Tuned) -> list[Candidate]:
+    """About SHOWN of the front, evenly over the tracking error's logarithm; the winner and the start are among them."""
+    front = tuned.front()
+    wanted = {id(tuned.winner): tuned.winner, id(tuned.shaped): tuned.shaped}
+    if front:
+        x = np.log([c.score.tracking_percent for c in front])
+        for at in np.linspace(x[0], x[-1], SHOWN - len(wanted)):
+            near = front[int(np.argmin(np.abs(x - at)))]
+            wanted.setdefault(id(near), near)
+    return sorted(wanted.values(), key=lambda c: c.score.tracking_percent)
+
+
+def table(tuned: Tuned) -> list[list[str]]:
+    return [_line(tuned, c) for c in rows(tuned)]
+
+
+def _line(tuned: Tuned, c: Candidate) -> list[str]:
+    mark = "winner" if c is tuned.winner else "shaped" if c is tuned.shaped else ""
+    s = c.settings
+    return [
+        mark, figures(s.kp_nm_s_per_rad, 4), figures(s.ki_nm_per_rad, 4), f"{s.set_point_weight:.2f}",
+        figures(c.score.tracking_percent), f"{c.score.peak_percent:.1f}", f"{c.score.effort_percent:.1f}",
+        f"{c.ms:.3f}", figures(c.bandwidth_hz), f"{c.cost:.3f}",
+    ]  # fmt: skip
+
+
+def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
+    """What was asked, what came out, why it won, what it costs."""
+    win, start, goal = tuned.winner, tuned.shaped, tuned.goal
+    worst = weakest(tuned.members)
+    m = worst.margins
+    asked = (
+        f"Asked for: the best rejection of load steps with Ms at most {goal.ms_limit:g}"
+        if goal.bandwidth_hz is None
+        else f"Asked for: a bandwidth of {goal.bandwidth_hz:g} Hz with Ms and Mt at most {goal.ms_limit:g}"
+    )
+    drive = " ".join([drive_sentence(case.machine, win.settings.sample_time_s), *effect_sentences(case.machine)])
+    load = max((load_step(member.loop) for member in tuned.members), key=lambda step: step.iae_rad)
+    said = [
+        f"{asked}, at {len(tuned.members)} points of payload and height. {drive} "
+        f"The widest bandwidth that this allows is {figures(tuned.attainable_hz)} Hz.",
+        f"Chosen of {len(tuned.tried)} candidates for the least weighted cost (tracking {weights.tracking:g}, peak "
+        f"{weights.peak:g}, effort {weights.effort:g}): against the shaped gains tracking error "
+        f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, torque peak "
+        f"{_change(start.score.peak_percent, win.score.peak_percent)}.",
+        f"Weakest of the winner's loops, {worst.point.payload_kg:g} kg at {worst.point.height_m:g} m: Ms {m.ms:.3f}, "
+        f"phase margin {m.phase_deg:.0f}°, delay margin {figures(1000.0 * m.delay_s)} ms. {LOAD_NM:g} N m on the shaft "
+        f"move the speed by at most {figures(LOAD_NM * load.peak_rad_s)} rad/s, its error integrates to "
+        f"{figures(LOAD_NM * load.iae_rad)} rad.",
+    ]
+    if win.score.peak_percent >= 99.9 * case.machine.drive.overload:
+        said.append(
+            "The motors reach their torque limit in these moves: slower ramps or a jerk limit help, gains do not."
+        )
+    return said
+
+
+def warning(machine: Hoist) -> str | None:
+    """That gains for an ideal drive are for no real machine; None where the drive has a lag, a filter or a delay."""
+    d = machine.drive
+    if d.torque_lag_s > 0.0 or d.speed_filter_s > 0.0 or d.speed_delay_s > 0.0:
+        return None
+    return (
+        "Warning: the machine's drive block is ideal, so these gains are not for a real machine. Give "
+        "drive.torque_lag_s, drive.speed_filter_s and drive.speed_delay_s in machine.yaml or in the scenario, and "
+        "tune again."
+    )
+
+
+def _change(before: float, after: float) -> str:
+    return f"{100.0 * (after / before - 1.0):+.1f} %"
+
+
+def controller_text(settings: PiSettings, comments: Sequence[str] = ()) -> str:
+    """The `controller` block as YAML that a scenario takes as it is."""
+    head = "".join(f"# {line}\n" for line in comments)
+    return head + dumps({"controller": settings.model_dump(mode="json", exclude_none=True)})
+
+
+def weights_of(text: str) -> Weights:
+    """`1,2,1` as weights of tracking, peak and effort."""
+    found = [float(part) for part in text.split(",")] if _are_numbers(text) else []
+    if len(found) != 3 or min(found) < 0.0 or not 0.0 < sum(found) < float("inf"):
+        raise InputError(f"'{text}', expected three numbers from 0 up, not all 0, such as 1,2,1", place="--weights")
+    return Weights(*found)
+
+
+def _are_numbers(text: str) -> bool:
+    try:
+        [float(part) for part in text.split(",")]
+    except ValueError:
+        return False
+    return True
+
+
+def check_new(path: Path) -> None:
+    """InputError where a file cannot be made because one is there, or its folder is not."""
+    if os.path.lexists(path):
+        raise InputError("is there already; nothing is overwritten, choose another --out", file=path)
+    if not path.parent.is_dir():
+        raise InputError(f"cannot be written: there is no folder {path.parent}", file=path)
+
+
+def write_controller(tuned: Tuned, path: Path, machine: Hoist) -> None:
+    """Whole or not at all. machine: what the gains are for, so that the file says where they are for none."""
+    goal = tuned.goal
+    asked = "best rejection" if goal.bandwidth_hz is None else f"bandwidth {goal.bandwidth_hz:g} Hz"
+    worst = weakest(tuned.members).margins
+    comments = [
+        f"Written by workbench tune: {asked}, Ms at most {goal.ms_limit:g}.",
+        f"Weakest loop: Ms {worst.ms:.3f}, phase margin {worst.phase_deg:.1f} deg, bandwidth "
+        f"{min(m.margins.bandwidth_hz for m in tuned.members):.3g} Hz. Put this block into a scenario.",
+    ]
+    if (said := warning(machine)) is not None:
+        comments.append(said)
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(controller_text(tuned.winner.settings, comments), encoding="utf-8")
+        part.rename(path)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
+    finally:
+        part.unlink(missing_ok=True)

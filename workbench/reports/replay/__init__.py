@@ -1,0 +1,1 @@
+"""What `replay` prints and writes."""

@@ -1,0 +1,1 @@
+"""What `report` writes of a finished study."""

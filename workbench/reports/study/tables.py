@@ -1,0 +1,159 @@
+"""The tables of a study's report: what was run, each run or many in short."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from workbench.figures.save import Table
+from workbench.study.conclude import aggregate
+from workbench.study.conclude.summary import CAPTION, head, table
+from workbench.study.results.finished import Finished
+from workbench.study.results.labels import field_label, shown
+from workbench.study.results.row import Row
+from workbench.study.variations.varying import drawn_columns, swept_axes
+
+MOST_LINES = 60
+# head, metric, scale, format
+_DRIVE = (
+    ("thermal\nload %", "thermal_load_percent", 1.0, ".0f"),
+    ("above\nnominal s", "overload_time_s", 1.0, ".2f"),
+    ("torque rate\nkN m/s", "torque_rate_max_nm_per_s", 1e-3, ".2f"),
+    ("motoring\nkW", "peak_power_motoring_kw", 1.0, ".1f"),
+    ("regenerating\nkW", "peak_power_regenerating_kw", 1.0, ".1f"),
+    ("work in\nkJ", "energy_motoring_j", 1e-3, ".0f"),
+    ("work back\nkJ", "energy_regenerated_j", 1e-3, ".0f"),
+)
+_DRIVE_CAPTION = (
+    "The drive. Thermal load: mean square torque of one motor over that of nominal torque; above nominal: time of one "
+    "motor; power and work: of both motors on the machine, and of the machine on them."
+)
+_MOTION = (
+    ("overshoot\nrad/s", "speed_overshoot_rad_s", 1.0, ".2f"),
+    ("settling\ns", "settling_time_s", 1.0, ".2f"),
+    ("position\nmax mm", "position_error_max_m", 1e3, ".1f"),
+    ("position\nend mm", "position_error_end_m", 1e3, ".1f"),
+    ("max wire\nkN", "max_wire_tension_n", 1e-3, ".1f"),
+    ("swing\nkN", "wire_tension_swing_n", 1e-3, ".1f"),
+    ("safety\nfactor", "wire_safety_factor", 1.0, ".1f"),
+    ("slack\ns", "slack_time_s", 1.0, ".2f"),
+    ("carriage\nm/s²", "peak_carriage_acceleration_m_s2", 1.0, ".2f"),
+    ("carriage\nm/s³", "peak_carriage_jerk_m_s3", 1.0, ".0f"),
+)
+_MOTION_CAPTION = (
+    "Motion and wire. Overshoot: beyond the extremes of the set point; settling: after the last move, to 1 % of "
+    "nominal speed; position: largest error, seen at the motor shaft, and the carriage's own at the end; swing: of "
+    "a fall's tension; carriage: its largest acceleration and jerk."
+)
+
+
+def run_tables(rows: Sequence[Row]) -> list[Table]:
+    """Tables with a line a run; of more than sixty runs their quantiles and the runs at the ends."""
+    if len(rows) > MOST_LINES:
+        ends = aggregate.extremes(rows, swept_axes(rows))
+        return [
+            (aggregate.HEAD, aggregate.quantile_table(rows), aggregate.CAPTION),
+            (aggregate.EXTREMES_HEAD, ends, f"Each of the {len(rows)} runs has its line in index.parquet."),
+        ]
+    lines = table(rows)
+    heads = head(rows)
+    first = next(i for i, name in enumerate(heads) if name.startswith("peak"))
+    found: list[Table] = [(heads, lines, CAPTION)]
+    for columns, caption in ((_DRIVE, _DRIVE_CAPTION), (_MOTION, _MOTION_CAPTION)):
+        known = [each for each in columns if any(row.metrics.get(each[1]) is not None for row in rows)]
+        cells = [
+            [aggregate.number_text(scale * aggregate.value(row, name), form) for _, name, scale, form in known]
+            for row in rows
+        ]
+        if known:
+            more = [[*line[:first], *figures] for line, figures in zip(lines, cells, strict=True)]
+            found.append(((*heads[:first], *(name for name, *_ in known)), more, caption))
+    return found
+
+
+def what_was_run(result: Finished) -> Table:
+    """Scenario, machine, versions: enough to run it again."""
+    said, manifest, machine = result.scenario, result.manifest, result.machine
+    motor, drive = machine.motor, machine.drive
+    failed = sum(not row.ok for row in result.rows)
+    payloads = sorted({row.payload_kg for row in result.rows})
+    lines = [
+        ("machine", f"{machine.name} ({manifest.get('machine_hash', '')})"),
+        ("drive", f"{motor.count} motors of {motor.nominal_torque_nm:g} N m nominal at {motor.nominal_speed_rad_s:g} "
+                  f"rad/s, peak {motor.nominal_torque_nm * drive.overload:g} N m each"),
+        ("payloads", f"{_some(payloads)} kg"),
+        ("references", ", ".join(dict.fromkeys(row.reference for row in result.rows))),
+        ("moves", _moves(said.get("moves") or [])),
+        ("limits", _limits(said.get("limits") or {})),
+        ("controller", _block(said.get("controller") or {})),
+        ("events", _block(said.get("events") or {})),
+        *_varied(result.rows),
+        ("runs", f"{len(result.rows)}" + (f", of which {failed} failed" if failed else "")),
+        ("scenario", f"{manifest.get('scenario_hash', '')}, seed {manifest.get('seed')}"),
+        ("program", _program(manifest)),
+    ]  # fmt: skip
+    return ((" what", " was run"), [[name, text] for name, text in lines if text], "")
+
+
+def _varied(rows: Sequence[Row]) -> list[tuple[str, str]]:
+    found = []
+    for axis in swept_axes(rows):
+        points = ", ".join(axis.short(point) for point in axis.points)
+        if len(axis.points) > 12:
+            points = f"{axis.short(axis.points[0])} to {axis.short(axis.points[-1])}, {len(axis.points)} values"
+        found.append((f"swept: {axis.words}", points))
+    for column in drawn_columns(rows):
+        values = [float(value) for row in rows if not isinstance(value := row.assigned[column], str)]
+        label = field_label(column)
+        found.append((f"drawn: {label.words}", f"{shown(min(values))} to {shown(max(values))} {label.unit}"))
+    return found
+
+
+def _some(values: Sequence[float]) -> str:
+    if len(values) > 12:
+        return f"{values[0]:g} to {values[-1]:g}, {len(values)} values,"
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _moves(moves: Sequence[Mapping[str, Any]]) -> str:
+    def one(move: Mapping[str, Any]) -> str:
+        if "speed_m_s" in move:
+            return f"{move['speed_m_s']:g} m/s for {move['for_s']:g} s"
+        ((key, value),) = move.items()
+        return {"by_m": f"by {value:g} m", "to_m": f"to {value:g} m", "dwell_s": f"rest {value:g} s"}[key]
+
+    return ", ".join(one(move) for move in moves)
+
+
+def _limits(limits: Mapping[str, Any], way: str = "") -> str:
+    parts = []
+    for key, value in limits.items():
+        if isinstance(value, Mapping):
+            parts.append(_limits(value, f"{key} "))
+        elif value is not None:
+            parts.append(f"{way}{field_label(key).of(value)}")
+    return ", ".join(part for part in parts if part)
+
+
+def _block(block: Mapping[str, Any]) -> str:
+    """The values of a block that say something; zeros of nested blocks are left out."""
+    parts = []
+    for key, value in block.items():
+        if isinstance(value, Mapping):
+            inner = ", ".join(f"{field_label(k).words} {v:g}" for k, v in value.items() if v)
+            if inner:
+                parts.append(f"{key.replace('_', ' ')}: {inner}")
+        elif isinstance(value, bool):
+            parts.append(f"{key.replace('_', ' ')} {'yes' if value else 'no'}")
+        elif isinstance(value, int | float):
+            parts.append(field_label(key).of(float(value)))
+        elif isinstance(value, str):
+            parts.append(value if key == "kind" else field_label(key).of(value))
+    return ", ".join(parts)
+
+
+def _program(manifest: Mapping[str, Any]) -> str:
+    versions = manifest.get("versions") or {}
+    text = ", ".join(f"{name} {number}" for name, number in versions.items())
+    commit = manifest.get("commit")
+    return f"{text}; {manifest.get('platform', '')}" + (f"; commit {str(commit)[:12]}" if commit else "")

@@ -1,0 +1,98 @@
+"""The conclusions of a study's report: those of the study, and what they mean for drive, wire and duty cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from workbench.study.conclude.aggregate import value
+from workbench.study.conclude.summary import sentences
+from workbench.study.execute.run import motor_torque_limit_nm
+from workbench.study.results.finished import Finished
+from workbench.study.results.row import Row
+from workbench.study.variations.varying import said, swept_axes
+
+
+def conclusions(result: Finished) -> list[str]:
+    """Plain sentences, the answer to the study's question first."""
+    rows = result.rows
+    good = [row for row in rows if row.ok]
+    said_first = _jerk_limited(good, result.scenario)
+    return [
+        *said_first,
+        *sentences(rows, motor_torque_limit_nm(result.machine)),
+        *_heat(good),
+        *_power(good),
+        *_wire(good),
+    ]
+
+
+def _jerk_limited(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:
+    """Of a study that sweeps nothing: what the jerk limit costs, and what it takes off at each payload."""
+    jerk = (scenario.get("limits") or {}).get("jerk_m_s3")
+    by_case = {(row.payload_kg, row.reference): row for row in good if not row.assigned}
+    pairs = [
+        (payload, by_case[payload, "trapezoid"], by_case[payload, "ruckig"])
+        for payload in sorted({payload for payload, _ in by_case})
+        if (payload, "trapezoid") in by_case and (payload, "ruckig") in by_case
+    ]
+    if jerk is None or not pairs:
+        return []
+    longer = [(b["move_time_s"] - a["move_time_s"]) / b["moves"] for _, a, b in pairs]
+    off = [
+        f"{100.0 * (1.0 - b['peak_torque_motor_nm'] / a['peak_torque_motor_nm']):.1f} % off the torque peak at "
+        f"{payload:g} kg ({a['peak_torque_motor_nm']:.0f} → {b['peak_torque_motor_nm']:.0f} N m per motor)"
+        for payload, a, b in pairs
+    ]
+    costs = f"{min(longer):.2g}" if max(longer) - min(longer) < 0.005 else f"{min(longer):.2g} to {max(longer):.2g}"
+    return [f"Jerk-limited at {jerk:g} m/s³ costs {costs} s per move and takes {_listed(off[:4])}."]
+
+
+def _heat(good: Sequence[Row]) -> list[str]:
+    known = [row for row in good if value(row, "thermal_load_percent") > 0.0]
+    if not known:
+        return []
+    hot = max(known, key=lambda row: row["thermal_load_percent"])
+    load, seconds = hot["thermal_load_percent"], hot["i2t_s"]
+    where = said(hot, swept_axes(good))
+    above = max(row["overload_time_s"] for row in known)
+    text = f"The motors' thermal load is at most {load:.0f} % of nominal ({where})"
+    if load > 100.0:
+        pause = seconds - seconds / load * 100.0
+        text += f": repeated without end the cycle needs {pause:.1f} s more of rest at no torque"
+    else:
+        text += ": the cycle can be repeated without end"
+    return [f"{text}. One motor is above its nominal torque for up to {above:.2g} s of it."]
+
+
+def _power(good: Sequence[Row]) -> list[str]:
+    known = [row for row in good if value(row, "peak_power_motoring_kw") >= 0.0]
+    if not known:
+        return []
+    up, down = (max(row[f"peak_power_{way}_kw"] for row in known) for way in ("motoring", "regenerating"))
+    back = [row["energy_regenerated_j"] / row["energy_motoring_j"] for row in known if row["energy_motoring_j"] > 0.0]
+    text = f"Both motors together give up to {up:.0f} kW and take back up to {down:.0f} kW"
+    if back and 0.01 < max(back) < 1.0:  # runs that only lower get all of it back, and more
+        low, high = f"{100.0 * min(back):.0f}", f"{100.0 * max(back):.0f}"
+        text += f"; {low if low == high else f'{low} to {high}'} % of the work comes back at the shaft"
+    return [f"{text}."]
+
+
+def _wire(good: Sequence[Row]) -> list[str]:
+    if not good:
+        return []
+    most = max(good, key=lambda row: row["max_wire_tension_n"])
+    least = min(good, key=lambda row: row["min_wire_tension_n"])
+    axes = swept_axes(good)
+    text = (
+        f"A fall of wire carries between {least['min_wire_tension_n'] / 1000.0:.1f} kN ({said(least, axes)}) and "
+        f"{most['max_wire_tension_n'] / 1000.0:.1f} kN ({said(most, axes)})"
+    )
+    factors = [row["wire_safety_factor"] for row in good if row.metrics.get("wire_safety_factor") is not None]
+    if factors:
+        text += f"; the safety factor is {min(factors):.1f} or more"
+    return [f"{text}."]
+
+
+def _listed(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"

@@ -1,0 +1,1 @@
+"""Two results of a study compared, metric by metric."""

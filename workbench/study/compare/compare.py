@@ -1,0 +1,239 @@
+"""Two results of the same runs, metric by metric: what moved, which runs moved most, what got too bad."""
+
+from __future__ import annotations
+
+import math
+import re
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from workbench.errors import InputError, nearest
+from workbench.study.compare.scale import least, percent
+from workbench.study.results.row import Row
+
+# Which way a metric gets better. zero: the nearer to it, the better.
+Better = Literal["lower", "higher", "zero"]
+BETTER: Mapping[str, Better] = {
+    "peak_torque_motor_nm": "lower",
+    "peak_torque_percent": "lower",
+    "peak_torque_above_static_nm": "lower",
+    "rms_torque_motor_nm": "lower",
+    "speed_error_rms_rad_s": "lower",
+    "speed_error_max_rad_s": "lower",
+    "position_error_end_m": "zero",
+    "min_wire_tension_n": "higher",
+    "max_wire_tension_n": "lower",
+    "slack_time_s": "lower",
+    "slack_events": "lower",
+    "move_time_s": "lower",
+    "energy_motoring_j": "lower",
+    "energy_regenerated_j": "higher",
+    "peak_carriage_acceleration_m_s2": "lower",
+    "rail_margin_m": "higher",
+    "i2t_s": "lower",
+    "thermal_load_percent": "lower",
+    "overload_time_s": "lower",
+    "torque_rate_max_nm_per_s": "lower",
+    "speed_error_iae_rad": "lower",
+    "speed_overshoot_rad_s": "lower",
+    "settling_time_s": "lower",
+    "position_error_max_m": "lower",
+    "position_error_stop_m": "zero",
+    "wire_tension_swing_n": "lower",
+    "wire_safety_factor": "higher",
+    "peak_power_motoring_kw": "lower",
+    "peak_power_regenerating_kw": "lower",
+    "peak_carriage_jerk_m_s3": "lower",
+}
+_UNIT = re.compile(r"_(rad_s2|rad_s|nm_s|nm_per_s|m_s3|m_s2|m_s|nm2_s|percent_s|percent|nm|rad|hz|db|kw|ws|w|j|n|m|s)$")
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One run in both results."""
+
+    name: str
+    a: Row
+    b: Row
+
+
+@dataclass(frozen=True)
+class Change:
+    """A metric over all pairs that have it: means, deltas (b − a) and the runs that moved most.
+
+    mean_percent: the mean's delta relative to a; infinite where a was nothing that could be noticed.
+    worst: the pairs that moved most, the most moved first.
+    """
+
+    metric: str
+    runs: int
+    mean_a: float
+    mean_b: float
+    mean_delta: float
+    median_delta: float
+    max_delta: float
+    worst: tuple[Pair, ...]
+
+    @property
+    def mean_percent(self) -> float:
+        return percent(self.metric, self.mean_a, self.mean_b)
+
+    @property
+    def noticeable(self) -> bool:
+        """Whether any run moved by more than nothing."""
+        return abs(self.max_delta) >= least(self.metric)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """How much worse a metric may get in any run: by `most`, in per cent of what it was or in its unit."""
+
+    metric: str
+    most: float
+    relative: bool
+
+    def __str__(self) -> str:
+        return f"{self.metric}={self.most:g}{'%' if self.relative else ''}"
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A run that got worse than a limit allows; `worse` is by how much, in the limit's own measure."""
+
+    limit: Limit
+    pair: Pair
+    worse: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """changes: of every metric. only_a, only_b: runs without a partner. newly_failed: ok in a, failed in b."""
+
+    pairs: tuple[Pair, ...]
+    changes: tuple[Change, ...]
+    only_a: tuple[str, ...]
+    only_b: tuple[str, ...]
+    newly_failed: tuple[Pair, ...]
+    newly_ok: tuple[Pair, ...]
+
+
+def compare(a: Sequence[Row], b: Sequence[Row], most_moved: int = 3) -> Comparison:
+    """Every metric of b against a, over the runs that both have and that both completed."""
+    pairs, only_a, only_b = matched(a, b)
+    good = [pair for pair in pairs if pair.a.ok and pair.b.ok]
+    names = [name for name in (good[0].a.metrics if good else {}) if name in good[0].b.metrics]
+    changes = [change for name in names if (change := _change(name, good, most_moved)) is not None]
+    return Comparison(
+        pairs=tuple(pairs),
+        changes=tuple(changes),
+        only_a=tuple(only_a),
+        only_b=tuple(only_b),
+        newly_failed=tuple(pair for pair in pairs if pair.a.ok and not pair.b.ok),
+        newly_ok=tuple(pair for pair in pairs if pair.b.ok and not pair.a.ok),
+    )
+
+
+def matched(a: Sequence[Row], b: Sequence[Row]) -> tuple[list[Pair], list[str], list[str]]:
+    """Runs of the same id; where the ids differ, runs of the same payload, reference and assigned values."""
+    of_b = {row.run_id: row for row in b}
+    pairs = [Pair(row.run_id, row, of_b[row.run_id]) for row in a if row.run_id in of_b]
+    taken = {pair.name for pair in pairs}
+    rest_a = _by_values(row for row in a if row.run_id not in taken)
+    rest_b = _by_values(row for row in b if row.run_id not in taken)
+    for values in rest_a.keys() & rest_b.keys():
+        if len(rest_a[values]) == len(rest_b[values]) == 1:
+            (one,), (other,) = rest_a.pop(values), rest_b.pop(values)
+            pairs.append(Pair(one.run_id, one, other))
+    place = {row.run_id: i for i, row in enumerate(a)}
+    pairs.sort(key=lambda pair: place[pair.name])
+    left_a, left_b = ([row.run_id for rows in rest.values() for row in rows] for rest in (rest_a, rest_b))
+    return pairs, left_a, left_b
+
+
+def parse_limits(texts: Sequence[str], metrics: Iterable[str]) -> list[Limit]:
+    """`peak_torque=5%` or `peak_torque_motor_nm=20`: InputError for an unknown metric or no number."""
+    return [_limit(text, list(metrics)) for text in texts]
+
+
+def metric_named(name: str, metrics: Iterable[str]) -> str:
+    """The metric of this name, or of this name without its unit. InputError with the nearest one."""
+    known = list(metrics)
+    if name in known:
+        return name
+    short = {_UNIT.sub("", each): each for each in reversed(known)}
+    if name in short:
+        return short[name]
+    raise InputError(f"unknown metric '{name}'; {nearest(name, {*known, *short})}")
+
+
+def regressions(comparison: Comparison, limits: Sequence[Limit]) -> list[Regression]:
+    """Where a run got worse than a limit allows, the worst first; which way is worse is the metric's own."""
+    found = []
+    for limit in limits:
+        for pair in comparison.pairs:
+            if not (pair.a.ok and pair.b.ok):
+                continue
+            worse = _worse(limit, pair)
+            if worse > limit.most:
+                found.append(Regression(limit, pair, worse))
+    return sorted(found, key=lambda each: -each.worse / max(each.limit.most, 1e-12))
+
+
+def values_of(row: Row) -> tuple[object, ...]:
+    """What tells a run from the others where its id does not: payload, reference and assigned values."""
+    return row.payload_kg, row.reference, *sorted((name, str(value)) for name, value in row.assigned.items())
+
+
+def _limit(text: str, metrics: Sequence[str]) -> Limit:
+    name, equals, most = text.partition("=")
+    number = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(%?)\s*", most)
+    if not equals or number is None:
+        raise InputError(f"'{text}', expected a metric and how much worse it may get: peak_torque=5% or peak_torque=20",
+                         place="--max-regression")  # fmt: skip
+    try:
+        metric = metric_named(name.strip(), metrics)
+    except InputError as error:
+        raise InputError(error.problem, place="--max-regression") from error
+    if metric not in BETTER:
+        said = f"{metric} says what a run was, not how good it was; {nearest(metric, BETTER)}"
+        raise InputError(said, place="--max-regression")
+    return Limit(metric, float(number[1]), number[2] == "%")
+
+
+def _by_values(rows: Iterable[Row]) -> dict[tuple[object, ...], list[Row]]:
+    found: dict[tuple[object, ...], list[Row]] = {}
+    for row in rows:
+        found.setdefault(values_of(row), []).append(row)
+    return found
+
+
+def _change(metric: str, pairs: Sequence[Pair], most_moved: int) -> Change | None:
+    have = [pair for pair in pairs if pair.a.metrics[metric] is not None and pair.b.metrics.get(metric) is not None]
+    if not have:
+        return None
+    deltas = [pair.b[metric] - pair.a[metric] for pair in have]
+    moved = sorted(range(len(have)), key=lambda i: -abs(deltas[i]))
+    return Change(
+        metric=metric,
+        runs=len(have),
+        mean_a=statistics.fmean(pair.a[metric] for pair in have),
+        mean_b=statistics.fmean(pair.b[metric] for pair in have),
+        mean_delta=statistics.fmean(deltas),
+        median_delta=statistics.median(deltas),
+        max_delta=deltas[moved[0]],
+        worst=tuple(have[i] for i in moved[:most_moved] if deltas[i] != 0.0),
+    )
+
+
+def _worse(limit: Limit, pair: Pair) -> float:
+    """By how much b is worse than a, negative where it is better."""
+    a, b = pair.a.metrics.get(limit.metric), pair.b.metrics.get(limit.metric)
+    if a is None or b is None:
+        return -math.inf
+    way = BETTER[limit.metric]
+    if way == "zero":
+        a, b = abs(a), abs(b)
+    change = percent(limit.metric, a, b) if limit.relative else b - a
+    return -change if way == "higher" else change

@@ -1,0 +1,216 @@
+"""What a study comes to: a table of ready text, and its conclusions as plain sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from workbench.study.conclude.sentences import effects, jerk_limited, knees, scatter, span, sweeps_limits
+from workbench.study.results.labels import field_label, shown
+from workbench.study.results.row import Row
+from workbench.study.variations.varying import Axis, drawn_columns, said, swept_axes
+
+# Heads that start with a blank are words, set left. The second line is the unit.
+HEAD = (
+    "payload\nkg",
+    " reference",
+    "peak\nN m",
+    "peak\n%",
+    "above\nstatic N m",
+    "RMS\nN m",
+    "error RMS\nrad/s",
+    "error max\nrad/s",
+    "min wire\nkN",
+    "moves\ns",
+)
+CAPTION = (
+    "Peak and RMS: torque of one motor, per cent of its nominal; above static: both motors together, above the "
+    "torque that holds the load; error: motor speed against its set point; moves: time in motion."
+)
+
+
+MOST_VARIED = 3  # columns of swept values; they take the room of the two root mean squares
+WIDEST = 12
+MOST_FAILED = 5
+ASTRAY_M = 0.05
+
+
+def head(rows: Sequence[Row]) -> tuple[str, ...]:
+    """The heads of `table`: HEAD, or with the fields that differ between the runs after the reference."""
+    varied = _varied(rows)
+    if not varied:
+        return HEAD
+    return (*HEAD[:2], *(_head(name, rows) for name in varied), *_without_some(HEAD[2:]))
+
+
+def table(rows: Sequence[Row]) -> list[list[str]]:
+    """A line a run, under `head`; a failed run has no figures."""
+    lines = []
+    varied = _varied(rows)
+    for row in rows:
+        if row.ok:
+            figures = [
+                f"{row['peak_torque_motor_nm']:.0f}",
+                f"{row['peak_torque_percent']:.0f}",
+                f"{row['peak_torque_above_static_nm']:.0f}",
+                f"{row['rms_torque_motor_nm']:.0f}",
+                f"{row['speed_error_rms_rad_s']:.2f}",
+                f"{row['speed_error_max_rad_s']:.1f}",
+                f"{row['min_wire_tension_n'] / 1000.0:.1f}",
+            ]
+        else:
+            figures = ["failed"] + ["–"] * 6
+        figures.append(f"{row['move_time_s']:.2f}")
+        values = [shown(row.assigned.get(name, "")) for name in varied]
+        lines.append([f"{row.payload_kg:g}", row.reference, *values, *(_without_some(figures) if varied else figures)])
+    return lines
+
+
+def _without_some(cells: Sequence[str]) -> list[str]:
+    kept = list(cells)
+    del kept[3:5]
+    return kept
+
+
+def _head(column: str, rows: Sequence[Row]) -> str:
+    """A field's words over as many lines as it needs to be narrow, its unit below; left where it holds words."""
+    label = field_label(column)
+    lines = [""]
+    for word in label.words.split():
+        joined = f"{lines[-1]} {word}".strip()
+        if len(joined) <= WIDEST:
+            lines[-1] = joined
+        else:
+            lines.append(word)
+    text = any(isinstance(row.assigned.get(column), str) for row in rows)
+    return "\n".join([*((" " if text else "") + lines[0], *lines[1:]), *([label.unit] if label.unit else [])])
+
+
+def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
+    """Conclusions computed from the rows; the first is the answer to the study's question.
+
+    torque_limit_nm: the largest torque of one motor.
+    """
+    good = [row for row in rows if row.ok]
+    axes = swept_axes(rows)
+    first = _varied_runs(good, axes) if any(row.assigned for row in rows) else _comparison(good)
+    return [*first, *_limits(good, torque_limit_nm, axes), *_slack(good, axes), *_astray(good, axes), *_failures(rows)]
+
+
+def _varied_runs(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+    if drawn_columns(good):
+        return [*scatter(good), *jerk_limited(good, axes)] if not axes else [*span(good, axes), *scatter(good)]
+    paid = [*knees(good, axes)] if sweeps_limits(good) else []
+    return [*span(good, axes), *paid, *effects(good, axes), *jerk_limited(good, axes)]
+
+
+def _varied(rows: Sequence[Row]) -> list[str]:
+    """The first few of the swept fields that are not the same in all rows; without any, of the drawn ones."""
+    swept = [column for axis in swept_axes(rows) for column in axis.columns]
+    return (swept or drawn_columns(rows))[:MOST_VARIED]
+
+
+def _comparison(good: Sequence[Row]) -> list[str]:
+    """Jerk-limited against trapezoid, at the heaviest payload that has both."""
+    by_case = {(row.payload_kg, row.reference): row for row in good}
+    for payload in sorted({row.payload_kg for row in good}, reverse=True):
+        trapezoid = by_case.get((payload, "trapezoid"))
+        if trapezoid is None:
+            continue
+        said = []
+        if (smooth := by_case.get((payload, "ruckig"))) is not None:
+            longer = (smooth["move_time_s"] - trapezoid["move_time_s"]) / smooth["moves"]
+            said.append(
+                f"At {payload:g} kg ruckig with the same limits takes {longer:.2g} s longer per move, "
+                f"{_effect(smooth, trapezoid)}."
+            )
+        if (equal := by_case.get((payload, "ruckig_equal_time"))) is not None:
+            start = "In" if said else f"At {payload:g} kg, in"
+            said.append(f"{start} the trapezoid's own time ruckig {_effect(equal, trapezoid)}.")
+        if said:
+            return said
+    if not good:
+        return []
+    worst = max(good, key=lambda row: row["peak_torque_motor_nm"])
+    return [
+        f"The largest torque peak is {worst['peak_torque_motor_nm']:.0f} N m per motor "
+        f"({worst['peak_torque_percent']:.0f} % of nominal), with {worst.reference} at {worst.payload_kg:g} kg."
+    ]
+
+
+def _effect(row: Row, base: Row) -> str:
+    peak = _change(row["peak_torque_above_static_nm"], base["peak_torque_above_static_nm"])
+    error = _change(row["speed_error_max_rad_s"], base["speed_error_max_rad_s"])
+    return (
+        f"{_verb(peak)} the torque peak above static "
+        f"({base['peak_torque_above_static_nm']:.0f} → {row['peak_torque_above_static_nm']:.0f} N m) and "
+        f"{_verb(error)} the largest speed error"
+    )
+
+
+def _change(value: float, base: float) -> float:
+    return 100.0 * (value - base) / base if base else math.nan
+
+
+def _verb(percent: float) -> str:
+    if math.isnan(percent):
+        return "cannot be compared in"
+    if abs(percent) < 0.5:
+        return "changes nothing in"
+    return f"takes {-percent:.0f} % off" if percent < 0.0 else f"adds {percent:.0f} % to"
+
+
+def _limits(good: Sequence[Row], torque_limit_nm: float, axes: Sequence[Axis]) -> list[str]:
+    if any("drive." in column or "motor." in column for row in good[:1] for column in row.assigned):
+        return []  # each run has a limit of its own
+    at_limit = [row for row in good if row["peak_torque_motor_nm"] >= torque_limit_nm * (1.0 - 1e-9)]
+    if not at_limit:
+        return []
+    return [f"The torque limit of {torque_limit_nm:.0f} N m per motor is reached{_which(at_limit, good, axes)}."]
+
+
+def _slack(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+    slack = [row for row in good if row["slack_time_s"] > 0.0]
+    if not slack:
+        return []
+    longest = max(slack, key=lambda row: row["slack_time_s"])
+    return [
+        f"The wire goes slack{_which(slack, good, axes)}; longest {longest['slack_time_s']:.2g} s in "
+        f"{longest['slack_events']:.0f} {'event' if longest['slack_events'] == 1 else 'events'} "
+        f"({_name(longest, axes)}). "
+        "It tightens again with a jerk."
+    ]
+
+
+def _astray(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+    """Runs that do not end where they should."""
+    astray = [row for row in good if abs(row["position_error_end_m"]) > ASTRAY_M]
+    if not astray:
+        return []
+    worst = max(astray, key=lambda row: abs(row["position_error_end_m"]))
+    error = worst["position_error_end_m"]
+    return [
+        f"The carriage does not end where its reference does{_which(astray, good, axes)}; farthest off "
+        f"{_name(worst, axes)}, {abs(error):.2f} m {'above' if error > 0.0 else 'below'} it."
+    ]
+
+
+def _failures(rows: Sequence[Row]) -> list[str]:
+    failed = [row for row in rows if not row.ok]
+    said = [f"{row.run_id} failed: {row.reason}." for row in failed[:MOST_FAILED]]
+    if len(failed) > len(said):
+        said.append(f"{len(failed) - len(said)} more of {len(rows)} runs failed; the index says why.")
+    return said
+
+
+def _which(rows: Sequence[Row], good: Sequence[Row], axes: Sequence[Axis]) -> str:
+    """`: a, b, c` of a few runs; of many how many, and the first."""
+    names = [_name(row, axes) for row in rows]
+    sign = "; " if rows[0].assigned else ", "
+    if len(names) <= (3 if rows[0].assigned else 6):
+        return f": {sign.join(names)}"
+    return f" in {len(names)} of {len(good)} runs, the first {names[0]}"
+
+
+def _name(row: Row, axes: Sequence[Axis]) -> str:
+    return said(row, axes) if row.assigned else row.run_id

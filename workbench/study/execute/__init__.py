@@ -1,0 +1,1 @@
+"""Running a study: in one go or in chunks that resume."""

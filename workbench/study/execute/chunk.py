@@ -1,0 +1,113 @@
+"""Some runs of a study, simulated together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+from workbench.errors import InputError
+from workbench.metrics import HOIST_OBSERVER
+from workbench.references import Plan, motor_speed_rad_s
+from workbench.run import Array, Run
+from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop, torque_limit_nm
+from workbench.study.results.row import METRICS, Row
+from workbench.study.variations.run_spec import RunSpec
+
+_KNOWN_BEFORE = ("move_time_s", "moves", "hold_torque_nm", "acceleration_limit_m_s2")
+
+
+def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tuple[Row, Run | None]]:
+    """The row of each run, in the order given, and its signals where the run keeps them.
+
+    Runs that share a kernel are simulated side by side. A run that is not possible, or goes
+    wrong on its way, is a row with its reason; the others go on.
+    """
+    done: dict[int, tuple[Row, Run | None]] = {}
+    cases: dict[tuple[int, float], list[tuple[int, RunSpec, Plan, LoopCase]]] = {}
+    for index, spec in enumerate(specs):
+        try:
+            plan = spec.plan()
+        except InputError as error:
+            done[index] = (_row(spec, {}, str(error)), None)
+            continue
+        case = LoopCase(
+            name=spec.run_id,
+            machine=spec.machine,
+            payload_kg=spec.payload_kg,
+            start_position_m=spec.start_position_m,
+            controller=spec.controller,
+            speed_reference_rad_s=_motor_speed(plan, spec),
+            events=spec.events,
+        )
+        cases.setdefault((spec.record_every, spec.step_s), []).append((index, spec, plan, case))
+    for (record_every, step_s), group in cases.items():
+        results = _side_by_side([case for *_, case in group], record_every, step_s, threads)
+        for (index, spec, plan, _), result in zip(group, results, strict=True):
+            if isinstance(result, str):
+                done[index] = (_row(spec, {}, result), None)
+            else:
+                done[index] = (_finished(spec, plan, result), result.run if record_every else None)
+    return [done[index] for index in range(len(specs))]
+
+
+def _side_by_side(
+    cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
+) -> list[LoopResult | str]:
+    """The result of each case, or why it could not begin: such a case takes no other with it."""
+    try:
+        return list(simulate_loop(cases, record_every=record_every, step_s=step_s, threads=threads))
+    except (ArithmeticError, ValueError, InputError) as error:
+        if len(cases) == 1:
+            return [str(error)]
+    return [result for case in cases for result in _side_by_side([case], record_every, step_s, threads)]
+
+
+def _motor_speed(plan: Plan, spec: RunSpec) -> Array:
+    machine = spec.machine
+    return _sampled(
+        plan, spec.controller.sample_time_s, spec.duration_s, machine.gearbox.ratio, machine.winch.drum_diameter_m
+    )
+
+
+@lru_cache(maxsize=32)
+def _sampled(plan: Plan, sample_time_s: float, duration_s: float, ratio: float, drum_diameter_m: float) -> Array:
+    """Cached by the plan's identity: equal motions are one plan."""
+    profile = plan.sample(sample_time_s, duration_s)
+    return motor_speed_rad_s(profile.speed_m_s, ratio, drum_diameter_m)
+
+
+def _finished(spec: RunSpec, plan: Plan, result: LoopResult) -> Row:
+    windows = plan.move_windows
+    own = {
+        "position_error_end_m": result.end_position_m - plan.end_position_m,
+        "move_time_s": sum(end - start for start, end in windows),
+        "moves": float(len(windows)),
+        "hold_torque_nm": result.hold_torque_nm,
+        "acceleration_limit_m_s2": plan.acceleration_m_s2,
+    }
+    reason = "" if result.outcome is Outcome.COMPLETED else _reason(spec, result)
+    return _row(spec, result.metrics | own, reason)
+
+
+def _row(spec: RunSpec, measured: dict[str, float], reason: str) -> Row:
+    """A failed run's figures are those of a run that did not take place: none, but for what is known before."""
+    always = (metric.name for metric in HOIST_OBSERVER.metrics if not metric.optional)
+    names = dict.fromkeys((*METRICS, *always, *measured, *_KNOWN_BEFORE))
+    return Row(
+        run_id=spec.run_id,
+        scenario=spec.scenario,
+        status="failed" if reason else "ok",
+        reason=reason,
+        payload_kg=spec.payload_kg,
+        reference=spec.reference,
+        metrics={name: measured.get(name) if not reason or name in _KNOWN_BEFORE else None for name in names},
+        assigned=spec.assigned,
+    )
+
+
+def _reason(spec: RunSpec, result: LoopResult) -> str:
+    reason = ", ".join(part for part in (result.outcome.value, result.at) if part)
+    most = torque_limit_nm(spec.machine)
+    if abs(result.hold_torque_nm) > most:
+        reason += f"; holding the load takes {result.hold_torque_nm:.0f} N m, the motors give at most {most:.0f} N m"
+    return reason

@@ -1,0 +1,68 @@
+"""A finished result, read back whole from its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from workbench.errors import InputError
+from workbench.machine import Hoist, load_machine
+from workbench.run import Run
+from workbench.study.results.folder import SavedRuns
+from workbench.study.results.index import INDEX, read_rows
+from workbench.study.results.manifest import MANIFEST, read_manifest
+from workbench.study.results.row import Row
+
+
+@dataclass(frozen=True)
+class Finished:
+    """scenario: as run, as it stands in the file. runs: the signals by run_id, of the runs that have kept them."""
+
+    folder: Path
+    rows: tuple[Row, ...]
+    runs: Mapping[str, Run]
+    machine: Hoist
+    scenario: Mapping[str, Any]
+    manifest: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        return str(self.manifest.get("study", self.folder.name))
+
+
+def read_finished(folder: Path) -> Finished:
+    """The result in `folder`. InputError where it is none, is not whole, or is damaged."""
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "no such folder"
+        raise InputError(f"{what}, expected a folder that `workbench study` made", file=folder)
+    manifest = read_manifest(folder)
+    if manifest is None or folder.name.endswith(".part"):
+        if (folder / "chunks").is_dir() or folder.name.endswith(".part"):
+            raise InputError("is not finished; call `workbench study` for its scenario again, it goes on", file=folder)
+        raise InputError(f"is no finished result of a study: it has no readable {MANIFEST}", file=folder)
+    rows = read_rows(folder)
+    expected = manifest.get("runs", {}).get("all")
+    if not rows or expected not in (None, len(rows)):
+        raise InputError(f"holds {len(rows)} runs, its {MANIFEST} says {expected}: the result is damaged",
+                         file=folder / INDEX)  # fmt: skip
+    machine = load_machine(folder / "machine.yaml")
+    if not isinstance(machine, Hoist):
+        raise InputError("is a machine of kind 'axis'; a study's is a hoist", file=folder / "machine.yaml")
+    return Finished(folder, tuple(rows), SavedRuns(folder, rows), machine, _scenario(folder), manifest)
+
+
+def _scenario(folder: Path) -> Mapping[str, Any]:
+    file = folder / "scenario.yaml"
+    try:
+        said = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", file=file) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError("is no readable scenario: the result is damaged", file=file) from error
+    if not isinstance(said, dict):
+        raise InputError("is no scenario: the result is damaged", file=file)
+    return said

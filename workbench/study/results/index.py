@@ -1,0 +1,116 @@
+"""The index of a study: its rows as a table, the same bytes for the same rows, and back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from workbench.errors import InputError
+from workbench.study.results import arrow
+from workbench.study.results.row import METRICS, Row
+
+INDEX = "index.parquet"
+_OWN = ("run_id", "scenario", "status", "reason", "payload_kg", "reference")
+_ASSIGNED = b"assigned"  # the table's note of which columns a sweep or a sample has set
+
+
+def index_table(rows: Sequence[Row]) -> Any:
+    """Rows as an Arrow table: what a run was, what a sweep set, its metrics; the same rows, the same bytes."""
+    columns: dict[str, Any] = {}
+    for name in _OWN:
+        values = [getattr(row, name) for row in rows]
+        columns[name] = arrow.numbers(values) if name == "payload_kg" else arrow.texts(values)
+    assigned = [name for name in _names(row.assigned for row in rows) if name not in columns]
+    for name in assigned:
+        columns[name] = _mixed([row.assigned.get(name) for row in rows])
+    for name in _names([dict.fromkeys(METRICS), *(row.metrics for row in rows)]):
+        columns[name] = arrow.numbers([row.metrics.get(name) for row in rows])
+    return arrow.table(columns).replace_schema_metadata({_ASSIGNED: json.dumps(assigned)})
+
+
+def joined(tables: Sequence[Any]) -> Any:
+    """The tables of consecutive runs as one. What only some of them measured is empty in the others."""
+    import pyarrow as pa
+
+    if len(tables) == 1:
+        return tables[0]
+    assigned = list(_names(dict.fromkeys(_assigned_in(table)) for table in tables))
+    # A swept value may be a number in some runs and a word in others.
+    words = {name for name in assigned for table in tables if name in table.column_names and _is_text(table, name)}
+    tables = [_as_text(table, words) for table in tables]
+    whole = pa.concat_tables(tables, promote_options="default").combine_chunks()
+    measured = [name for name in whole.column_names if name not in {*_OWN, *assigned}]
+    return whole.select([*_OWN, *assigned, *measured]).replace_schema_metadata({_ASSIGNED: json.dumps(assigned)})
+
+
+def read_table(file: Path) -> Any:
+    """An index, or a part of one. InputError where it is not there or is damaged."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        # ParquetFile, since read_table imports pandas and the datasets.
+        with pq.ParquetFile(file) as index:
+            table = index.read()
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"is no readable index of a study: {str(error).splitlines()[0]}", file=file) from error
+    if missing := [name for name in _OWN if name not in table.column_names]:
+        raise InputError(f"is no index of a study: it has no column '{missing[0]}'", file=file)
+    return table
+
+
+def read_rows(folder: Path) -> list[Row]:
+    """The rows of a finished result. InputError where the index is not there or not readable."""
+    return rows_of(read_table(folder / INDEX))
+
+
+def rows_of(table: Any) -> list[Row]:
+    """The rows that an index holds."""
+    assigned = _assigned_in(table)
+    measured = [name for name in table.column_names if name not in {*_OWN, *assigned}]
+    values = {name: table[name].to_pylist() for name in table.column_names}
+    return [
+        Row(
+            **{name: values[name][i] for name in _OWN},
+            metrics={name: values[name][i] for name in measured},
+            assigned={name: values[name][i] for name in assigned if values[name][i] is not None},
+        )
+        for i in range(table.num_rows)
+    ]
+
+
+def _names(records: Iterable[Mapping[str, Any]]) -> dict[str, None]:
+    """All names, in the order in which they first occur."""
+    found: dict[str, None] = {}
+    for record in records:
+        if record.keys() - found.keys():
+            found |= dict.fromkeys(record)
+    return found
+
+
+def _mixed(values: Sequence[float | str | None]) -> Any:
+    if any(isinstance(value, str) for value in values):
+        return arrow.texts([_text(value) for value in values])
+    return arrow.numbers([None if value is None else float(value) for value in values])
+
+
+def _text(value: float | str | None) -> str:
+    return "" if value is None else f"{value:.15g}" if isinstance(value, float) else str(value)
+
+
+def _assigned_in(table: Any) -> list[str]:
+    return list(json.loads((table.schema.metadata or {}).get(_ASSIGNED, b"[]")))
+
+
+def _is_text(table: Any, name: str) -> bool:
+    return str(table.schema.field(name).type) == "string"
+
+
+def _as_text(table: Any, names: Iterable[str]) -> Any:
+    for name in names:
+        if name in table.column_names and not _is_text(table, name):
+            column = arrow.texts([_text(value) for value in table[name].to_pylist()])
+            table = table.set_column(table.column_names.index(name), name, column)
+    return table

@@ -1,0 +1,1 @@
+"""The scenario file: its record, how it is read, checked and written."""

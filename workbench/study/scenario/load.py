@@ -1,0 +1,260 @@
+"""A scenario file with its machine, checked as a whole before anything is run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from workbench import __version__
+from workbench.effects import check
+from workbench.effects.registry import digests_of
+from workbench.errors import InputError, nearest
+from workbench.machine import Hoist, default_hoist, load_machine
+from workbench.references import Plan
+from workbench.study.scenario.layers import Layered, read_layers
+from workbench.study.scenario.record import Scenario
+from workbench.study.variations.check import expand
+from workbench.study.variations.run_list import Expansion
+from workbench.study.variations.run_spec import Recording
+from workbench.yaml_strict import Place, dotted, problem_lines
+
+# What decides a study's numbers: an edit of any of it makes another study.
+_PHYSICS = ("control", "effects", "engine", "machine", "plants", "references", "simulate", "study", "trace", "metrics")
+
+
+@dataclass(frozen=True)
+class Study:
+    """A scenario on its machine (overrides, drive and effects in it). recordings: of its recorded references."""
+
+    scenario: Scenario
+    machine: Hoist
+    recordings: Mapping[str, Recording] = field(default_factory=dict)
+
+    @cached_property
+    def specs(self) -> Expansion:
+        """All runs, made when asked for."""
+        return expand(self.scenario, self.machine, self.recordings)
+
+    @cached_property
+    def plans(self) -> dict[str, Plan]:
+        """Each reference's motion at the first point of sweep and sample."""
+        first = self.specs[: len(self.scenario.kinds)]
+        return {spec.reference: spec.plan() for spec in first}
+
+    @property
+    def duration_s(self) -> float:
+        """All runs of a study are equally long, so that their root mean squares compare."""
+        return self.specs.duration_s
+
+    @cached_property
+    def scenario_hash(self) -> str:
+        """Of what the scenario says, not of where its machine and its campaigns are kept."""
+        said = self.scenario.model_dump(mode="json", exclude={"machine", "extends"})
+        for reference in said["references"]:
+            if isinstance(reference, dict):
+                del reference["campaign"]
+        return _digest([said, {label: each.digest for label, each in sorted(self.recordings.items())}])
+
+    @cached_property
+    def machine_hash(self) -> str:
+        return _digest(self.machine.model_dump(mode="json"))
+
+    @property
+    def effects_digests(self) -> dict[str, str]:
+        """Effect -> digest of the text that declares it, of effects that are a user's own, as they are known now."""
+        return digests_of(self.machine.effects, "hoist")
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Equal for two studies that must give equal numbers: scenario, machine, program, users' effects."""
+        return _digest([self.scenario_hash, self.machine_hash, __version__, _program_hash(), self.effects_digests])
+
+
+def load_study(path: str | os.PathLike[str]) -> Study:
+    """The study a scenario file describes, with what it extends.
+
+    Raises InputError with file, line, place, value and remedy for a file that is not there, a key or value
+    that does not fit, a machine that is no hoist, a move that leaves the rail, a speed the motor cannot reach.
+    """
+    layers = read_layers(path)
+    scenario = scenario_of(layers)
+    machine = _machine(scenario, layers)
+    return planned(scenario, machine, _recordings(scenario, layers), layers)
+
+
+def planned(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recording], layers: Layered) -> Study:
+    """`plan_study`, with file and line of what does not fit."""
+    try:
+        return plan_study(scenario, machine, recordings)
+    except InputError as error:
+        if error.file is not None:
+            raise
+        place, shown = _place_of(error.place or "", layers.data)
+        file, line = layers.at(place)
+        raise InputError(error.problem, file=file, line=line, place=shown or None) from error
+
+
+def plan_study(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recording] | None = None) -> Study:
+    """A scenario on a machine; InputError where what it needs is missing or its motion is not possible."""
+    varied = _varied(scenario)
+    if scenario.payloads_kg is None and "payload_kg" not in varied:
+        raise InputError("is missing; expected a list of numbers, in kg", place="payloads_kg")
+    if scenario.payloads_kg is not None and scenario.sweep is not None and "payload_kg" in varied - _drawn(scenario):
+        raise InputError("is listed while sweep names payload_kg; give one of them", place="payloads_kg")
+    if scenario.planned_kinds:
+        if not scenario.moves:
+            raise InputError("is missing; expected a list of moves", place="moves")
+        if not scenario.limits.model_fields_set and not any(name.startswith("limits.") for name in varied):
+            raise InputError("is missing; expected a block of limits", place="limits")
+        if scenario.start_position_m is None and "start_position_m" not in varied:
+            raise InputError("is missing; expected the carriage's height, a number", place="start_position_m")
+    study = Study(scenario, _equipped(scenario, machine), recordings or {})
+    assert study.specs.duration_s > 0.0  # made here, so that what is wrong is said now
+    study.plans  # noqa: B018
+    return study
+
+
+def _varied(scenario: Scenario) -> set[str]:
+    sweep = scenario.sweep
+    swept = set() if sweep is None else {*sweep.grid, *sweep.zip}
+    return swept | _drawn(scenario)
+
+
+def _drawn(scenario: Scenario) -> set[str]:
+    return set() if scenario.sample is None else set(scenario.sample.values)
+
+
+def scenario_of(layers: Layered) -> Scenario:
+    """InputError for up to five problems, each with its own file and line."""
+    try:
+        return Scenario.model_validate(layers.data)
+    except ValidationError as error:
+        found = [
+            layers.error(*_clearer(text, place, layers.data))
+            for place, text in problem_lines(Scenario, error, layers.data, layers.beside)
+        ]
+        first = found[0]
+        text = "\n".join([first.problem, *map(str, found[1:])])
+        raise InputError(text, file=first.file, line=first.line, place=first.place) from error
+
+
+def _clearer(text: str, place: Place, data: Any) -> tuple[str, Place]:
+    """Without the names of a union's members, and with the keys of a range where one is misspelt."""
+    if place[:1] in (("sweep",), ("references",)) and place[-1] in ("list", "range", "recorded", "kind"):
+        for part in place[:-1]:
+            data = data[part]
+        place = place if isinstance(data, dict) and place[-1] in data else place[:-1]
+    if place[:1] == ("sweep",) and len(place) > 2 and text.startswith("unknown key"):
+        text = f"unknown key '{place[-1]}'; {nearest(str(place[-1]), ('from', 'to', 'steps', 'step', 'scale'))}"
+    return text, place
+
+
+def _machine(scenario: Scenario, layers: Layered) -> Hoist:
+    """The machine a scenario names, as its file has it."""
+    if scenario.machine == "default":
+        return default_hoist()
+    path = layers.at(("machine",))[0].parent / scenario.machine
+    if "\0" in scenario.machine or not path.exists():
+        said = f"no machine file {str(path)!r}; expected a path beside the scenario, or 'default'"
+        raise layers.error(said, ("machine",))
+    machine = load_machine(path, check_effects=check)
+    if not isinstance(machine, Hoist):
+        raise layers.error(f"{path} is a machine of kind 'axis'; a study expects kind 'hoist'", ("machine",))
+    return machine
+
+
+def _equipped(scenario: Scenario, machine: Hoist) -> Hoist:
+    """The machine with overrides, drive and effects of the scenario. InputError names the place in the scenario."""
+    data = machine.model_dump()
+    known = set(_paths(data))
+    for name, value in scenario.machine_overrides.items():
+        if name not in known or isinstance(value, list):
+            valid = [each for each in known if not each.startswith("identified")]
+            hint = nearest(name, valid)
+            hint = hint if hint.startswith("did") else "expected a dotted name such as wire.segment_length_m"
+            raise InputError(f"the machine has no value '{name}'; {hint}", place=f"machine_overrides.{name}")
+        block, (*inner, last) = data, name.split(".")
+        for part in inner:
+            block = block[part]
+        block[last] = value
+    if scenario.drive is not None:
+        data["drive"] |= scenario.drive.model_dump(exclude_none=True)
+    data["effects"] = {name: dict(values) for name, values in machine.effects.items()} | scenario.effects
+    try:
+        equipped = Hoist.model_validate(data)
+    except ValidationError as error:
+        place, problem = problem_lines(Hoist, error, data)[0]
+        name = dotted(place)
+        named = next((each for each in scenario.machine_overrides if each.startswith(name or "?")), None)
+        where = f"machine_overrides.{named}" if named else name if place[:1] in (("drive",), ("effects",)) else ""
+        raise InputError(problem, place=where or "machine_overrides") from error
+    check(equipped)
+    return equipped
+
+
+def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
+    found: list[str] = []
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            if prefix or key not in ("effects", "identified"):
+                found += _paths(value, f"{prefix}{key}.")
+        elif prefix or key not in ("format", "kind"):
+            found.append(f"{prefix}{key}")
+    return found
+
+
+def _recordings(scenario: Scenario, layers: Layered) -> dict[str, Recording]:
+    """The recorded references, read from their campaigns."""
+    found: dict[str, Recording] = {}
+    for number, reference in enumerate(scenario.references):
+        if isinstance(reference, str):
+            continue
+        from workbench.study.scenario.recordings import read_recording
+
+        place: Place = ("references", number, "campaign")
+        found[reference.label] = read_recording(reference, layers.at(place)[0].parent, layers, place)
+    return found
+
+
+def _place_of(place: str, data: Mapping[str, Any]) -> tuple[Place, str]:
+    """A place that planning and expanding name, as keys of the file: fields that are swept have dots in them."""
+    for head in ("sweep.zip.", "sweep.", "sample.values.", "machine_overrides."):
+        if place.startswith(head):
+            name, number = place[len(head) :], None
+            if (indexed := re.fullmatch(r"(.*)\[(\d+)\]", name)) and head.startswith("sweep"):
+                name, number = indexed[1], int(indexed[2])
+            keys: Place = (*head[:-1].split("."), name)
+            if number is not None:
+                keys = (*keys, number)
+            return keys, place
+    words = re.findall(r"[A-Za-z_]\w*|\d+", place)
+    keys = tuple(int(word) if word.isdigit() else word for word in words)
+    if keys[:1] and keys[0] in ("speed_m_s", "acceleration_m_s2", "jerk_m_s3"):
+        keys, place = ("limits", *keys), f"limits.{place}"
+    # A direction's limit may stand beside the directions, for both.
+    if len(keys) == 3 and keys[0] == "limits" and keys[2] not in (data.get("limits") or {}).get(keys[1], {}):
+        keys = ("limits", keys[2])
+    return keys, place
+
+
+def _digest(data: object) -> str:
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _program_hash() -> str:
+    package = Path(__file__).resolve().parents[2]
+    digest = hashlib.sha256()
+    for part in _PHYSICS:
+        entry = package / part
+        for file in [entry] if entry.is_file() else sorted(entry.rglob("*.py")):
+            digest.update(file.relative_to(package).as_posix().encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()

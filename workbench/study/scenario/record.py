@@ -1,0 +1,210 @@
+"""The scenario file: which machine, what it carries, how it shall move, under which controller."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    Discriminator,
+    Field,
+    JsonValue,
+    Tag,
+    create_model,
+    field_validator,
+    model_validator,
+)
+
+from workbench.control import Events, PiSettings
+from workbench.errors import InputError, nearest
+from workbench.machine.hoist import Drive
+from workbench.machine.record import Finite, NotNegative, Positive, Record
+from workbench.references import KINDS, Step
+from workbench.study.variations.axes import SampleBlock, SweepBlock
+
+RECORDED_KINDS = ("recorded", "s_curve")
+
+
+def _known_reference(name: str) -> str:
+    if name not in KINDS:
+        hint = "; it takes a block with campaign and run" if name in RECORDED_KINDS else f"; {nearest(name, KINDS)}"
+        raise ValueError(f"unknown reference '{name}'{hint}" if name not in RECORDED_KINDS else f"'{name}'{hint}")
+    return name
+
+
+# A length that is checked after the items, so that one wrong item is one complaint.
+SOME: dict[str, JsonValue] = {"minItems": 1, "maxItems": 1000}
+
+
+def _once(values: Sequence[object], what: str) -> None:
+    if not 1 <= len(values) <= 1000:
+        raise ValueError(f"holds {len(values)} values, expected 1 to 1000")
+    twice = [value for value, count in Counter(values).items() if count > 1]
+    if twice:
+        raise ValueError(f"{what} {twice[0]} stands there twice; once is enough")
+
+
+class MoveBlock(Record):
+    """One step: by_m metres up (or down), to_m a carriage height, dwell_s at rest, or a jog.
+
+    A jog goes over to speed_m_s (up positive) and takes for_s until the next step, its ramp included.
+    """
+
+    by_m: Finite | None = None
+    to_m: Finite | None = None
+    dwell_s: NotNegative | None = None
+    speed_m_s: Finite | None = None
+    for_s: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_thing(self) -> MoveBlock:
+        try:
+            self.step()
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def step(self) -> Step:
+        return Step(self.by_m, self.to_m, self.dwell_s, self.speed_m_s, self.for_s)
+
+
+class DirectionLimits(Record):
+    """What is other in one direction."""
+
+    speed_m_s: Positive | None = None
+    acceleration_m_s2: Positive | None = None
+    jerk_m_s3: Positive | None = None
+
+
+class LimitsBlock(DirectionLimits):
+    """Limits of the carriage's motion, both ways; what stands in `hoisting` or `lowering` goes over it there.
+
+    The trapezoid does without the jerk.
+    """
+
+    hoisting: DirectionLimits = DirectionLimits()
+    lowering: DirectionLimits = DirectionLimits()
+
+
+class RecordedBlock(Record):
+    """A reference out of a campaign: the run's set-point, or its measured speed where none was logged.
+
+    recorded follows it as it is; s_curve follows its moving average over smoothing_s.
+    name: as the results call it; the kind when missing.
+    """
+
+    kind: Literal["recorded", "s_curve"]
+    campaign: Annotated[str, Field(min_length=1)]
+    run: Annotated[str, Field(min_length=1)]
+    smoothing_s: Annotated[float, Field(ge=0.001, le=60.0, strict=True, allow_inf_nan=False)] | None = None
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,39}$")] | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> RecordedBlock:
+        if (self.kind == "s_curve") != (self.smoothing_s is not None):
+            raise ValueError("smoothing_s belongs to kind s_curve, and to that one only")
+        return self
+
+    @property
+    def label(self) -> str:
+        return self.name or self.kind
+
+
+def _word_or_block(value: Any) -> str:
+    return "recorded" if isinstance(value, dict | RecordedBlock) else "kind"
+
+
+PlannedKind = Annotated[str, AfterValidator(_known_reference)]
+Reference = Annotated[
+    Annotated[PlannedKind, Tag("kind")] | Annotated[RecordedBlock, Tag("recorded")],
+    Discriminator(_word_or_block),
+]
+
+# Every key of the drive, none of them needed: what is not given is the machine's.
+DriveChanges = create_model(
+    "DriveChanges",
+    __base__=Record,
+    __doc__="Changes of the machine's drive, key by key.",
+    **{name: (field.rebuild_annotation() | None, None) for name, field in Drive.model_fields.items()},  # type: ignore[call-overload]
+)
+
+
+class SolverBlock(Record):
+    """step_s: the longest step of the plant between two samples of the controller."""
+
+    step_s: Annotated[float, Field(ge=1e-5, le=0.01, strict=True, allow_inf_nan=False)] = 0.001
+
+
+class OutputsBlock(Record):
+    """Which signals each run keeps: none, every sample, or thinned to one sample every `every_s`."""
+
+    signals: Literal["none", "thinned", "full"] = "thinned"
+    every_s: Annotated[float, Field(gt=0.0, le=10.0, strict=True, allow_inf_nan=False)] = 0.01
+
+
+# The name becomes that of a folder.
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+
+
+class Scenario(Record):
+    """A scenario, whole. Every payload is run with every reference at every point of sweep and sample.
+
+    machine: `default`, or a machine.yaml, sought beside the file. machine_overrides: its values by
+    dotted name or in blocks. drive: the machine's drive, key by key. lead_s, settle_s: held at rest
+    before the first and after the last move. extends: another scenario that this one goes on from.
+    """
+
+    format: Literal[1] = 1
+    extends: Annotated[str, Field(min_length=1)] | None = None
+    name: Name
+    description: str = ""
+    machine: Annotated[str, Field(min_length=1)] = "default"
+    machine_overrides: dict[str, Any] = Field(default_factory=dict)
+    drive: DriveChanges | None = None
+    payloads_kg: Annotated[tuple[NotNegative, ...], Field(json_schema_extra=SOME)] | None = None
+    start_position_m: Finite | None = None
+    moves: Annotated[tuple[MoveBlock, ...], Field(max_length=1000)] = ()
+    limits: LimitsBlock = LimitsBlock()
+    references: Annotated[tuple[Reference, ...], Field(json_schema_extra=SOME)] = tuple(KINDS)
+    controller: PiSettings
+    events: Events = Events()
+    effects: dict[str, dict[str, Finite]] = Field(default_factory=dict)
+    lead_s: NotNegative = 1.0
+    settle_s: NotNegative = 2.0
+    solver: SolverBlock = SolverBlock()
+    outputs: OutputsBlock = OutputsBlock()
+    seed: Annotated[int, Field(ge=0, strict=True)] = 0
+    sweep: SweepBlock | None = None
+    sample: SampleBlock | None = None
+
+    @field_validator("payloads_kg")
+    @classmethod
+    def _payloads_differ(cls, payloads: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if payloads is not None:
+            _once(payloads, "payload")
+            check_payload_kg(max(payloads))
+        return payloads
+
+    @field_validator("references")
+    @classmethod
+    def _references_differ(cls, references: tuple[str | RecordedBlock, ...]) -> tuple[str | RecordedBlock, ...]:
+        _once([each if isinstance(each, str) else each.label for each in references], "reference")
+        return references
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The references' names, as results carry them."""
+        return tuple(each if isinstance(each, str) else each.label for each in self.references)
+
+    @property
+    def planned_kinds(self) -> tuple[str, ...]:
+        """Those that are planned from moves and limits."""
+        return tuple(each for each in self.references if isinstance(each, str))
+
+
+def check_payload_kg(payload_kg: float) -> None:
+    """A payload heavier than any hoist lifts is grams or newtons given as kilograms: ValueError."""
+    if payload_kg > 1e6:
+        raise ValueError(f"payload {payload_kg:g} kg is more than a thousand tonnes; is it in kg?")

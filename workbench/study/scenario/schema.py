@@ -1,0 +1,50 @@
+"""JSON Schemas of the files that users write, from the records that read them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+KINDS = ("scenario", "machine", "runs")
+
+
+def json_schema(kind: str) -> dict[str, Any]:
+    """The schema of one kind of file, for editors and other tools. kind: one of KINDS."""
+    schema = {"scenario": _scenario, "machine": _machine, "runs": _runs}[kind]()
+    return {"$schema": DIALECT} | schema | {"title": f"workbench {kind}"}
+
+
+def _scenario() -> dict[str, Any]:
+    from workbench.study.scenario.record import Scenario
+
+    schema = Scenario.model_json_schema()
+    # A file that extends another has what it needs from there; blocks are then filled from both.
+    needed = schema.pop("required")
+    schema["if"] = {"required": ["extends"]}
+    schema["else"] = {"required": needed}
+    schema["$defs"]["PiSettings"].pop("required")
+    schema["else"]["properties"] = {"controller": {"required": ["kp_nm_s_per_rad", "ki_nm_per_rad"]}}
+    return schema
+
+
+def _machine() -> dict[str, Any]:
+    from pydantic import TypeAdapter
+
+    from workbench.machine import Hoist, LinearAxis, RotaryAxis
+
+    schema = TypeAdapter(Hoist | LinearAxis | RotaryAxis).json_schema()
+    # `kind` is written out for an axis only, and tells editors which form is meant.
+    for name in ("LinearAxis", "RotaryAxis"):
+        record = schema["$defs"][name]
+        record["required"] = [*record.get("required", ()), *(k for k in ("kind",) if k not in record["required"])]
+    return schema
+
+
+def _runs() -> dict[str, Any]:
+    from workbench.logs.runs_file import RunsFile
+
+    schema = RunsFile.model_json_schema()
+    # `signal: column` is short for `signal: {column: column}`.
+    columns = schema["properties"]["columns"]
+    columns["additionalProperties"] = {"anyOf": [{"type": "string"}, columns["additionalProperties"]]}
+    return schema

@@ -1,0 +1,75 @@
+"""Draws of uncertain fields: evenly spread points of the unit cube, mapped by each field's distribution."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from workbench.errors import InputError
+from workbench.machine import Hoist, get_value
+from workbench.run import Array
+from workbench.study.variations.axes import Distribution, SampleBlock
+
+# tolerance -> the values it is about. A hoist's levels of friction vary independently. Gain and offset
+# of the torque sensor change what is logged and not the motion, so a study does not draw them.
+_HELD = {
+    "rotor_inertia": ("motor.rotor_inertia_kg_m2",),
+    "carriage_mass": ("carriage.mass_kg",),
+    "payload": ("sensors.payload_scale",),
+    "coulomb": ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n"),
+    "pin_friction": ("bearing.pin_friction_coefficient",),
+    "wire_stiffness": ("wire.youngs_modulus_pa",),
+}
+
+
+def distributions(block: SampleBlock, machine: Hoist) -> dict[str, Distribution]:
+    """What is drawn: the machine's tolerances where asked for, and what `values` names, which goes over them."""
+    found: dict[str, Distribution] = {}
+    if block.tolerances:
+        for tolerance, names in _HELD.items():
+            std = getattr(machine.tolerances, tolerance)
+            for name in names:
+                if std > 0.0 and get_value(machine, name) != 0.0:
+                    found[f"machine.{name}"] = Distribution(distribution="normal", relative=True, mean=1.0, std=std)
+        if not found:
+            raise InputError("every tolerance of the machine is 0, nothing to draw", place="sample.tolerances")
+    return found | block.values
+
+
+def draws(block: SampleBlock, chosen: Mapping[str, Distribution], seed: int) -> Array:
+    """(count, fields): the numbers drawn, factors where a distribution is relative. The seed decides them."""
+    points = np.clip(_unit_points(block, len(chosen), seed), 2.0**-53, 1.0 - 2.0**-53)
+    columns = [_quantile(each, points[:, k]) for k, each in enumerate(chosen.values())]
+    return np.stack(columns, axis=-1)
+
+
+def _unit_points(block: SampleBlock, dimensions: int, seed: int) -> Array:
+    from scipy.stats import qmc
+
+    if block.method == "sobol":
+        if dimensions > qmc.Sobol.MAXDIM:
+            raise InputError(f"{dimensions} fields, a Sobol sequence has at most {qmc.Sobol.MAXDIM}", place="sample")
+        return np.asarray(qmc.Sobol(dimensions, scramble=True, rng=seed).random(block.count))
+    return np.asarray(qmc.LatinHypercube(dimensions, rng=seed).random(block.count))
+
+
+def _quantile(d: Distribution, u: Array) -> Array:
+    """The value below which the share u of all draws lies."""
+    from scipy.special import ndtri
+
+    if d.distribution == "normal":
+        assert d.mean is not None and d.std is not None
+        return np.asarray(d.mean + d.std * ndtri(u))
+    if d.distribution == "lognormal":
+        assert d.median is not None and d.sigma is not None
+        return np.asarray(d.median * np.exp(d.sigma * ndtri(u)))
+    assert d.low is not None and d.high is not None
+    if d.distribution == "uniform":
+        return d.low + (d.high - d.low) * u
+    assert d.mode is not None
+    width, rise = d.high - d.low, d.mode - d.low
+    # The density is a triangle: its area grows with the square of the distance from either end.
+    up = d.low + np.sqrt(u * width * rise)
+    down = d.high - np.sqrt((1.0 - u) * width * (d.high - d.mode))
+    return np.where(u * width < rise, up, down)

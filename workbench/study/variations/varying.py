@@ -1,0 +1,87 @@
+"""What differs between the runs of a study: the axes of its sweep, the fields that were drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from workbench.study.results.labels import field_label, shown
+from workbench.study.results.row import Row
+
+Point = tuple[float | str, ...]
+SAMPLE = "sample."
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Fields walked together, as a rule one; points: their values, numbers rising, words in the file's order."""
+
+    columns: tuple[str, ...]
+    points: tuple[Point, ...]
+
+    @property
+    def label(self) -> str:
+        """The axis of a figure; of fields that go together the first."""
+        return field_label(self.columns[0]).axis
+
+    @property
+    def words(self) -> str:
+        return " and ".join(field_label(column).words for column in self.columns)
+
+    @property
+    def numeric(self) -> bool:
+        return all(not isinstance(point[0], str) for point in self.points)
+
+    def at(self, row: Row) -> Point:
+        return tuple(row.assigned.get(column, "") for column in self.columns)
+
+    def say(self, point: Point) -> str:
+        """`lowering acceleration 0.4 m/s², lowering jerk 1.2 m/s³`."""
+        return ", ".join(field_label(column).of(value) for column, value in zip(self.columns, point, strict=True))
+
+    def short(self, point: Point) -> str:
+        """The first value with its unit."""
+        return f"{shown(point[0])} {field_label(self.columns[0]).unit}".strip()
+
+
+def swept_axes(rows: Sequence[Row]) -> list[Axis]:
+    """The axes along which the rows differ, in the order of the file."""
+    columns = [name for name in _differing(rows) if not name.startswith(SAMPLE)]
+    axes: list[list[str]] = []
+    for name in columns:
+        together = next((each for each in axes if _one_to_one(rows, each[0], name)), None)
+        if together is None:
+            axes.append([name])
+        else:
+            together.append(name)
+    return [Axis(tuple(names), _points(rows, names)) for names in axes]
+
+
+def drawn_columns(rows: Sequence[Row]) -> list[str]:
+    """The fields that were drawn from distributions."""
+    return [name for name in _differing(rows) if name.startswith(SAMPLE)]
+
+
+def said(row: Row, axes: Sequence[Axis]) -> str:
+    """A run in words: `9000 kg, ruckig, jerk 0.8 m/s³`; of a sample with the end of its id."""
+    words = [f"{row.payload_kg:g} kg", row.reference, *(axis.say(axis.at(row)) for axis in axes)]
+    if any(name.startswith(SAMPLE) for name in row.assigned):
+        words.append(f"draw {row.run_id.rpartition('_s')[2]}")
+    return ", ".join(words)
+
+
+def _differing(rows: Sequence[Row]) -> list[str]:
+    names = dict.fromkeys(name for row in rows for name in row.assigned)
+    return [name for name in names if len({row.assigned.get(name) for row in rows}) > 1]
+
+
+def _one_to_one(rows: Sequence[Row], a: str, b: str) -> bool:
+    pairs = {(row.assigned.get(a), row.assigned.get(b)) for row in rows}
+    return len(pairs) == len({pair[0] for pair in pairs}) == len({pair[1] for pair in pairs})
+
+
+def _points(rows: Sequence[Row], names: Sequence[str]) -> tuple[Point, ...]:
+    points = dict.fromkeys(tuple(row.assigned.get(name, "") for name in names) for row in rows)
+    if all(not isinstance(point[0], str) for point in points):
+        return tuple(sorted(points, key=lambda point: float(point[0])))
+    return tuple(points)
