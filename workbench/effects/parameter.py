@@ -6,19 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-KINDS = ("hoist", "axis-linear", "axis-rotary")
-
-# What the placeholders in names and units stand for, by kind of plant.
-_WORDS: Mapping[str, Mapping[str, str]] = {
-    "hoist": {"n": "n", "m": "m", "input": "nm", "up": "hoisting", "dn": "lowering"},
-    "axis-linear": {"n": "n", "m": "m", "input": "n", "up": "forward", "dn": "backward"},
-    "axis-rotary": {"n": "nm", "m": "rad", "input": "nm", "up": "forward", "dn": "backward"},
-}
+from workbench.kinds import KINDS
 
 
 def words(kind: str) -> Mapping[str, str]:
     """What the placeholders in names stand for, on a kind of plant."""
-    return _WORDS[kind]
+    return KINDS[kind].words
 
 
 Domain = Literal["any", "not_negative", "positive"]
@@ -61,7 +54,7 @@ class Parameter:
     tries: tuple[float, ...] = ()
 
     def named(self, kind: str) -> str:
-        return self.name.format(**_WORDS[kind])
+        return self.name.format(**words(kind))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from workbench.diagnose.records import Diagnosis
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.reports.diagnosis.words import unit_of
 from workbench.reports.numbers import NOTHING, figures
 from workbench.reports.words import words_of
@@ -19,7 +19,7 @@ VISIBLE_HEAD = (" effect", " parameter", "smallest\nvisible")
 
 
 def condition_head(d: Diagnosis) -> Head:
-    load = ("payload\nkg",) if isinstance(d.campaign.machine, Hoist) else ()
+    load = ("payload\nkg",) if kind_of(d.campaign.machine).payload else ()
     return (
         " run", *load, "length\ns", "samples", "step\nms", f"noise\n{unit_of(d)}", "moving\n%",
         "clipped\n%", "outliers", "delay\nms",
@@ -32,7 +32,7 @@ def condition_table(d: Diagnosis) -> list[Row]:
     rows = []
     for each in d.condition.runs:
         run = runs[each.name]
-        load = [f"{run.payload_kg:g}"] if isinstance(d.campaign.machine, Hoist) else []
+        load = [f"{run.payload_kg:g}"] if kind_of(d.campaign.machine).payload else []
         delay = NOTHING if each.delay_s is None else f"{1e3 * each.delay_s:.0f}"
         rows.append(
             [each.name, *load, f"{run.duration_s:.1f}", str(each.samples), figures(1e3 * each.sample_time_s),
@@ -132,5 +132,5 @@ def next_run_table(d: Diagnosis) -> list[Row]:
     n = d.next_run
     if n is None:
         return []
-    load = f"{n.payload_kg:g}" if isinstance(d.campaign.machine, Hoist) else NOTHING
+    load = f"{n.payload_kg:g}" if kind_of(d.campaign.machine).payload else NOTHING
     return [[n.profile, load, ", ".join(n.signals) or NOTHING, figures(n.now, 2), figures(n.separation, 2)]]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from workbench.diagnose.records import Diagnosis, Hypothesis, VerdictWord
 from workbench.diagnose.unexplained.words import over_what
 from workbench.effects import Effect, effects_for
+from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
-from workbench.machine.axis import LinearAxis
 from workbench.plants import plant_of
 from workbench.reports.numbers import figures
 from workbench.reports.words import listed, words_of
@@ -156,4 +156,4 @@ def unit_of(d: Diagnosis) -> str:
 
 def curve_unit(machine: Hoist | Axis, acts_on: str) -> str:
     """Of what acts there: N at the guide and on a linear axis, else N m."""
-    return "N" if acts_on == "guide" or isinstance(machine, LinearAxis) else "N m"
+    return kind_of(machine).ports[acts_on].unit

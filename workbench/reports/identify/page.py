@@ -11,13 +11,12 @@ from workbench.figures.identify import correlation_matrix, level_history
 from workbench.figures.replay import friction_law
 from workbench.figures.save import save
 from workbench.identify.identify import Identification
-from workbench.machine import Axis, Hoist
-from workbench.machine.axis import LinearAxis
+from workbench.kinds import kind_of
 from workbench.reports.identify import report
 from workbench.reports.identify.friction import combined_weight, force_balance, law
 from workbench.reports.replay import report as replay_report
 from workbench.reports.replay.page import RESIDUAL_NOTE, inputs, notes_line, residuals, speeds
-from workbench.reports.words import direction_names, words_of
+from workbench.reports.words import direction_names
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -68,19 +67,19 @@ def friction(found: Identification) -> Figure:
     # Many points near standstill, where the law turns over.
     half = fastest * np.linspace(0.0, 1.0, 200) ** 3
     speed = np.concatenate([-half[:0:-1], half])
-    unit = "N" if isinstance(machine, Hoist | LinearAxis) else "N m"
+    kind = kind_of(machine)
     return friction_law(
         speed,
         [("identified", law(machine, speed)), ("nominal", law(nominal, speed))],
         combined_weight(machine, found.after),
         points,
-        "rad/s" if unit == "N m" else "m/s",
-        unit,
+        kind.moved.speed_unit,
+        kind.friction.unit,
     )
 
 
 def history(found: Identification) -> Figure:
     machine = found.machine
     forward, backward = direction_names(machine)
-    unit = words_of(machine).unit if isinstance(machine, Axis) else "N"
-    return level_history({forward: found.levels.forward, backward: found.levels.backward}, unit)
+    levels = {forward: found.levels.forward, backward: found.levels.backward}
+    return level_history(levels, kind_of(machine).friction.unit)

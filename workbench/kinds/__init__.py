@@ -1,0 +1,59 @@
+"""The kinds of machine there are, and which one a machine is of.
+
+A new kind is a machine record, a plant and a module here that makes its `Kind`, each named in its table.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+from workbench.kinds.axis import LINEAR, ROTARY
+from workbench.kinds.hoist import KIND as HOIST
+from workbench.kinds.record import (
+    STANDSTILL_LOG_STD,
+    TIME,
+    BaseValue,
+    CrossCheck,
+    DeadLine,
+    Kind,
+    Port,
+    RigidBody,
+    SignalSet,
+    Table,
+)
+from workbench.kinds.sizes import Sizes
+from workbench.machine import Hoist
+from workbench.plants import plant_of
+
+KINDS = {kind.name: kind for kind in (HOIST, LINEAR, ROTARY)}
+
+
+def kind_of(machine: Any) -> Kind:
+    """The kind that a machine record is of."""
+    return KINDS[plant_of(machine).kind]
+
+
+def studied(machine: Any) -> Hoist | None:
+    """The machine, where studies, loop and tune are for its kind; else None."""
+    return cast(Hoist, machine) if kind_of(machine).studies else None
+
+
+__all__ = [
+    "HOIST",
+    "KINDS",
+    "LINEAR",
+    "ROTARY",
+    "STANDSTILL_LOG_STD",
+    "TIME",
+    "BaseValue",
+    "CrossCheck",
+    "DeadLine",
+    "Kind",
+    "Port",
+    "RigidBody",
+    "SignalSet",
+    "Sizes",
+    "Table",
+    "kind_of",
+    "studied",
+]
