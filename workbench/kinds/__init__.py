@@ -16,6 +16,7 @@ from workbench.kinds.record import (
     CrossCheck,
     DeadLine,
     Kind,
+    Limits,
     Port,
     RigidBody,
     SignalSet,
@@ -33,9 +34,17 @@ def kind_of(machine: Any) -> Kind:
     return KINDS[plant_of(machine).kind]
 
 
+STUDIED = " or ".join(f"kind '{kind.plant.kind}'" for kind in KINDS.values() if kind.studies)
+
+
 def studied(machine: Any) -> Hoist | None:
-    """The machine, where studies, loop and tune are for its kind; else None."""
+    """The machine, where studies, loop, tune and the drawing are for its kind; else None."""
     return cast(Hoist, machine) if kind_of(machine).studies else None
+
+
+def of_kind(machine: Any) -> str:
+    """a machine of kind 'axis', for messages."""
+    return f"a machine of kind '{machine.kind}'"
 
 
 __all__ = [
@@ -44,16 +53,19 @@ __all__ = [
     "LINEAR",
     "ROTARY",
     "STANDSTILL_LOG_STD",
+    "STUDIED",
     "TIME",
     "BaseValue",
     "CrossCheck",
     "DeadLine",
     "Kind",
+    "Limits",
     "Port",
     "RigidBody",
     "SignalSet",
     "Sizes",
     "Table",
     "kind_of",
+    "of_kind",
     "studied",
 ]

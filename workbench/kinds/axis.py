@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from workbench.kinds.record import (
+    TIME,
     BaseValue,
     CrossCheck,
     Directions,
@@ -151,7 +152,7 @@ def axis_kind(
         "moved": moved,
         "directions": DIRECTIONS,
         "signals": SignalSet(
-            needed=((("time_s",),), ((machine.input_signal,),), ((position,), (speed,))),
+            needed=(((TIME,),), ((machine.input_signal,),), ((position,), (speed,))),
             optional=(machine.reference_signal,),
         ),
         "reference": (machine.reference_signal, position),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from workbench.kinds.record import (
+    TIME,
     BaseValue,
     CrossCheck,
     DeadLine,
@@ -82,6 +83,7 @@ def _limits(m: Hoist) -> Limits:
         highest=m.highest_position_m,
         length=m.wire.segment_length_m,
         empty_mass_kg=m.carriage.mass_kg,
+        motors=m.motor.count,
     )
 
 
@@ -136,7 +138,7 @@ KIND = Kind(
     moved=Moved("carriage", "m", "height of the carriage", placed_by_log=False),
     directions=Directions(("hoisting", "lowering"), (("hoist", "lowering"), ("lower", "hoisting")), "Hoisting"),
     signals=SignalSet(
-        needed=((("time_s",),), (MOTORS, (TORQUE,)), ((SPEED,),)),
+        needed=(((TIME,),), (MOTORS, (TORQUE,)), ((SPEED,),)),
         optional=(SPEED_REFERENCE, HEIGHT, TENSION),
     ),
     reference=(SPEED_REFERENCE, SPEED),
@@ -194,7 +196,6 @@ KIND = Kind(
     log_timing=False,
     payload=True,
     studies=True,
-    drawn=True,
     start=Start(
         "the carriage height at the first sample",
         "a height",

@@ -201,7 +201,8 @@ class Start:
 @dataclass(frozen=True)
 class Limits:
     """What a log is checked against. speed, nominal: largest ones that the machine is built for; travel: the lowest,
-    the highest place and the length that excess is judged by; empty_mass_kg: without payload."""
+    the highest place and the length that excess is judged by; empty_mass_kg: without payload. motors: how many share
+    the input."""
 
     nominal_speed: float
     nominal_input: float
@@ -209,6 +210,7 @@ class Limits:
     highest: float
     length: float
     empty_mass_kg: float
+    motors: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,8 +228,8 @@ class Kind:
     ties: ((two keys), third): what runs show of the three is two sums only, so the two are held alike in a fit.
     floor: what a machine without a gap leaves: its sensors' noise, or ripple and resonances of its own.
     log_timing: whether one sampling step between the channels of a log is a base parameter.
-    payload: whether runs carry payloads. studies: whether studies, loop and tune are for it. drawn: whether the
-    dashboard draws it. whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
+    payload: whether runs carry payloads. studies: whether studies, loop, tune and the dashboard's drawing are for
+    it. whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
     to_log: signals that one more run could log, cheapest first. zero_input: why an input of zero cannot be.
     """
 
@@ -260,7 +262,6 @@ class Kind:
     log_timing: bool = True
     payload: bool = False
     studies: bool = False
-    drawn: bool = False
     start: Start | None = None
     limits: Callable[[Any], Limits] | None = None
     weight: Callable[[Any, float], float] | None = None

@@ -6,11 +6,11 @@ the symbols: the paper's Table of parameters; see docs/formats.md for every key.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from workbench.machine.correction import HoistCorrection
+from workbench.machine.correction import HoistCorrection, MeasuredCorrection
 from workbench.machine.record import EffectValues, Finite, Identified, NotNegative, Positive, Record
 
 
@@ -156,6 +156,8 @@ class Hoist(Record):
     effects: EffectValues = Field(default_factory=dict)
     measured_correction: HoistCorrection | None = None
     identified: Identified = Field(default_factory=dict)
+
+    CORRECTION: ClassVar[type[MeasuredCorrection]] = HoistCorrection
 
     @model_validator(mode="after")
     def _rail_lies_below_the_anchor(self) -> Hoist:
