@@ -16,7 +16,7 @@ import numpy as np
 
 from workbench.effects.correction import corrected
 from workbench.effects.declare import Effect, Ranged
-from workbench.effects.registry import effects_for, find, library_effects
+from workbench.effects.registry import effects_for, find, library_effects, library_for
 from workbench.errors import InputError, nearest
 from workbench.kinds import Sizes, kind_of
 from workbench.machine import Axis, Hoist
@@ -127,7 +127,7 @@ def vanished(effect: Effect, sizes: Sizes) -> dict[str, float]:
 
 
 def _in_plants(kind: str) -> tuple[Effect, ...]:
-    return tuple(each for each in library_effects() if kind in each.kinds and not each.on_sensor)
+    return tuple(each for each in library_for(kind) if not each.on_sensor)
 
 
 def _with_users(kind: str) -> tuple[Effect, ...]:

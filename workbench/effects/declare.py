@@ -82,6 +82,10 @@ class Effect:
         """The kinds of plant it is for."""
         return tuple(kind for kind in KINDS if _of_kind(self.place, kind) is not None)
 
+    def nearness(self, kind: str) -> int:
+        """How near its declaration is to a kind of plant: 0 under the kind's own name, more under a family's."""
+        return next(rank for rank, name in enumerate(KINDS[kind].family) if name in self.place)
+
     def place_on(self, kind: str) -> str:
         return str(_of_kind(self.place, kind))
 

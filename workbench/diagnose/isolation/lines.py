@@ -12,7 +12,7 @@ from workbench.diagnose.hypotheses.base import LOAD_CELL_STD
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import TENSION_GAIN, Knob, PhaseOfEachRun, Setting, setting_of
 from workbench.diagnose.hypotheses.problem import GROUP, SENSOR_KEYS, STEP, TENSION, TENSION_TRUST, Problem
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.run import Array
 from workbench.simulate.driven import changed
 
@@ -66,10 +66,9 @@ def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tup
         if POSITION in signals:
             if not heights:
                 heights.extend(_heights(ahead, settings))
-            machine = problem.machine
-            assert isinstance(machine, Hoist)
             x = heights[k]
-            parts.append((-x[0], -(x[1:] - x[0]) / STEP, POSITION_TRUST * machine.wire.segment_length_m))
+            length = kind_of(problem.machine).sizes(problem.machine, problem.runs).length
+            parts.append((-x[0], -(x[1:] - x[0]) / STEP, POSITION_TRUST * length))
         residual = np.concatenate([r / unit for r, _, unit in parts])
         slopes = np.concatenate([j / unit for _, j, unit in parts], axis=1).T
         channel = np.repeat(np.arange(len(parts)), [len(r) for r, _, _ in parts])

@@ -15,8 +15,9 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, Found
 from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.records import Gap
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist, LinearAxis
+from workbench.machine import Axis, Hoist
 from workbench.simulate.replay import replay_runs
 
 EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below (no model is exact)
@@ -37,7 +38,8 @@ def gap_of(problem: Problem, found: Found, campaign: Campaign) -> Gap:
     worst = worst_tolerance(keys, base)
     excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))
     stretched = abs(worst[1]) > STRETCHED
-    lift = problem.machine.lift_m_per_rad if isinstance(problem.machine, Hoist) else None
+    kind = kind_of(problem.machine)
+    lift = None if kind.lever is None else kind.lever(problem.machine)
     gap = Gap(
         residual_rms=left,
         noise_rms=problem.noise,
@@ -67,7 +69,7 @@ def worst_tolerance(keys: Mapping[str, Value], base: Fitted) -> tuple[str, float
 
 def unit_of(machine: Hoist | Axis) -> str:
     """The unit of the input that the residual is in."""
-    return "N" if isinstance(machine, LinearAxis) else "N m"
+    return kind_of(machine).drive.unit
 
 
 def _sentences(gap: Gap, unit: str) -> list[str]:

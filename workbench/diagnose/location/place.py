@@ -10,7 +10,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import Explained
 from workbench.diagnose.location.variables import forward, of_rows, way
 from workbench.diagnose.location.windows import Windows
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.run import Array
 
 CREEPING = 0.15  # of the fastest speed
@@ -49,8 +49,9 @@ USUAL = {
 def place_of(problem: Problem, gap: Array, best: Explained, windows: Windows, side: str) -> Place:
     """From what explains the gap best. On an axis everything is the axis'."""
     regime = _regime_of(problem, gap, best, windows)
-    if not isinstance(problem.machine, Hoist):
-        return Place("axis", regime)
+    whole = kind_of(problem.machine).whole
+    if whole:
+        return Place(whole, regime)
     if regime == "event":
         return Place("guide", regime, ("No variable explains it: a single event, most likely something in the way.",))
     name = best.variable.name
@@ -103,13 +104,9 @@ def _friction_or_load(best: Explained, problem: Problem) -> tuple[str, str]:
 
 def _what_turns(problem: Problem, best: Explained) -> tuple[str, str]:
     """A wave over the height: whose turn it comes back with, as far as the way resolves it."""
-    machine = problem.machine
-    assert isinstance(machine, Hoist)
     frequency, resolution = float(best.variable.at[0]), 1.0 / float(np.ptp(way(problem)))
-    for name, turns in (
-        ("drum", 4.0 / (2.0 * np.pi * machine.winch.drum_diameter_m)),
-        ("motor", 1.0 / (2.0 * np.pi * machine.lift_m_per_rad)),
-    ):
+    for part in kind_of(problem.machine).turning:
+        name, turns = part.part, part.turns_per_way(problem.machine)
         order = frequency / turns
         nearest = round(order)
         if 1 <= nearest <= MOST_ORDER and abs(order - nearest) * turns < 0.5 * resolution < 0.1 * turns:
@@ -168,12 +165,12 @@ def side_of(problem: Problem, gap: Array) -> str:
 
     A force on the carriage shows as half of itself in each fall: T = i R W.
     """
-    machine = problem.machine
-    if not problem.has_tension or not isinstance(machine, Hoist):
+    line = kind_of(problem.machine).dead_line
+    if not problem.has_tension or line is None:
         return "unsaid"
     torque = gap[: problem.inputs]
     energy = float(torque @ torque) - problem.noise**2 * problem.inputs  # the noise is in the torque only
-    newtons = machine.gearbox.ratio / (machine.winch.drum_diameter_m / 2.0)  # of pull per N m
+    newtons = line.pull_per_input(problem.machine)
     felt = gap[problem.inputs :] * problem.tension_noise / problem.noise
     if energy <= 0.0:
         return "unsaid"
