@@ -19,6 +19,7 @@ from workbench.diagnose.location.where import where_of
 from workbench.diagnose.machines import corrected_machine, of_first_run, refitted_machine
 from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.condition import condition
+from workbench.diagnose.readiness.information import informative_band
 from workbench.diagnose.readiness.motion_noise import motion_noise
 from workbench.diagnose.records import Diagnosis, Names, Verdict
 from workbench.diagnose.shrink import folds_of, shrink_of
@@ -62,6 +63,10 @@ def diagnose(
     warnings = check_runs(campaign)
     effects = chosen_effects(campaign, candidates)
     problem = Problem(campaign.machine, campaign.runs, band_hz)
+    if band_hz is None and isinstance(campaign.machine, Axis):
+        band = informative_band(problem.bench, seed)
+        if band < problem.band_hz:
+            problem = Problem(campaign.machine, campaign.runs, band)
     shaking = motion_noise(problem, seed)
     problem.noise = problem.sensor_noise = math.hypot(problem.noise, shaking)
     state = condition(campaign, problem, shaking)
