@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-
-import numpy as np
 
 from workbench.consequences import consequences_of
 from workbench.diagnose.candidates import candidates as candidate_rows
@@ -25,7 +22,6 @@ from workbench.diagnose.records import Diagnosis, Names, Verdict
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, judge
-from workbench.diagnose.verdict.structure import floor_of, reducible, weigh_against
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest
@@ -33,8 +29,6 @@ from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 
 STAGES = 8
-ROUNDS = 3  # of an axis' search against its own floor
-SAME = 0.1  # two floors, relative
 BASELINES = ("tolerances", "nominal")
 Tell = Callable[[str, int, int], None]
 
@@ -68,7 +62,7 @@ def diagnose(
         if band < problem.band_hz:
             problem = Problem(campaign.machine, campaign.runs, band)
     shaking = motion_noise(problem, seed)
-    problem.noise = problem.sensor_noise = math.hypot(problem.noise, shaking)
+    problem = problem.noisier(shaking)
     state = condition(campaign, problem, shaking)
 
     others = [each for each in effects_for(problem.active.kind).values() if not each.listed]
@@ -79,13 +73,9 @@ def diagnose(
     elif baseline != "tolerances":
         raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="--baseline")
 
-    def search(again: bool = False) -> Search:
-        prefix = "against its own floor: " if again else ""
-        return Search(problem, effects, lambda sentence: say(prefix + sentence, 1, STAGES), rivals, keys)
-
-    found, judged = _answered(search, most_effects, seed)
-
-    problem.noise = judged.floor
+    search = Search(problem, effects, lambda sentence: say(sentence, 1, STAGES), rivals, keys)
+    found = search.run(most_effects)
+    judged = judge(found)
     say("the verdict", 2, STAGES)
     rows = candidate_rows(found, judged, keys)
     say("where the gap lies", 3, STAGES)
@@ -112,7 +102,9 @@ def diagnose(
     changes, why_not = _consequences(campaign, refitted, corrected, judged) if study else (None, "Not asked for.")
     say("done", STAGES, STAGES)
     sentence = sentence_of(judged, gap, shrink, also, corrected.measured_correction is not None)
-    verdict = Verdict(judged.word, judged.names, judged.ranking, also, sentence, judged.reasons)
+    verdict = Verdict(
+        judged.word, judged.names, judged.ranking, also, sentence, judged.reasons, judged.explained, judged.left
+    )
     return Diagnosis(
         campaign=campaign,
         seed=seed,
@@ -133,29 +125,6 @@ def diagnose(
         judged=judged,
         warnings=tuple(warnings),
     )
-
-
-def _answered(search: Callable[[bool], Search], most_effects: int, seed: int) -> tuple[Found, Judged]:
-    """The search and its verdict. An axis' floor is what it leaves itself: what that is, a first search tells."""
-    first = search(False)
-    problem = first.problem
-    if not isinstance(problem.machine, Axis):
-        found = first.run(most_effects)
-        return found, judge(found, seed)
-    base = first.base_fit()
-    # The gap itself hangs together: how its own floor does is not known before the search.
-    problem.noise = floor_of(problem, base, reducible(problem, base, seed))
-    found = first.run(most_effects)
-    judged = judge(found, seed)
-    for _ in range(ROUNDS):
-        before = problem.noise, problem.share
-        least = min([found.near, *found.fits.values()], key=lambda fit: fit.chi2)
-        weigh_against(problem, judged.held, judged.reducible, least)
-        if np.allclose(before, (problem.noise, problem.share), rtol=SAME):
-            break
-        found = search(True).run(most_effects)
-        judged = judge(found, seed)
-    return found, judged
 
 
 def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effect]:

@@ -38,6 +38,22 @@ class Atom:
         return self.wave is not None or all(r.lowest < _off(r) for r in self.amounts)
 
 
+def _quadrature(
+    base: Mapping[str, float | tuple[float, ...]], r: Ranged, wave: Ranged, angle: float
+) -> dict[str, float]:
+    """One start amount of a wave at an angle, added to what the base holds of it as a nuisance."""
+    size, phase = _around(base, r), base.get(wave.symbol, 0.0)
+    held = size * complex(math.cos(phase), math.sin(phase)) if isinstance(phase, float) else 0.0
+    total = held + (r.start - _off(r)) * complex(math.cos(angle), math.sin(angle))
+    return {r.symbol: abs(total), wave.symbol: math.atan2(total.imag, total.real) % (2.0 * math.pi)}
+
+
+def _around(base: Mapping[str, float | tuple[float, ...]], r: Ranged) -> float:
+    """Where an amount stands without its effect: where it vanishes, or at what the base holds of it as a nuisance."""
+    value = base.get(r.symbol, _off(r))
+    return value if isinstance(value, float) else _off(r)
+
+
 def _off(r: Ranged) -> float:
     assert r.vanishes_at is not None
     return r.vanishes_at
@@ -56,11 +72,11 @@ def atoms(problem: Problem, effects: Iterable[Effect], base: Mapping[str, float 
             at = dict(zip([r.symbol for r in shapes], point, strict=True))
             lanes: list[dict[str, float]] = []
             for r in amounts:
-                amount = {x.symbol: x.start if x is r else _off(x) for x in amounts}
+                amount = {x.symbol: _around(base, x) + (x.start - _off(x) if x is r else 0.0) for x in amounts}
                 if wave is None:
                     lanes.append({**at, **amount})
                 else:
-                    lanes += [{**at, **amount, wave.symbol: angle} for angle in (0.0, 0.5 * math.pi)]
+                    lanes += [{**at, **_quadrature(base, r, wave, angle)} for angle in (0.0, 0.5 * math.pi)]
             planned.append((effect, at, amounts, wave, lanes))
     settings = [{**base, **lane} for *_, lanes in planned for lane in lanes]
     if not settings:
