@@ -17,6 +17,7 @@ from workbench.diagnose.hypotheses.knobs import Knob, Value, within
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import Atom, atoms
 from workbench.diagnose.hypotheses.score import cost
+from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect
 from workbench.run import Array
 
@@ -39,7 +40,6 @@ SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
 
 Names = tuple[str, ...]
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -96,21 +96,21 @@ class Search:
         self.nuisances = nuisance_knobs(problem.machine, problem.runs)
         self.held = [*self.base.values(), *self.nuisances.values()]
         self.count = sum(len(knob.lowest) for knob in self.held)
-        self.tell = tell or (lambda sentence: None)
+        self._tell = tell or (lambda progress: None)
         self.fits: dict[Names, Fitted] = {}
         self.linear: dict[Names, float] = {}
         self.failures: dict[Names, str] = {}
 
     def base_fit(self) -> Fitted:
         """No effect."""
-        self.tell("base parameters")
+        self._tell(Progress(Stage.SEARCH, Task.BASE))
         return fit_knobs(self.problem, (), self.held, np.zeros(self.count), LAST_ROUND)
 
     def run(self, most_effects: int = 2) -> Found:
         base = self.base_fit()
         within = self._near(base)
         near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
-        self.tell("signatures of all effects")
+        self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
         signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
         self._singles(base, near, signatures)
         if most_effects > 1:
@@ -150,7 +150,7 @@ class Search:
         order = sorted(promised, key=lambda name: -promised[name].merit)
         order = [name for k, name in enumerate(order[:REFITTED]) if k < ALWAYS or promised[name].merit > HOPELESS]
         for k, name in enumerate(order):
-            self.tell(f"effect {k + 1} of {len(order)}: {name}")
+            self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
             self._try((name,), lambda each=promised[name]: self._fit_with(near, each))  # type: ignore[misc]
         if np.any(near.z != base.z):
             self._from_base(base, order)
@@ -185,11 +185,11 @@ class Search:
         best = base.objective - self.fits[singles[0]].objective
         leaders = [n for n in singles[:LEADERS] if base.objective - self.fits[n].objective >= LEADS * best]
         wanted: dict[Names, tuple[float, Fitted, Promise]] = {}
-        for names in leaders:
+        for k, names in enumerate(leaders):
             leader = self.fits[names]
             if self.merit_of(base, leader) <= 0.0:
                 continue
-            self.tell(f"pairs with {names[0]}")
+            self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders), names))
             again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
             promised = self._promised(leader, again)
             for name in sorted(promised, key=lambda n: -promised[n].merit)[:PARTNERS]:

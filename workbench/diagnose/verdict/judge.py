@@ -31,6 +31,8 @@ from workbench.effects import find
 # one, for of all causes weighed one would have relieved them.
 BY_CHANCE = {False: 2.0, True: 1.0}
 UNDONE = 0.15  # logarithm of energies: as far two effects undo each other by chance
+# Of the discrepancy: the least that an effect has to take off the residual; of what acts at low speed only the second.
+SYSTEMATIC = {False: 0.5, True: 1.0}
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
@@ -94,16 +96,38 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], float]:
         score = score_of(problem, fit)
         merit = none.value - score.value - cost(problem, len(fit.z) - len(found.base.z))
         if len(names) == 1:
-            merit = min(merit, beyond_trace(problem, fit, names[0]))
-        if len(names) > 1:
+            merit = min(beyond_discrepancy(found, found.base, fit, merit), beyond_trace(problem, fit, names[0]))
+        else:
             first = max((weighed[(name,)] for name in names if (name,) in weighed), key=lambda w: w.merit, default=None)
             if first is None:
                 continue
+            added = beyond_discrepancy(found, first.fit, fit, merit - first.merit)
             least = SECOND**2 * explained(problem, found.near, first.fit, first.size)
-            merit -= calibration()["pair"] + least
+            merit = first.merit + added - calibration()["pair"] - least
         rival = any(name in found.rivals for name in names)
         weighed[names] = Weighed(names, fit, found.gain(names), merit, score.size, rival)
     return tuple(sorted(weighed.values(), key=lambda w: -w.merit)), none.size
+
+
+def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, merit: float) -> float:
+    """A merit without what the machine's own discrepancy could be worth, were it of this effect's form.
+
+    The discrepancy is taken for random in the likelihood. It need not be: a law of friction that is not the machine's
+    leaves what some effect describes. So of the merit that the data give, the share is taken off that an effect as
+    large as SYSTEMATIC of the discrepancy would have, rms. Tolerances need no such discount.
+    """
+    problem = found.problem
+    if not after.effects:
+        return merit
+    added = set(after.effects) - set(before.effects)
+    slow = all(find(name, problem.active.kind).regime == "low_speed" for name in added)
+    taken = before.rms(problem.inputs) ** 2 - after.rms(problem.inputs) ** 2
+    least = (SYSTEMATIC[slow] * discrepancy_rms(problem)) ** 2
+    prior = before.prior - after.prior
+    data = merit - prior
+    if data <= 0.0:
+        return merit
+    return prior + data * max(1.0 - least / max(taken, 1e-300), 0.0)
 
 
 def beyond_trace(problem: Problem, fit: Fitted, name: str) -> float:
