@@ -405,9 +405,8 @@ def test_a_fit_ends_at_the_least_of_data_and_tolerances_within_bounds(seed: int,
     random = np.random.default_rng(seed)
     knobs = [Value(f"x{k}", 0.0, 1.0, -0.3, 0.4, std=(0.5 if k < 2 else math.inf)) for k in range(4)]
     problem = Straight(random.normal(size=(30, 4)), random.normal(size=30))
-    sigma = 0.2
-    found = fit_knobs(problem, ("made",), knobs, np.full(4, 0.1), sigma, base=base)  # type: ignore[arg-type]
-    weight = math.sqrt(problem.share) / sigma
+    weight = 1.0 / problem.errors.white[0]
+    found = fit_knobs(problem, ("made",), knobs, np.full(4, 0.1), base=base)  # type: ignore[arg-type]
     rows = np.vstack([weight * problem.columns, np.diag([2.0, 2.0, 0.0, 0.0])])
     exact = lsq_linear(rows, np.concatenate([weight * problem.measured, np.zeros(4)]), (-0.3, 0.4), method="bvls")
     assert found.settled
@@ -430,7 +429,7 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     begin = dict(zip([r.symbol for r in ranges], (2500.0, 8.6, 0.7), strict=True))
     more, start = effect_knobs(effect, ranges, begin)
     z = np.concatenate([np.zeros(len(knobs)), start])
-    found = fit_knobs(problem, (effect.id,), [*knobs, *more], z, 0.1, 60, base=len(knobs))
+    found = fit_knobs(problem, (effect.id,), [*knobs, *more], z, 60, base=len(knobs))
     assert found.rms(problem.inputs) < 0.005 * rms(problem.residuals([{}])[0])
     for symbol, value in true.items():
         assert found.setting[symbol] == pytest.approx(value, rel=0.002), symbol
@@ -450,10 +449,10 @@ def test_a_fit_begins_where_the_linear_one_ended(hoist: Problem, name: str):
 
 def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: Problem):
     knobs = list(base_knobs(hoist.machine, hoist.runs).values())
-    base = fit_knobs(hoist, (), knobs, np.zeros(len(knobs)), hoist.noise)
-    projection = Projection.of(hoist, base, base.sigma)
+    base = fit_knobs(hoist, (), knobs, np.zeros(len(knobs)))
+    projection = Projection.of(hoist, base)
     assert np.max(np.abs(projection.rows.T @ projection.clean(np.ones((hoist.samples, 1))))) < 1e-8
     assert np.linalg.norm(projection.rows.T @ projection.residual) < 1e-8
     # At the best point of the base nothing is gained by it either: what is projected out was nothing.
-    stacked = math.sqrt(hoist.share) / base.sigma * base.residual
+    stacked = hoist.errors.whiten(base.residual)
     assert projection.residual @ projection.residual == pytest.approx(stacked @ stacked + base.prior, rel=1e-3)

@@ -10,10 +10,9 @@ import pytest
 from tests.support.found_campaign import simulated_found
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Value
-from workbench.diagnose.hypotheses.score import LEAST
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.isolation.lines import Line
-from workbench.diagnose.isolation.next_run import APART, Offer, choose, next_run, separation
+from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, choose, next_run, separation
 from workbench.diagnose.isolation.planned import Planned, menu, seen_in
 from workbench.run import Run
 

@@ -103,7 +103,7 @@ def answered(
         ranges = ranges_of(effect, problem.machine, problem.runs)
         more, start = effect_knobs(effect, ranges, {r.symbol: begin[r.name] for r in ranges})
         knobs, z = [*knobs, *more], [*z, *start]
-    return problem, fit_knobs(problem, named, knobs, np.array(z), problem.noise, 60)
+    return problem, fit_knobs(problem, named, knobs, np.array(z), 60)
 
 
 @pytest.mark.parametrize(

@@ -105,7 +105,7 @@ class HoistTolerances(Record):
     viscous: NotNegative = 0.03
     stribeck: NotNegative = 0.1
     eccentricity: NotNegative = 0.0003
-    ripple: NotNegative = 0.001
+    ripple: NotNegative = 0.002
 
 
 class Drive(Record):

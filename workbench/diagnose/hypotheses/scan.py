@@ -15,6 +15,8 @@ from workbench.machine import Hoist
 from workbench.run import Array
 
 PLACES_TRIED = 24  # along what the runs have passed
+WAVES_TRIED = 120  # along the way
+APART = 0.4  # of a wave over the whole way, from one tried to the next
 SHAPES_TRIED = 4  # of a shape that says nothing else
 
 
@@ -106,8 +108,20 @@ def _tried(problem: Problem, r: Ranged) -> Sequence[float]:
         longest = max(run.duration_s for run in problem.runs)
         count = max(2, math.ceil((r.highest - r.lowest) * longest / 2.5))
         return [float(x) for x in np.linspace(r.lowest, min(r.highest, 2.0 * math.pi * problem.band_hz), count)]
+    if r.scan == "waves":
+        low, high = _visited(problem, "position")
+        # What passes faster than the band is not seen at the speed that the runs mostly have.
+        most = problem.band_hz / max(_typical_speed(problem), 1e-300)
+        count = min(max(2, math.ceil((min(r.highest, most) - r.lowest) * (high - low) / APART)), WAVES_TRIED)
+        return [float(x) for x in np.linspace(r.lowest, min(r.highest, max(most, 2.0 * r.lowest)), count)]
     low = max(r.lowest, 1e-6 * r.highest)
     return [float(x) for x in np.geomspace(low, r.highest, SHAPES_TRIED + 2)[1:-1]] if r.highest > 0 else [r.start]
+
+
+def _typical_speed(problem: Problem) -> float:
+    """The lower quartile of the speeds that the runs move at."""
+    motions = zip(problem.bench.motions, problem.rows, strict=True)
+    return float(np.quantile(np.abs(np.concatenate([motion.speed[rows] for motion, rows in motions])), 0.25))
 
 
 def _visited(problem: Problem, scan: str) -> tuple[float, float]:

@@ -184,7 +184,8 @@ class Search:
             return
         best = base.objective - self.fits[singles[0]].objective
         leaders = [n for n in singles[:LEADERS] if base.objective - self.fits[n].objective >= LEADS * best]
-        wanted: dict[Names, tuple[float, Fitted, Promise]] = {}
+        wanted: dict[Names, list[tuple[float, Fitted, Promise]]] = {}
+        leading: set[Names] = set()
         for k, names in enumerate(leaders):
             leader = self.fits[names]
             if self.merit_of(base, leader) <= 0.0:
@@ -192,16 +193,20 @@ class Search:
             self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders), names))
             again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
             promised = self._promised(leader, again)
-            for name in sorted(promised, key=lambda n: -promised[n].merit)[:PARTNERS]:
-                if promised[name].merit <= 0.0:
-                    continue
+            for rank, name in enumerate(sorted(promised, key=lambda n: -promised[n].merit)):
                 pair: Names = (min(names[0], name), max(names[0], name))
+                if rank < PARTNERS and promised[name].merit > 0.0:
+                    leading.add(pair)
                 total = base.objective - leader.objective + promised[name].gain
-                if pair not in wanted or wanted[pair][0] < total:
-                    wanted[pair] = (total, leader, promised[name])
-        for pair, (total, leader, each) in sorted(wanted.items(), key=lambda q: -q[1][0])[:PAIRS_REFITTED]:
-            self.linear[pair] = total
-            self._try(pair, lambda f=leader, e=each: self._fit_with(f, e))  # type: ignore[misc]
+                wanted.setdefault(pair, []).append((total, leader, promised[name]))
+        chosen = [(pair, ways) for pair, ways in wanted.items() if pair in leading]
+        for pair, ways in sorted(chosen, key=lambda q: -max(way[0] for way in q[1]))[:PAIRS_REFITTED]:
+            self.linear[pair] = max(way[0] for way in ways)
+            # A promise is linear, and may not be kept: the way from the better single effect is tried first.
+            for _, leader, each in sorted(ways, key=lambda way: way[1].objective):
+                fit = self.fits.get(pair)
+                if fit is None or fit.objective > leader.objective:
+                    self._try(pair, lambda f=leader, e=each: self._fit_with(f, e))  # type: ignore[misc]
         self._joint(near, signatures, near.objective - base.objective + best)
         self._finish(base, [n for n in self.fits if len(n) == 2], PAIR_IN_REACH)
         self._drop(base)

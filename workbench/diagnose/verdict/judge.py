@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -37,6 +37,7 @@ STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two 
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
+FREER = 10.0  # merit by which a law of more freedom has to be better than a simpler one
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
@@ -102,11 +103,36 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], float]:
             if first is None:
                 continue
             added = beyond_discrepancy(found, first.fit, fit, merit - first.merit)
+            prior = first.fit.prior - fit.prior
             least = SECOND**2 * explained(problem, found.near, first.fit, first.size)
-            merit = first.merit + added - calibration()["pair"] - least
+            added = prior + beyond(added - prior, least)
+            (second,) = set(names) - set(first.names)
+            merit = first.merit + min(added, beyond_trace(problem, fit, second)) - calibration()["pair"]
         rival = any(name in found.rivals for name in names)
         weighed[names] = Weighed(names, fit, found.gain(names), merit, score.size, rival)
-    return tuple(sorted(weighed.values(), key=lambda w: -w.merit)), none.size
+    return tuple(sorted(_simplest(weighed, problem.active.kind), key=lambda w: -w.merit)), none.size
+
+
+def _simplest(weighed: Mapping[Names, Weighed], kind: str) -> list[Weighed]:
+    """A law of more freedom has to be better than the simpler law of the same place and regime by FREER."""
+
+    def freer(names: Names) -> bool:
+        others = [
+            other for other in weighed if len(other) == len(names) and len(set(names) & set(other)) == len(names) - 1
+        ]
+        return any(
+            same_but_freer(mine, theirs, kind)
+            for other in others
+            for mine in set(names) - set(other)
+            for theirs in set(other) - set(names)
+        )
+
+    return [replace(w, merit=w.merit - FREER) if freer(names) else w for names, w in weighed.items()]
+
+
+def beyond(data: float, least: float) -> float:
+    """What the data are worth beyond a least size; what they cost, they cost."""
+    return max(data - least, 0.0) if data > 0.0 else data
 
 
 def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, merit: float) -> float:
@@ -222,14 +248,16 @@ def evidence_of(found: Found, held: Fitted, size: float, left: Left, share: floa
     left: the logarithm of the discrepancy that the best hypothesis needs, over the default, in full where it leaves
     MUCH of the gap's energy and more than RELEVANT_PERCENT of the input, less where it leaves less.
     prior: how far beyond chance the base parameters are off their tolerances, in standard deviations (see `stretch`)
-    above BY_CHANCE. bound: an effect's value at its limit. against: how far two effects undo each other, above UNDONE.
+    above BY_CHANCE, and more than an inexact effect bends them. bound: an effect's value at its limit. against: how far
+    two effects undo each other, above UNDONE.
     """
     own = len(found.base.z)
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
+    inexact = SECOND**2 * explained(found.problem, found.base, held, size) if held.effects else 0.0
     weight = open_share * min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
     return {
         "left": weight * max(math.log(size), 0.0),
-        "prior": max(stretch(found.problem, held) - BY_CHANCE[bool(held.effects)], 0.0),
+        "prior": max(stretch(found.problem, held, inexact) - BY_CHANCE[bool(held.effects)], 0.0),
         "bound": float(_on_bound(held, own)),
         "against": max(against(found.problem, held, own) - UNDONE, 0.0),
     }

@@ -65,8 +65,8 @@ def _reason(reason: Reason, unit: str) -> str:
     names = listed(reason.effects)
     return {
         ReasonKind.UNLISTED_EXPLAINS_MORE: f"An unlisted effect explains more: {names}. Weigh it among the candidates.",
-        ReasonKind.LEAVES_MUCH: f"The best hypothesis leaves {reason.value:.2g} {unit} beyond noise and what a model may "
-        f"miss, {reason.percent:.2g} % of the input.",
+        ReasonKind.LEAVES_MUCH: f"The best hypothesis leaves {reason.value:.2g} {unit}, {reason.percent:.2g} % of the "
+        "input, beyond noise and what a model may miss.",
         ReasonKind.STRETCHES_TOLERANCES: "It needs base parameters further off than their tolerances allow together.",
         ReasonKind.ON_A_BOUND: "It sits on the bound of one of its parameters.",
         ReasonKind.UNDO_EACH_OTHER: f"{names} largely undo each other, as two do that stand in for a third.",
