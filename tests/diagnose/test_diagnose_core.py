@@ -15,6 +15,7 @@ from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs
 from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.fits import Projection, fit_knobs, linear_gain, start_of
 from workbench.diagnose.hypotheses.knobs import (
     GAIN,
@@ -382,8 +383,12 @@ class Straight:
 
     columns: Array
     measured: Array
-    share: float = 0.5
     calls: int = 0
+
+    @property
+    def errors(self) -> ErrorModel:
+        n = len(self.measured)
+        return ErrorModel(np.full(n, 0.2 * math.sqrt(2.0)), np.zeros(n), np.append(0.0, np.ones(n - 1)))
 
     def evaluate(self, knobs: Sequence[Knob], z: Array, only: Sequence[int] | None = None) -> tuple[Array, Array]:
         self.calls += 1
@@ -426,6 +431,7 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     ranges = ranges_of(effect, hoist.machine, hoist.runs)
     true = dict(zip([r.symbol for r in ranges], (4000.0, 8.2, 0.45), strict=True))
     problem = made_by(hoist, {**setting_of(knobs, truth), **true})
+    problem.errors = replace(problem.errors, white=np.full(problem.samples, 0.1), discrepancy=np.zeros(problem.samples))
     begin = dict(zip([r.symbol for r in ranges], (2500.0, 8.6, 0.7), strict=True))
     more, start = effect_knobs(effect, ranges, begin)
     z = np.concatenate([np.zeros(len(knobs)), start])

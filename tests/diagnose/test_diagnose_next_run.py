@@ -37,7 +37,7 @@ def line(level: float, slope: float, own: bool = False) -> Line:
 
 def fitted(z: float = 0.0) -> Fitted:
     knob = Value("x", 0.0, 1.0, std=1.0)
-    return Fitted(("e",), (knob,), np.array([z]), np.zeros(ROWS), np.zeros((ROWS, 1)), 1.0, 0.0, z * z, 1, True)
+    return Fitted(("e",), (knob,), np.array([z]), np.zeros(ROWS), np.zeros((ROWS, 1)), 0.0, z * z, 1, True)
 
 
 def test_predictions_that_no_base_parameter_brings_together_are_apart_by_their_distance():

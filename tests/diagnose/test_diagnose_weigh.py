@@ -146,8 +146,9 @@ def test_standard_errors_are_the_scatter_of_many_campaigns():
             for run in clean.runs
         ]
         problem = Problem(hoist.machine, runs, hoist.band_hz)
+        problem.errors = replace(problem.errors, discrepancy=np.zeros(problem.samples))  # these runs have none
         z = np.concatenate([np.zeros(len(base)), start])
-        fit = fit_knobs(problem, (effect.id,), knobs, z, problem.noise, 30)
+        fit = fit_knobs(problem, (effect.id,), knobs, z, 30)
         (each,) = estimates(problem, fit)[effect.id]
         assert isinstance(each.value, float) and isinstance(each.std_error, float)
         found.append(each.value)
@@ -159,9 +160,7 @@ def test_standard_errors_are_the_scatter_of_many_campaigns():
 def test_half_the_noise_halves_the_error_of_what_no_tolerance_holds(tight: tuple[Problem, Fitted]):
     problem, fit = tight
     quiet = copy(problem)
-    quiet.errors = ErrorModel(
-        0.5 * problem.errors.white, 0.5 * problem.errors.discrepancy, problem.errors.carry
-    )
+    quiet.errors = ErrorModel(0.5 * problem.errors.white, 0.5 * problem.errors.discrepancy, problem.errors.carry)
     at = len(fit.z) - 2  # the centre of the stretch: nothing else is like it
     before, after = (math.sqrt(covariance(p, replace(fit, chi2=0.0))[at, at]) for p in (problem, quiet))
     assert after == pytest.approx(0.5 * before, rel=0.02)

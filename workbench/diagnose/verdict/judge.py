@@ -33,6 +33,7 @@ BY_CHANCE = {False: 2.0, True: 1.0}
 UNDONE = 0.15  # logarithm of energies: as far two effects undo each other by chance
 # Of the discrepancy: the least that an effect has to take off the residual; of what acts at low speed only the second.
 SYSTEMATIC = {False: 0.5, True: 1.0}
+TRACE = 3.0  # standard deviations of an effect's trace, by chance
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
@@ -97,7 +98,7 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], float]:
         score = score_of(problem, fit)
         merit = none.value - score.value - cost(problem, len(fit.z) - len(found.base.z))
         if len(names) == 1:
-            merit = min(beyond_discrepancy(found, found.base, fit, merit), beyond_trace(problem, fit, names[0]))
+            merit = beyond_trace(problem, fit, names[0], beyond_discrepancy(found, found.base, fit, merit))
         else:
             first = max((weighed[(name,)] for name in names if (name,) in weighed), key=lambda w: w.merit, default=None)
             if first is None:
@@ -107,7 +108,7 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], float]:
             least = SECOND**2 * explained(problem, found.near, first.fit, first.size)
             added = prior + beyond(added - prior, least)
             (second,) = set(names) - set(first.names)
-            merit = first.merit + min(added, beyond_trace(problem, fit, second)) - calibration()["pair"]
+            merit = first.merit + beyond_trace(problem, fit, second, added) - calibration()["pair"]
         rival = any(name in found.rivals for name in names)
         weighed[names] = Weighed(names, fit, found.gain(names), merit, score.size, rival)
     return tuple(sorted(_simplest(weighed, problem.active.kind), key=lambda w: -w.merit)), none.size
@@ -156,15 +157,13 @@ def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, merit: float
     return prior + data * max(1.0 - least / max(taken, 1e-300), 0.0)
 
 
-def beyond_trace(problem: Problem, fit: Fitted, name: str) -> float:
-    """What an effect may be worth at most: what the same amount would cost as the trace that every machine has."""
-    return min(
-        (
-            (float(fit.setting[symbol]) / std) ** 2
-            for symbol, std in traces(problem.machine, problem.runs, name).items()
-        ),
-        default=math.inf,
-    )
+def beyond_trace(problem: Problem, fit: Fitted, name: str, merit: float) -> float:
+    """A merit without what the trace of an effect that every machine has could be worth: as much as TRACE of its
+    standard deviations would explain."""
+    known = traces(problem.machine, problem.runs, name)
+    sizes = [float(np.mean(fit.setting[symbol])) / std for symbol, std in known.items()]
+    least = min(((TRACE / max(size, 1e-300)) ** 2 for size in sizes), default=0.0)
+    return merit * max(1.0 - least, 0.0) if merit > 0.0 else merit
 
 
 def judge(found: Found) -> Judged:
