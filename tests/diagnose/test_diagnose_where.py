@@ -11,6 +11,7 @@ import pytest
 
 from tests.support.found_campaign import found_in, simulated_found
 from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.location.gap import gap_of
@@ -18,7 +19,7 @@ from workbench.diagnose.location.place import place_of
 from workbench.diagnose.location.profiles import Free, best_of, explain, held_out, share_of
 from workbench.diagnose.location.spectrum import _taken, wave_along_the_way, wave_in_time
 from workbench.diagnose.location.variables import Variable, forward, spacing, times, variables, way
-from workbench.diagnose.location.where import parts_of, sum_of, where_of
+from workbench.diagnose.location.where import where_of
 from workbench.diagnose.location.windows import HELD, windows_of
 from workbench.diagnose.machines import corrected_machine, of_first_run, refitted_machine
 from workbench.effects import find

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import TYPE_CHECKING, Literal
 
 from workbench.logs import Campaign
@@ -17,6 +18,36 @@ if TYPE_CHECKING:
 
 Names = tuple[str, ...]
 VerdictWord = Literal["named", "no_gap", "unknown"]
+
+
+class ReasonKind(Enum):
+    """What speaks against the best named hypothesis."""
+
+    UNLISTED_EXPLAINS_MORE = "unlisted_explains_more"
+    LEAVES_MUCH = "leaves_much"
+    STRETCHES_TOLERANCES = "stretches_tolerances"
+    ON_A_BOUND = "on_a_bound"
+    UNDO_EACH_OTHER = "undo_each_other"
+
+
+@dataclass(frozen=True)
+class Reason:
+    """value: N m (N) left, or standard deviations; percent: of the input's rms; effects: those it is about."""
+
+    kind: ReasonKind
+    effects: Names = ()
+    value: float = 0.0
+    percent: float = 0.0
+
+
+@dataclass(frozen=True)
+class Left:
+    """What the answer leaves beyond noise and discrepancy: rms, N m (N); per cent of the input's rms; whether that
+    changes a conclusion of a study."""
+
+    rms: float
+    percent_of_input: float
+    relevant: bool
 
 
 @dataclass(frozen=True)
@@ -155,7 +186,9 @@ class Verdict:
     ranking: tuple[Hypothesis, ...]
     alike: Names
     sentence: str
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
+    explained: float = 0.0
+    left: Left = Left(0.0, 0.0, False)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Value
+from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Value, Wave
+from workbench.effects import find, ranges_of
 from workbench.identify.parameters import free_parameters
 from workbench.machine import Axis, Hoist, get_value
 from workbench.plants import plant_of
@@ -15,6 +16,7 @@ from workbench.run import Run
 
 STANDSTILL_STD = math.log(10.0)  # nobody knows how friction turns over at standstill: a factor of ten either way
 
+SHAPE_STD = math.log(3.0)  # of a nuisance's shape, such as the speed at which Stribeck friction falls: a factor
 LOAD_CELL_STD = 0.005  # of a dead line's load cell: its gain
 
 
@@ -33,6 +35,50 @@ def base_knobs(machine: Hoist | Axis, runs: Sequence[Run]) -> dict[str, Value]:
             found[TENSION_GAIN] = Value(TENSION_GAIN, 1.0, LOAD_CELL_STD, std=1.0)
         return found
     return _axis(machine, runs)
+
+
+def nuisance_knobs(machine: Hoist | Axis, runs: Sequence[Run]) -> dict[str, Knob]:
+    """Effect -> knob of the small amount of it that every machine has, held by a tolerance of its own.
+
+    An effect is a cause where it is beyond that: a hypothesis that frees it takes the nuisance's place.
+    """
+    if not isinstance(machine, Hoist):
+        return {}
+    tolerances = machine.tolerances
+    kind = plant_of(machine).kind
+    fastest = machine.motor.nominal_speed_rad_s * machine.lift_m_per_rad
+    level = 0.5 * (machine.guide.coulomb_hoisting_n + machine.guide.coulomb_lowering_n)
+    radius = 0.5 * machine.winch.drum_diameter_m
+    spreads = {
+        "gearbox_efficiency": tolerances.gearbox_loss,
+        "friction_viscous": tolerances.viscous * level / fastest,
+        "friction_stribeck": tolerances.stribeck * level,
+        "drum_eccentricity": tolerances.eccentricity * radius,
+    }
+    knobs: dict[str, Knob] = {}
+    for name, std in spreads.items():
+        ranges = ranges_of(find(name, kind), machine, runs)
+        phase = next((r for r in ranges if r.scan == "phase"), None)
+        for r in (r for r in ranges if r.vanishes_at is None and r is not phase and std > 0.0):
+            knobs[f"{name}.{r.name}"] = Value(
+                r.symbol, r.start, 1.0, r.lowest, r.highest, std=SHAPE_STD, logarithmic=True
+            )
+        for r in (r for r in ranges if r.vanishes_at is not None and std > 0.0):
+            if phase is None:
+                knobs[f"{name}.{r.name}"] = Value(r.symbol, 0.0, std, 0.0, r.highest, std=1.0)
+            else:  # of an amplitude of unknown phase, either quadrature
+                knobs[f"{name}.{r.name}"] = Wave(r.symbol, phase.symbol, 0.0, std, r.highest, (1.0, 1.0))
+    return knobs
+
+
+def traces(machine: Hoist | Axis, runs: Sequence[Run], name: str) -> dict[str, float]:
+    """Symbol -> standard deviation of the small amount of an effect that every machine has, and that no base parameter
+    stands for since its phase is each run's own. Empty for other effects."""
+    if name != "torque_ripple" or not isinstance(machine, Hoist):
+        return {}
+    amount = next(r for r in ranges_of(find(name, "hoist"), machine, runs) if r.vanishes_at is not None)
+    std = machine.tolerances.ripple * machine.motor.count * machine.motor.nominal_torque_nm
+    return {amount.symbol: std} if std > 0.0 else {}
 
 
 def _axis(machine: Axis, runs: Sequence[Run]) -> dict[str, Value]:

@@ -40,7 +40,9 @@ def on_campaign(problem: Problem, fit: Fitted) -> Line:
     rows = len(fit.residual)
     channel = np.where(np.arange(rows) < problem.inputs, 0, 1)
     nothing = np.zeros((rows, 0))
-    return Line(fit.residual / fit.sigma, fit.jacobian / fit.sigma, nothing, np.zeros(0), channel, problem.share)
+    return Line(
+        fit.residual / problem.noise, fit.jacobian / problem.noise, nothing, np.zeros(0), channel, problem.share
+    )
 
 
 def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tuple[str, ...]], Line]:
@@ -57,7 +59,7 @@ def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tup
     def of_run(k: int, signals: tuple[str, ...]) -> Line:
         mine = np.flatnonzero(ahead.run_of_row == k)
         input_rows, tension_rows = mine[mine < ahead.inputs], mine[mine >= ahead.inputs]
-        parts = [(base[input_rows], change[:, input_rows] / STEP, fit.sigma)]
+        parts = [(base[input_rows], change[:, input_rows] / STEP, problem.noise)]
         if TENSION in signals:
             noise = problem.tension_noise if problem.has_tension else _tension_noise(ahead, k)
             # The menu's tension stands on the scale of its own torque and load cell.

@@ -11,13 +11,13 @@ import numpy as np
 from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signed, linear_gain, start_of
 from workbench.diagnose.hypotheses.knobs import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.score import LEAST
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.isolation.lines import Line, on_campaign, on_menu
 from workbench.diagnose.isolation.planned import Planned, menu
 from workbench.diagnose.records import Names, NextRun
 from workbench.kinds import kind_of
 
+LEAST = 0.35  # of the noise, rms: no model is more exact than that
 APART = 3.0  # standard deviations: then a run decides
 WORTH = 1.0  # more than now: less is not worth a run
 RIVALS = 3  # that the leading hypothesis is held against
@@ -96,7 +96,7 @@ def _fit_of(problem: Problem, found: Found, each: Fitted | str | Names) -> Fitte
     if len(names) > 1:
         return None
     near = found.near
-    projection = Projection.of(problem, near, near.sigma)
+    projection = Projection.of(problem, near)
     options = []
     for atom in found.atoms:
         if atom.effect.id == names[0]:
@@ -109,8 +109,8 @@ def _fit_of(problem: Problem, found: Found, each: Fitted | str | Names) -> Fitte
     more, start = start_of(problem, atom, amounts)
     knobs, z = (*near.knobs, *more), np.concatenate([near.z, start])
     residual, jacobian = problem.evaluate(knobs, z)
-    chi2 = problem.share / near.sigma**2 * float(residual @ residual)
-    return Fitted(names, knobs, z, residual, jacobian, near.sigma, chi2, near.prior, 1, False)
+    chi2 = problem.share / problem.noise**2 * float(residual @ residual)
+    return Fitted(names, knobs, z, residual, jacobian, chi2, near.prior, 1, False)
 
 
 def _apart(fits: Sequence[Fitted], campaign: Sequence[Line], more: Sequence[Line] | None) -> float:

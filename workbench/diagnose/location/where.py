@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
 from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import Setting, bounds_of
+from workbench.diagnose.hypotheses.knobs import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES
 from workbench.diagnose.location.place import CREEPING, EXPLAINS_LITTLE, Place, place_of, side_of
@@ -17,16 +17,8 @@ from workbench.diagnose.location.spectrum import wave_along_the_way, wave_in_tim
 from workbench.diagnose.location.variables import spacing, variables
 from workbench.diagnose.location.windows import Windows, windows_of
 from workbench.diagnose.records import Profile, Where
-from workbench.effects import Effect, ranges_of
+from workbench.effects import Effect
 from workbench.run import Array
-
-
-@dataclass(frozen=True)
-class Part:
-    """An effect's own part of the gap: (samples,), behind the input's rows those of the tension."""
-
-    effect: Effect
-    rows: Array
 
 
 def where_of(
@@ -62,28 +54,6 @@ def where_of(
     )  # fmt: skip
 
 
-def parts_of(problem: Problem, named: Fitted, effects: Sequence[Effect]) -> list[Part]:
-    """What each effect alone adds to the prediction, at the fit's values."""
-    settings = [_without(problem, named, [each]) for each in effects]
-    _, change = problem.differences(named.setting, settings)
-    return [Part(each, rows) for each, rows in zip(effects, change, strict=True)]
-
-
-def sum_of(problem: Problem, named: Fitted, effects: Sequence[Effect]) -> Array:
-    """What all effects together add to the prediction, (samples,)."""
-    return problem.differences(named.setting, [_without(problem, named, effects)])[1][0]
-
-
-def _without(problem: Problem, named: Fitted, effects: Sequence[Effect]) -> Setting:
-    off = {
-        r.symbol: r.vanishes_at
-        for each in effects
-        for r in ranges_of(each, problem.machine, problem.runs)
-        if r.vanishes_at is not None
-    }
-    return {**named.setting, **off}
-
-
 def _energy(problem: Problem, rows: Array) -> float:
     return float(np.sum(spacing(problem) * rows[: problem.inputs] ** 2))
 
@@ -109,7 +79,7 @@ def free_of(problem: Problem, near: Fitted) -> Free:
     tolerance = np.array([not getattr(knob, "logarithmic", False) for knob in near.knobs])
     reach = np.where(tolerance, TOLERANCES * std, np.inf)
     low, high = np.maximum(low, -reach) - z, np.minimum(high, reach) - z
-    hold = near.sigma / np.sqrt(problem.share) / std
+    hold = problem.noise / np.sqrt(problem.share) / std
     return Free(-near.jacobian[: problem.inputs], np.minimum(low, 0.0), np.maximum(high, 0.0), hold)
 
 

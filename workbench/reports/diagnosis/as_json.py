@@ -33,6 +33,12 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         "next_run": _next_run(d),
         "where": _where(d),
         "parameters": _parameters(d),
+        "explained": _digits(v.explained),
+        "left": {
+            "rms": _digits(v.left.rms),
+            "percent_of_input": _digits(v.left.percent_of_input),
+            "relevant": v.left.relevant,
+        },
         "gap": {
             f"{w.quantity}_rms_{w.suffix}": _digits(g.residual_rms),
             f"noise_rms_{w.suffix}": _digits(g.noise_rms),

@@ -21,7 +21,10 @@ def more(d: Diagnosis) -> dict[str, Any]:
     """Keys that stand behind the fixed ones."""
     return {
         "sentence": d.verdict.sentence,
-        "reasons": list(d.verdict.reasons),
+        "reasons": [
+            {"kind": r.kind.value, "effects": list(r.effects), "value": _digits(r.value), "percent": _digits(r.percent)}
+            for r in d.verdict.reasons
+        ],
         "warnings": list(d.warnings),
         "notes": list(d.campaign.all_notes),
         "machine": d.campaign.machine.name,
