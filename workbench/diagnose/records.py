@@ -125,8 +125,33 @@ class Profile:
 
 
 @dataclass(frozen=True)
+class PlaceProbability:
+    """How likely the cause lies in a part of the machine, 0 to 1."""
+
+    subsystem: str
+    probability: float
+
+
+@dataclass(frozen=True)
+class Event:
+    """A brief stretch of one run, s on its own clock, that a force of one part of the machine accounts for.
+
+    energy: its share of the gap's. largest: the force's largest value, as input, N m (N)."""
+
+    run: str
+    from_s: float
+    to_s: float
+    subsystem: str
+    energy: float
+    largest: float
+
+
+@dataclass(frozen=True)
 class Where:
-    """Where the gap lies. share: of its energy in the windows and the regime. side: drive, carriage, or unsaid."""
+    """Where the gap lies. share: of its energy in the windows and the regime. side: drive, carriage, or unsaid.
+
+    places: the likeliest first, probabilities that sum to one. events: the brief stretches, where that is what it is.
+    """
 
     subsystem: str
     regime: str
@@ -137,6 +162,8 @@ class Where:
     energy_by_run: Mapping[str, float]
     side: str
     sentences: tuple[str, ...]
+    places: tuple[PlaceProbability, ...] = ()
+    events: tuple[Event, ...] = ()
 
 
 @dataclass(frozen=True)
