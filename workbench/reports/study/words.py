@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from workbench.study.conclude.aggregate import value
-from workbench.study.conclude.summary import sentences
+from workbench.study.conclude.sentences import sentences
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.finished import Finished
 from workbench.study.results.row import Row
@@ -49,7 +48,7 @@ def _jerk_limited(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]
 
 
 def _heat(good: Sequence[Row]) -> list[str]:
-    known = [row for row in good if value(row, "thermal_load_percent") > 0.0]
+    known = [row for row in good if row.get("thermal_load_percent") > 0.0]
     if not known:
         return []
     hot = max(known, key=lambda row: row["thermal_load_percent"])
@@ -66,7 +65,7 @@ def _heat(good: Sequence[Row]) -> list[str]:
 
 
 def _power(good: Sequence[Row]) -> list[str]:
-    known = [row for row in good if value(row, "peak_power_motoring_kw") >= 0.0]
+    known = [row for row in good if row.get("peak_power_motoring_kw") >= 0.0]
     if not known:
         return []
     up, down = (max(row[f"peak_power_{way}_kw"] for row in known) for way in ("motoring", "regenerating"))

@@ -19,6 +19,7 @@ from workbench.effects import check
 from workbench.effects.registry import digests_of
 from workbench.errors import InputError, nearest
 from workbench.machine import Hoist, default_hoist, load_machine
+from workbench.metrics import added
 from workbench.references import Plan
 from workbench.study.scenario.layers import Layered, read_layers
 from workbench.study.scenario.record import Scenario
@@ -75,8 +76,10 @@ class Study:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Equal for two studies that must give equal numbers: scenario, machine, program, users' effects."""
-        return _digest([self.scenario_hash, self.machine_hash, __version__, _program_hash(), self.effects_digests])
+        """Equal for two studies that must give equal numbers: scenario, machine, program, added effects, metrics."""
+        parts = [self.scenario_hash, self.machine_hash, __version__, _program_hash(), self.effects_digests]
+        own = [[metric.name, metric.definition] for metric in added()]
+        return _digest([*parts, own] if own else parts)
 
 
 def load_study(path: str | os.PathLike[str]) -> Study:
