@@ -92,10 +92,14 @@ class Metric:
         return "" if unit == "–" else unit
 
     @property
+    def heading(self) -> str:
+        """The label as the start of a line: `Largest speed error`."""
+        return self.label[0].upper() + self.label[1:]
+
+    @property
     def title(self) -> str:
-        """The label as the start of a line, with the side of the machine: `Largest speed error, motor side`."""
-        words = f"{self.label}, {self.taken_at}" if self.taken_at else self.label
-        return words[0].upper() + words[1:]
+        """The heading with the side of the machine: `Largest speed error, motor side`."""
+        return f"{self.heading}, {self.taken_at}" if self.taken_at else self.heading
 
     @property
     def worst(self) -> Callable[..., float]:

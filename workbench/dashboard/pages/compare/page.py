@@ -117,7 +117,8 @@ def difference(value: float, base: float, metric: Metric) -> str:
     value, base: in the unit that is shown.
     """
     by = value - base
-    if not math.isfinite(by) or (abs(by) <= SAME * max(abs(base), abs(value)) and text(value) == text(base)):
+    rounding = abs(by) <= SAME * max(abs(base), abs(value)) and text(value) == text(base)
+    if not math.isfinite(by) or rounding or abs(by) < metric.visible * metric.scale:
         return " (=)"
     worse = metric.worse_by(base, value) if metric.better is not None else 0.0
     colour = "red" if worse > 0.0 else "green" if worse < 0.0 else "gray"

@@ -84,7 +84,7 @@ def _numbers(result: StudyResult) -> None:
         delta = None if kind == BASELINE or not common else metric.scale * (mine - base)
         better: Better = "higher" if metric.better == "higher" else "lower"
         said = f"{label(kind)}; the worst of the payloads"
-        cards.append(Number(metric.title, metric.scale * mine, metric.shown_unit, delta, better, help=said))
+        cards.append(Number(metric.heading, metric.scale * mine, metric.shown_unit, delta, better, help=said))
     for start in range(0, len(cards), MOST_CARDS):
         numbers(cards[start : start + MOST_CARDS])
     failed = [row for row in rows if not row.ok]
