@@ -123,9 +123,9 @@ def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, run) 
     assert page.foreign == []
     assert [len(lines) for lines in page.tables[:3]] == [5, 5, 5]  # a head and four runs
     assert "What is asked." in page.words
-    assert "Jerk-limited at 0.8 m/s³ costs" in page.words
+    assert "Ruckig with the same limits, jerk-limited at 0.8 m/s³, costs" in page.words
     assert f"Report: {copy / 'report.html'}" in done.out
-    assert "Jerk-limited at 0.8 m/s³ costs" in done.out
+    assert "Ruckig with the same limits, jerk-limited at 0.8 m/s³, costs" in done.out
     assert max(map(len, done.out.splitlines())) <= 100
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from workbench.study.conclude.variation_sentences import effects, jerk_limited, knees, scatter, span, sweeps_limits
+from workbench.references import BASELINE, planned_kinds
+from workbench.study.conclude.variation_sentences import against_baseline, effects, knees, scatter, span, sweeps_limits
 from workbench.study.results.row import Row
 from workbench.study.variations.varying import Axis, drawn_columns, said, swept_axes
 
@@ -26,30 +27,32 @@ def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
 
 def _varied_runs(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
     if drawn_columns(good):
-        return [*scatter(good), *jerk_limited(good, axes)] if not axes else [*span(good, axes), *scatter(good)]
+        return [*scatter(good), *against_baseline(good, axes)] if not axes else [*span(good, axes), *scatter(good)]
     paid = [*knees(good, axes)] if sweeps_limits(good) else []
-    return [*span(good, axes), *paid, *effects(good, axes), *jerk_limited(good, axes)]
+    return [*span(good, axes), *paid, *effects(good, axes), *against_baseline(good, axes)]
 
 
 def _comparison(good: Sequence[Row]) -> list[str]:
-    """Jerk-limited against trapezoid, at the heaviest payload that has both."""
+    """Each planned kind of reference against the baseline, at the heaviest payload that has both."""
     by_case = {(row.payload_kg, row.reference): row for row in good}
     for payload in sorted({row.payload_kg for row in good}, reverse=True):
-        trapezoid = by_case.get((payload, "trapezoid"))
-        if trapezoid is None:
+        base = by_case.get((payload, BASELINE))
+        if base is None:
             continue
-        said = []
-        if (smooth := by_case.get((payload, "ruckig"))) is not None:
-            longer = (smooth["move_time_s"] - trapezoid["move_time_s"]) / smooth["moves"]
-            said.append(
-                f"At {payload:g} kg ruckig with the same limits takes {longer:.2g} s longer per move, "
-                f"{_effect(smooth, trapezoid)}."
-            )
-        if (equal := by_case.get((payload, "ruckig_equal_time"))) is not None:
-            start = "In" if said else f"At {payload:g} kg, in"
-            said.append(f"{start} the trapezoid's own time ruckig {_effect(equal, trapezoid)}.")
-        if said:
-            return said
+        texts: list[str] = []
+        for name, kind in planned_kinds().items():
+            row = by_case.get((payload, name))
+            if row is None or name == BASELINE:
+                continue
+            if kind.same_time_as:
+                start = "In" if texts else f"At {payload:g} kg, in"
+                texts.append(f"{start} the {kind.same_time_as}'s own time {kind.words} {_effect(row, base)}.")
+                continue
+            longer = (row["move_time_s"] - base["move_time_s"]) / row["moves"]
+            time = f"{abs(longer):.2g} s {'longer' if longer >= 0.0 else 'less'} per move"
+            texts.append(f"At {payload:g} kg {kind.words} takes {time}, {_effect(row, base)}.")
+        if texts:
+            return texts
     if not good:
         return []
     worst = max(good, key=lambda row: row["peak_torque_motor_nm"])

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from workbench.metrics import View, shown_in
+from workbench.references import BASELINE, planned_kinds
 from workbench.study.conclude.pareto import Front, fronts
 from workbench.study.conclude.rank import rank_correlations
 from workbench.study.results.labels import metric_label, shown
@@ -142,26 +143,36 @@ def _hangs_on(rows: Sequence[Row], columns: Sequence[str]) -> str:
     )
 
 
-def jerk_limited(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
-    """Jerk-limited against trapezoid at equal settings, over all points that have both; the heaviest payload."""
+def against_baseline(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+    """Each planned kind of reference against the baseline at equal settings, over all points that have both.
+
+    Of the heaviest payload that has both. A kind that takes the baseline's time is left out: its limits are others.
+    """
     by_case = {(row.payload_kg, row.reference, *_settings(row, axes)): row for row in good}
     for payload in sorted({row.payload_kg for row in good}, reverse=True):
-        pairs = [
-            (row, by_case[payload, "ruckig", *_settings(row, axes)])
-            for row in good
-            if row.payload_kg == payload
-            and row.reference == "trapezoid"
-            and (payload, "ruckig", *_settings(row, axes)) in by_case
-        ]
-        if pairs:
-            longer = [(b["move_time_s"] - a["move_time_s"]) / b["moves"] for a, b in pairs]
-            above = "peak_torque_above_static_nm"
-            off = [100.0 * (1.0 - b[above] / a[above]) for a, b in pairs]
-            return [
-                f"At {payload:g} kg jerk-limited (ruckig) costs {_range(longer, '.2g')} s per move against the "
-                f"trapezoid at the same settings, and takes {_range(off, '.0f')} % off the torque peak above static."
+        base = [row for row in good if row.payload_kg == payload and row.reference == BASELINE]
+        texts = []
+        for name, kind in planned_kinds().items():
+            pairs = [
+                (row, by_case[payload, name, *_settings(row, axes)])
+                for row in base
+                if (payload, name, *_settings(row, axes)) in by_case
             ]
+            if pairs and name != BASELINE and not kind.same_time_as:
+                texts.append(_against_baseline(payload, name, pairs))
+        if texts:
+            return texts
     return []
+
+
+def _against_baseline(payload_kg: float, name: str, pairs: Sequence[tuple[Row, Row]]) -> str:
+    longer = [(row["move_time_s"] - base["move_time_s"]) / row["moves"] for base, row in pairs]
+    above = "peak_torque_above_static_nm"
+    off = [100.0 * (1.0 - row[above] / base[above]) for base, row in pairs]
+    return (
+        f"At {payload_kg:g} kg {name} costs {_range(longer, '.2g')} s per move against the {BASELINE} at the same "
+        f"settings, and takes {_range(off, '.0f')} % off the torque peak above static."
+    )
 
 
 def _settings(row: Row, axes: Sequence[Axis]) -> tuple[object, ...]:

@@ -19,6 +19,7 @@ from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.style import label
 from workbench.machine import Hoist
 from workbench.metrics import Metric, View, shown_in
+from workbench.references import BASELINE
 from workbench.study.conclude.pareto import fronts
 from workbench.study.conclude.sentences import sentences
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
@@ -27,7 +28,6 @@ from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import alone_text
 from workbench.study.variations.varying import swept_axes
 
-BASELINE = "trapezoid"
 PEAK = "peak_torque_motor_nm"
 MOST_CARDS = 4  # numbers side by side
 
