@@ -92,21 +92,21 @@ def _run(study: Study, place: Place, spread: Spread, tell: Tell) -> None:
 
 def _report(study: Study, place: Place) -> None:
     from workbench.cli.show import print_table, print_text
-    from workbench.study.conclude import aggregate
-    from workbench.study.conclude.summary import CAPTION, head, sentences, table
+    from workbench.study.conclude import tables
+    from workbench.study.conclude.sentences import sentences
     from workbench.study.execute.run import motor_torque_limit_nm
     from workbench.study.results.index import read_rows
     from workbench.study.variations.varying import swept_axes
 
     rows = read_rows(place.folder)
     if len(rows) <= MOST_IN_TABLE:
-        print_table(head(rows), table(rows))
-        print_text([CAPTION], dim=True)
+        print_table(tables.run_head(rows), tables.run_table(rows))
+        print_text([tables.run_caption(rows)], dim=True)
     else:
-        print_table(aggregate.HEAD, aggregate.quantile_table(rows))
-        print_text([aggregate.CAPTION], dim=True)
+        print_table(tables.quantile_head(), tables.quantile_table(rows))
+        print_text([tables.quantile_caption()], dim=True)
         click.echo()
-        print_table(aggregate.EXTREMES_HEAD, aggregate.extremes(rows, swept_axes(rows)))
+        print_table(tables.extremes_head(), tables.extremes_table(rows, swept_axes(rows)))
         click.echo(f"Each of the {len(rows)} runs has its line in the index.")
     print_text(["", *sentences(rows, motor_torque_limit_nm(study.machine)), ""])
     if place.finished:

@@ -9,7 +9,8 @@ import numpy as np
 
 from workbench.figures.save import save
 from workbench.figures.study import overview, peak_torque_over_payload
-from workbench.study.conclude.summary import CAPTION, head, sentences, table
+from workbench.study.conclude.sentences import sentences
+from workbench.study.conclude.tables import run_caption, run_head, run_table
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
 
 if TYPE_CHECKING:
@@ -63,6 +64,6 @@ def save_study_page(result: StudyResult, path: Path) -> None:
         path,
         title=f"Study {result.study.scenario.name} — {machine.name}",
         sentences=[paragraph for paragraph in paragraphs if paragraph],
-        table=(head(result.rows), table(result.rows)),
-        caption=CAPTION,
+        table=(run_head(result.rows), run_table(result.rows)),
+        caption=run_caption(result.rows),
     )
