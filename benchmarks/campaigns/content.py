@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,9 @@ from benchmarks.campaigns.families import FAMILIES, Family
 from benchmarks.campaigns.kind import Kind, Logging, RunPlan
 from benchmarks.campaigns.kinds import kind_of
 
-CASES = ("singles", "none", "pairs", "unknown")
+# Cases, and their shares of a mixed set.
+MIXED: Mapping[str, float] = {"singles": 2.0 / 3.0, "none": 1.0 / 6.0, "pairs": 0.1, "unknown": 1.0 / 15.0}
+CASES = tuple(MIXED)
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ def draw(seed: int | Sequence[int], family: str, case: str = "mixed", names: Seq
     which = FAMILIES[family]
     kind = kind_of(which)
     if case == "mixed":
-        case = str(of_causes.choice(CASES, p=[0.66, 0.17, 0.10, 0.07]))
+        case = str(of_causes.choice(CASES, p=list(MIXED.values())))
     if names is None:
         names = _names(of_causes, case, kind, which)
     drawn = kind.drawn(of_machine, which, names)

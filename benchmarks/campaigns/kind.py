@@ -45,7 +45,8 @@ class Kind:
     drawn: nominal machine of (rng, family, effects' names). usual: effects that show on a family. pair: two of them,
     the first given or drawn. plan: runs and logging of (rng, drawn machine, family, effects' names). causes: effect
     -> how it is drawn of (rng, scales); scales: of (drawn machine, runs, logging). truth: the true machine; ailing:
-    with a cause at work; in_run: of one run; sensors: the true sensors. move: reference of a run and what the
+    with a cause at work; in_run: of one run; inertia: all that
+    moves, at the motor; sensors: the true sensors. move: reference of a run and what the
     kernel makes of the truth: (plan, drawn, truth, family, rng) -> reference, record. columns: of the log. band_hz:
     in which the causes' size is measured, of the log's rate. said: what runs.yaml says of a run.
     """
@@ -69,6 +70,7 @@ class Kind:
     in_run: Callable[[Any, RunPlan, np.random.Generator], Any]
     sensors: Callable[[np.random.Generator, Any, Family, Logging], Sensors]
     excitation: Callable[[np.random.Generator, RunPlan, Any], tuple[Array, Array]]
+    inertia: Callable[[Any], float]
     move: Callable[[np.random.Generator, Any, Any, Family, Array, Array], Array]
     motion: Callable[[Array], Array]
     columns: Callable[[Sampled, Array, Array, Sensors, np.random.Generator, Any, RunPlan, Logging], Columns]

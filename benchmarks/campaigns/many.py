@@ -12,14 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.campaigns.campaign import Label, make_campaign
-from benchmarks.campaigns.content import CASES, draw
+from benchmarks.campaigns.content import CASES, MIXED, draw
 from benchmarks.campaigns.families import FAMILIES
 from benchmarks.campaigns.kinds import kind_of
 from benchmarks.campaigns.size import input_change
 
-# Of a mixed set: shares of the cases; a third of the unlisted causes are brief events.
-MIXED: Mapping[str, float] = {"singles": 2.0 / 3.0, "none": 1.0 / 6.0, "pairs": 0.1, "unknown": 1.0 / 15.0}
-EVENTS_EVERY = 3
+EVENTS_EVERY = 3  # unlisted causes: one of them is a brief event
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,10 @@ class Sensors:
 
     The log shows gain · true + offset, with gain_forward more of it forward and less backward (turned over within
     speed_turn), and bend · true · |true|; low-passed with filter_s, wandering by walk_per_sqrt_s, held within
-    dead_band; a glitch adds to it while an event lasts. Motion is shown delay_s + late_s late: late_s for channels
-    of one log that rarely agree. count: the encoder's step; encoder: the logged speed is the difference of its
-    counts over the drive's step, averaged over window_s. jitter_s: samples are taken that much beside their stamps.
+    dead_band. While an event lasts, a glitch adds to it, and the encoder loses slip (relative) of the way. Motion is
+    shown delay_s + late_s late: late_s for channels of one log that rarely agree. count: the encoder's step; encoder:
+    the logged speed is the difference of its counts over the drive's step, averaged over window_s. jitter_s: samples
+    are taken that much beside their stamps.
     """
 
     input_noise: float
@@ -41,6 +42,7 @@ class Sensors:
     dead_band: float = 0.0
     bend: float = 0.0
     glitch: float = 0.0
+    slip: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -59,14 +61,14 @@ class Window:
 
 @dataclass(frozen=True)
 class Sampled:
-    """Samples of one run's log, (n,) each: stamps, s; the rows of the record at the stamps; rows, as fractions, at
-    which motion is shown; input before noise; speed."""
+    """Samples of one run's log, (n,) each: stamps, s; the record's rows at the stamps; input before noise; speed; and
+    position of the encoder before its steps."""
 
     time_s: Array
     rows: npt.NDArray[np.int64]
-    motion_s: Array
     input: Array
     speed: Array
+    position: Array
 
 
 def shown_input(
@@ -112,12 +114,15 @@ def sampled(
     rows = logged_rows(len(true), rate_hz, step_s, uneven, rng)
     taken = time[rows] + (rng.normal(scale=s.jitter_s, size=len(rows)) if s.jitter_s > 0.0 else 0.0)
     motion_s = taken - s.late_s - s.delay_s
+    if window is not None and s.slip:
+        lost = s.slip * window.pulse(time) * speed
+        speed, position = speed - lost, position - np.cumsum(lost) * step_s
     quick = encoder_speed(position, step_s, s.count, s.window_s) if s.encoder else speed
     seen = np.interp(motion_s, time, quick)
     if s.speed_noise > 0.0 and not s.encoder:
         seen = seen + rng.normal(scale=s.speed_noise, size=len(rows))
     held = dead_band(np.interp(taken, time, shown), s.dead_band)
-    return Sampled(time[rows], rows, motion_s, held, seen), wander
+    return Sampled(time[rows], rows, held, seen, np.interp(motion_s, time, position)), wander
 
 
 def logged_rows(n: int, rate_hz: float, step_s: float, uneven: bool, rng: np.random.Generator) -> npt.NDArray[np.int64]:

@@ -29,7 +29,8 @@ class Change:
 def input_change(content: Content, seed: int | Sequence[int]) -> Change:
     """With the causes less without them, all else alike: the same machine, runs and noise of the drive.
 
-    A late speed is counted as the input's change over that delay. What a refit within the tolerances would take up
+    A late speed is counted as the input's change over that delay, a speed that is shown too low as the torque of the
+    inertia that its change would take. What a refit within the tolerances would take up
     is still in it; so is what the machine then does differently.
     """
     seeds = (seed,) if isinstance(seed, int) else tuple(seed)
@@ -64,7 +65,10 @@ def _shown(kind: Kind, run: Simulated, machine: Built, walk: np.random.Generator
     shown, wander = shown_input(
         run.record[:, kind.input], speed, kind.record_s, machine.sensors, walk, wander, run.window
     )
-    time = np.arange(len(shown)) * kind.record_s
+    time = np.arange(len(shown), dtype=np.float64) * kind.record_s
+    if run.window is not None and machine.sensors.slip:
+        missed = machine.sensors.slip * run.window.pulse(time) * speed
+        shown = shown + kind.inertia(run.truth) * np.gradient(missed, kind.record_s)
     return np.interp(time + machine.sensors.delay_s, time, shown), wander
 
 

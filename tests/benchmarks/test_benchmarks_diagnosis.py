@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from benchmarks.campaigns.families import FAMILIES
 from benchmarks.diagnosis import calibrate, criteria, score
 from benchmarks.diagnosis.answers import answer, load, save
 from benchmarks.diagnosis.share import Share
@@ -374,3 +375,18 @@ def test_a_family_is_judged_by_what_the_others_give(monkeypatch: pytest.MonkeyPa
 def test_refused_campaigns_stay_refused_whatever_the_numbers():
     rows = [made([], "refused", folder="x"), made([VISCOUS], "refused", family="axis_std")]
     assert [calibrate._anew(row, calibration())["word"] for row in rows] == ["refused", "refused"]
+
+
+def test_one_command_makes_and_diagnoses_what_calibrates_on_a_seed_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    ordered: list[Any] = []
+    asked: list[Any] = []
+    monkeypatch.setattr(calibrate, "make_all", lambda wanted, processes: ordered.extend(wanted))
+    monkeypatch.setattr(calibrate, "answer_all", lambda what, processes: asked.append(what))
+    folders = calibrate.made(tmp_path, 60, 2)
+    assert len(ordered) == 60
+    assert {order.seed[0] for order in ordered} == {calibrate.SEED}
+    assert {order.family for order in ordered} == set(FAMILIES)
+    assert [what.answers for what in asked] == folders
+    assert [(what.withhold, what.singles_only) for what in asked] == [(False, False), (True, True)]

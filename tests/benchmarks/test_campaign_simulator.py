@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from benchmarks.campaigns.__main__ import main
 from benchmarks.campaigns.campaign import built, log_columns, make_campaign, simulated
-from benchmarks.campaigns.content import CASES, draw
+from benchmarks.campaigns.content import CASES, MIXED, draw
 from benchmarks.campaigns.families import FAMILIES
 from benchmarks.campaigns.hoist.kernel import (
     CARRIAGE_SPEED,
@@ -33,7 +35,7 @@ from benchmarks.campaigns.hoist.machines import drawn_hoist, practice_machine
 from benchmarks.campaigns.hoist.profiles import reference
 from benchmarks.campaigns.hoist.truth import nominal_truth
 from benchmarks.campaigns.hoist.unlisted import EVENTS, IN_THE_LIBRARY, UNLISTED
-from benchmarks.campaigns.many import MIXED, make, orders
+from benchmarks.campaigns.many import make, orders
 from benchmarks.campaigns.sensors import Sensors, Window, shown_input
 from benchmarks.campaigns.size import input_change
 from benchmarks.campaigns.standstill import LAWS as STANDSTILL_LAWS
@@ -550,6 +552,21 @@ def test_bristles_reach_their_level_and_give_way_only_where_they_creep(relax_s):
     for _ in range(100_000):  # 10 s at rest
         z = bend(z, 0.0, 5e-4, 1.06, relax_s, h)
     assert z == pytest.approx(1.06 * (math.exp(-10.0 / relax_s) if relax_s else 1.0), rel=0.01)
+
+
+def test_the_command_makes_campaigns_of_the_families_that_it_is_given(tmp_path):
+    given = ["--out", str(tmp_path), "--count", "1", "--seed", "3", "--family", "axis_std", "--case", "none"]
+    result = CliRunner().invoke(main, [*given, "--processes", "1"])
+    assert result.output == "001 axis_std none: no gap\n"
+    assert json.loads((tmp_path / "labels" / "001.json").read_text())["family"] == "axis_std"
+    refused = CliRunner().invoke(main, [*given[:-3], "hoist_huge"])
+    assert refused.exit_code == 2
+    assert "hoist_huge" in refused.output
+
+
+def test_the_readme_names_each_family_as_it_is():
+    text = (PACKAGE / "README.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| ((?:hoist|axis)_\w+) \|", text, re.M)[: len(FAMILIES)] == list(FAMILIES)
 
 
 def test_the_simulator_shares_nothing_with_the_plant_but_the_machines_records():

@@ -85,6 +85,11 @@ def in_run(truth: Truth, plan: RunPlan, rng: np.random.Generator) -> Truth:
     return truth._replace(x_0=plan.start, start_time_s=plan.start_time_s)
 
 
+def inertia(truth: Truth) -> float:
+    """Of both sides, kg (kg m²)."""
+    return truth.M_m + truth.M_l
+
+
 def sensors(rng: np.random.Generator, drawn: Drawn, family: Family, logging: Logging) -> Sensors:
     logger, machine = family.logger, drawn.machine
     return Sensors(
@@ -125,13 +130,11 @@ def columns(
     n_, m_, x_, v_ = (
         ("force_n", "position", "m", "velocity_m_s") if drawn.linear else ("torque_nm", "angle", "rad", "speed_rad_s")
     )
-    time = np.arange(len(record)) * RECORD_S
     force = samples.input + rng.normal(scale=s.input_noise, size=len(samples.rows))
     out: Columns = {"time_s": (samples.time_s, 4), n_: (force, digits(s.input_noise / 10.0))}
     fine = digits(s.count / 10.0)
     if "position" in logging.logs:
-        position = np.interp(samples.motion_s, time, record[:, POSITION])
-        out[f"{m_}_{x_}"] = (s.count * np.floor(position / s.count), fine)
+        out[f"{m_}_{x_}"] = (s.count * np.floor(samples.position / s.count), fine)
     if "speed" in logging.logs:
         out[v_] = (samples.speed, digits(s.speed_noise / 10.0))
     if "reference" in logging.logs:
@@ -168,6 +171,7 @@ AXIS = Kind(
     in_run=in_run,
     sensors=sensors,
     excitation=excitation,
+    inertia=inertia,
     move=move,
     motion=encoder_position,
     columns=columns,

@@ -112,10 +112,18 @@ def _glitch(rng: np.random.Generator, s: Scales) -> Cause:
     return _plain("event: the force sensor shows a bump that is none", "event", cause)
 
 
+def _slip(rng: np.random.Generator, s: Scales) -> Cause:
+    event, slip = drawn_event(rng, 0.1, 0.6), about(rng, 0.2, 0.6)
+    cause = caused("", "", {"slip": slip, "length_s": event.length_s}, log={"slip": slip})
+    cause = replace(cause, event=event, subsystem="speed_sensor")
+    return _plain("event: the encoder's coupling slips, and the speed is shown too low", "event", cause)
+
+
 EVENTS: Mapping[str, AxisDraw] = {
     "event_blow": _blow,
     "event_body": _body_once,
     "event_force_sensor": _glitch,
+    "event_encoder": _slip,
 }
 UNLISTED: Mapping[str, AxisDraw] = {
     "quadratic_drag": _quadratic,

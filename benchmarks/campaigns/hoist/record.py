@@ -85,6 +85,12 @@ def in_run(truth: Truth, plan: RunPlan, rng: np.random.Generator) -> Truth:
     )
 
 
+def inertia(truth: Truth) -> float:
+    """Of motors, drum, carriage and payload, kg m², at the motors."""
+    lift = 0.5 * truth.R / truth.ratio  # of the carriage, m per rad of the motors
+    return truth.J_m + truth.J_w / truth.ratio**2 + (truth.m_c + truth.m_p) * lift**2
+
+
 def sensors(rng: np.random.Generator, drawn: Drawn, family: Family, logging: Logging) -> Sensors:
     tol, motor, logger = drawn.machine.tolerances, drawn.machine.motor, family.logger
     low, high = logger.noise
@@ -187,6 +193,7 @@ HOIST = Kind(
     in_run=in_run,
     sensors=sensors,
     excitation=excitation,
+    inertia=inertia,
     move=move,
     motion=motor_angle,
     columns=columns,

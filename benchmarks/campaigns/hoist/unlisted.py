@@ -144,6 +144,14 @@ def _glitch(rng: np.random.Generator, s: Scales) -> Cause:
     )
 
 
+def _slip(rng: np.random.Generator, s: Scales) -> Cause:
+    slip, event = about(rng, 0.05, 0.25), drawn_event(rng, 0.5, 2.0)
+    text = "unlisted: event: the encoder's coupling slips, and the speed is shown too low"
+    return Cause(
+        text, "speed_sensor", "event", {"slip": slip, "length_s": event.length_s}, log={"slip": slip}, event=event
+    )
+
+
 EVENTS: Mapping[str, Draw] = {
     "event_motor": _event(
         "a blow of torque at the motor", "motor", "event_motor", 0.04, 0.15, of_force=False, signed=True
@@ -165,6 +173,7 @@ EVENTS: Mapping[str, Draw] = {
     ),
     "event_platform": _jolt,
     "event_torque_sensor": _glitch,
+    "event_speed_sensor": _slip,
 }  # fmt: skip
 UNLISTED: Mapping[str, Draw] = {
     "fan": _fan,
