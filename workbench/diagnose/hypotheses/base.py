@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Value, Wave
-from workbench.effects import find, ranges_of
+from workbench.effects import find, ranges_of, sizes_of
 from workbench.identify.parameters import free_parameters
 from workbench.machine import Axis, Hoist, get_value
 from workbench.plants import plant_of
@@ -16,6 +16,8 @@ from workbench.run import Run
 
 STANDSTILL_STD = math.log(10.0)  # nobody knows how friction turns over at standstill: a factor of ten either way
 
+AXIS_RIPPLE = 0.003  # of the largest input: cogging that every axis has
+AXIS_PRESLIDING = 0.001  # of the travel: bristles that every axis has
 SHAPE_STD = math.log(3.0)  # of a nuisance's shape, such as the speed at which Stribeck friction falls: a factor
 LOAD_CELL_STD = 0.005  # of a dead line's load cell: its gain
 
@@ -72,13 +74,18 @@ def nuisance_knobs(machine: Hoist | Axis, runs: Sequence[Run]) -> dict[str, Knob
 
 
 def traces(machine: Hoist | Axis, runs: Sequence[Run], name: str) -> dict[str, float]:
-    """Symbol -> standard deviation of the small amount of an effect that every machine has, and that no base parameter
-    stands for since its phase is each run's own. Empty for other effects."""
-    if name != "torque_ripple" or not isinstance(machine, Hoist):
+    """Symbol -> standard deviation of the small amount of an effect that every machine has, where no base parameter
+    stands for it: a ripple's phase is each run's own, bristles have no amount that is linear. Empty for other effects."""
+    kind = plant_of(machine).kind
+    sizes = sizes_of(machine, runs)
+    if isinstance(machine, Hoist):
+        stds = {"torque_ripple": machine.tolerances.ripple * sizes.torque}
+    else:
+        stds = {"torque_ripple": AXIS_RIPPLE * sizes.force, "presliding": AXIS_PRESLIDING * sizes.length}
+    if not stds.get(name, 0.0) > 0.0:
         return {}
-    amount = next(r for r in ranges_of(find(name, "hoist"), machine, runs) if r.vanishes_at is not None)
-    std = machine.tolerances.ripple * machine.motor.count * machine.motor.nominal_torque_nm
-    return {amount.symbol: std} if std > 0.0 else {}
+    amount = next(r for r in ranges_of(find(name, kind), machine, runs) if r.vanishes_at is not None)
+    return {amount.symbol: stds[name]}
 
 
 def _axis(machine: Axis, runs: Sequence[Run]) -> dict[str, Value]:
