@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from workbench.consequences import consequences_of
+from workbench.consequences import Consequences, consequences_of
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.problem import Problem
@@ -19,13 +19,14 @@ from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.condition import condition
 from workbench.diagnose.readiness.information import informative_band
 from workbench.diagnose.readiness.motion_noise import motion_noise
-from workbench.diagnose.records import Diagnosis, Names, Verdict
+from workbench.diagnose.records import Diagnosis, Names, Verdict, VerdictWord
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, judge
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 
@@ -55,7 +56,7 @@ def diagnose(
     warnings = check_runs(campaign)
     effects = chosen_effects(campaign, candidates)
     problem = Problem(campaign.machine, campaign.runs, band_hz)
-    if band_hz is None and isinstance(campaign.machine, Axis):
+    if band_hz is None and kind_of(campaign.machine).floor == "own":
         band = informative_band(problem.bench, seed)
         if band < problem.band_hz:
             problem = Problem(campaign.machine, campaign.runs, band)
@@ -96,7 +97,7 @@ def diagnose(
     shrink = shrink_of(found, keys, judged.names, folds_of(found, judged.names, unknown), seed, unknown)
     say(Progress(Stage.CONSEQUENCES))
     refitted = refitted_machine(problem, keys, found.near)
-    changes, why_not = _consequences(campaign, refitted, corrected, judged) if study else (None, "Not asked for.")
+    changes, why_not = _consequences(campaign, refitted, corrected, judged.word) if study else (None, "Not asked for.")
     sentence = sentence_of(judged, gap, shrink, also, corrected.measured_correction is not None)
     verdict = Verdict(
         judged.word, judged.names, judged.ranking, also, sentence, judged.reasons, judged.explained, judged.left
@@ -144,11 +145,12 @@ def _open(judged: Judged, also: Names) -> list[Names]:
     return list(dict.fromkeys([*first, *rest]))
 
 
-def _consequences(campaign: Campaign, refitted: object, corrected: object, judged: Judged):  # type: ignore[no-untyped-def]
-    if judged.word == "no_gap":
+def _consequences(
+    campaign: Campaign, refitted: Hoist | Axis, corrected: Hoist | Axis, word: VerdictWord
+) -> tuple[Consequences | None, str]:
+    """What changes in the control study; or why nothing is said."""
+    if word == "no_gap":
         return None, "No gap: the study's conclusions stand as they are."
-    if not isinstance(refitted, Hoist) or not isinstance(corrected, Hoist):
-        return None, "There are no studies of an axis."
     return consequences_of(refitted, corrected, runs=campaign.runs)
 
 

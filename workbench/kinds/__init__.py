@@ -15,12 +15,14 @@ from workbench.kinds.record import (
     BaseValue,
     CrossCheck,
     DeadLine,
+    Discrepancy,
     Kind,
     Limits,
     Port,
     RigidBody,
     SignalSet,
     Table,
+    Trace,
 )
 from workbench.kinds.sizes import Sizes
 from workbench.machine import Hoist
@@ -58,6 +60,7 @@ __all__ = [
     "BaseValue",
     "CrossCheck",
     "DeadLine",
+    "Discrepancy",
     "Kind",
     "Limits",
     "Port",
@@ -65,6 +68,7 @@ __all__ = [
     "SignalSet",
     "Sizes",
     "Table",
+    "Trace",
     "kind_of",
     "of_kind",
     "studied",

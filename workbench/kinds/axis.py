@@ -14,6 +14,7 @@ from workbench.kinds.record import (
     BaseValue,
     CrossCheck,
     Directions,
+    Discrepancy,
     Drive,
     Friction,
     Kind,
@@ -22,6 +23,7 @@ from workbench.kinds.record import (
     RigidBody,
     SignalSet,
     Table,
+    Trace,
     Turning,
 )
 from workbench.kinds.sizes import Sizes
@@ -168,6 +170,12 @@ def axis_kind(
         "tables": (*over, *turns, *clocks),
         "ports": {"axis": Port("axis_force", drive.unit, "v", lambda s, p: s.switch, _way, levered=False)},
         "floor": "own",
+        # Cogging of a few tenths of a per cent of the largest input, and bristles of a thousandth of the travel.
+        "traces": (
+            Trace("torque_ripple", lambda m, sizes: 0.003 * sizes.force, fitted=False),
+            Trace("presliding", lambda m, sizes: 0.001 * sizes.length, fitted=False),
+        ),
+        "discrepancy": Discrepancy(load=0.004, inertia=0.004, standstill=0.05, slow=0.05, time_s=0.06, of_largest=True),
         "whole": "axis",
         "sized_by_runs": {
             **{name: "input" for name in (*levels, key["gain"], key["offset"]) if name},

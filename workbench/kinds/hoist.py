@@ -14,6 +14,7 @@ from workbench.kinds.record import (
     CrossCheck,
     DeadLine,
     Directions,
+    Discrepancy,
     Drive,
     Friction,
     Kind,
@@ -24,6 +25,7 @@ from workbench.kinds.record import (
     SignalSet,
     Start,
     Table,
+    Trace,
     Turning,
 )
 from workbench.kinds.sizes import Sizes
@@ -73,6 +75,11 @@ def _rigid(m: Hoist, payload_kg: float) -> RigidBody:
 def _weight(m: Hoist, payload_kg: float) -> float:
     """Of carriage and payload, N."""
     return _mass(m, payload_kg) * m.gravity_m_s2
+
+
+def _level(m: Hoist) -> float:
+    """The guide's friction, both ways on average, N."""
+    return 0.5 * (m.guide.coulomb_hoisting_n + m.guide.coulomb_lowering_n)
 
 
 def _limits(m: Hoist) -> Limits:
@@ -189,6 +196,14 @@ KIND = Kind(
         "motor": Port("motor_torque_nm", "N m", "w", lambda s, p: s.switch, _motor_way, levered=False),
     },
     floor="sensors",
+    traces=(
+        Trace("gearbox_efficiency", lambda m, sizes: float(m.tolerances.gearbox_loss)),
+        Trace("friction_viscous", lambda m, sizes: float(m.tolerances.viscous) * _level(m) / sizes.speed),
+        Trace("friction_stribeck", lambda m, sizes: float(m.tolerances.stribeck) * _level(m)),
+        Trace("drum_eccentricity", lambda m, sizes: float(m.tolerances.eccentricity) * sizes.radius),
+        Trace("torque_ripple", lambda m, sizes: float(m.tolerances.ripple) * sizes.torque, fitted=False),
+    ),
+    discrepancy=Discrepancy(load=0.0002, inertia=0.003, standstill=0.02, slow=0.08, time_s=0.6),
     whole="",
     lever=lift,
     nominal_speed=lambda m: float(m.motor.nominal_speed_rad_s),

@@ -131,6 +131,36 @@ class RigidBody:
 
 
 @dataclass(frozen=True)
+class Trace:
+    """The small amount of an effect that every machine of a kind has, and that is no gap.
+
+    std(machine, sizes): one standard deviation of it, in the unit of the effect's amounts. fitted: whether it is fitted
+    as a base parameter; what has no linear amount, or a phase in each run, is allowed for in the verdict.
+    """
+
+    effect: str
+    std: Callable[[Any, Sizes], float]
+    fitted: bool = True
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """What a lumped model of a machine may miss and still be right: standard deviations.
+
+    load: of the transmitted input, or of the largest one (of_largest). inertia: of the input that accelerates.
+    standstill: of the friction level, falling with speed over `slow` of the speed scale. time_s: over which it hangs
+    together.
+    """
+
+    load: float
+    inertia: float
+    standstill: float
+    slow: float
+    time_s: float
+    of_largest: bool = False
+
+
+@dataclass(frozen=True)
 class CrossCheck:
     """Two signals that say the same thing. ratio: of the one over the other, 1 on a sound log. wrong: what is said
     where it is no machine's; odd: where it is not this machine's, "" for nothing."""
@@ -226,7 +256,8 @@ class Kind:
     base: what may be off. free: what `identify` frees unless told; roles of one fit. sized_by_runs: keys whose scale
     the runs tell rather than the nominal value: "input" or "input/speed", or a number.
     ties: ((two keys), third): what runs show of the three is two sums only, so the two are held alike in a fit.
-    floor: what a machine without a gap leaves: its sensors' noise, or ripple and resonances of its own.
+    floor: what a machine without a gap leaves: its sensors' noise, or ripple and resonances of its own. traces,
+    discrepancy: what a diagnosis allows for besides.
     log_timing: whether one sampling step between the channels of a log is a base parameter.
     payload: whether runs carry payloads. studies: whether studies, loop, tune and the dashboard's drawing are for
     it. whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
@@ -253,6 +284,8 @@ class Kind:
     tables: tuple[Table, ...]
     ports: Mapping[str, Port]
     floor: Literal["sensors", "own"]
+    traces: tuple[Trace, ...]
+    discrepancy: Discrepancy
     whole: str
     lever: Callable[[Any], float] | None = None
     nominal_speed: Callable[[Any], float] | None = None

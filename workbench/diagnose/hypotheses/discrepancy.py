@@ -1,75 +1,48 @@
 """How large a machine's discrepancy is: the share of torque that a lumped model of it may miss and still be right.
 
-The defaults are round numbers, set on simulated machines without a gap that are larger than their sensors' noise hides
-(docs/diagnosis.md has the sensitivity of the score to each); a campaign's own size is estimated beside them, as one
-factor with a log-normal prior (`SPREAD`).
+`Kind.discrepancy` has the defaults: round numbers, set on simulated machines without a gap that are larger than their
+sensors' noise hides. A campaign's own size is estimated beside them, as one factor with a log-normal prior (`SPREAD`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from workbench.diagnose.hypotheses.error_model import ErrorModel
-from workbench.diagnose.readiness.rigid import nominal
-from workbench.machine import Axis
+from workbench.kinds import kind_of
 from workbench.run import Array
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 
-
-@dataclass(frozen=True)
-class Shares:
-    """Standard deviations of the discrepancy. load: of the transmitted torque. inertia: of the torque that
-    accelerates. standstill: of the friction level, falling with speed over `slow` of the speed scale. time_s: over
-    which it hangs together."""
-
-    load: float
-    inertia: float
-    standstill: float
-    slow: float
-    time_s: float
-
-
-HOIST = Shares(load=0.0002, inertia=0.003, standstill=0.02, slow=0.08, time_s=0.6)
-AXIS = Shares(load=0.004, inertia=0.004, standstill=0.05, slow=0.05, time_s=0.06)
 SPREAD = 0.7  # standard deviation of the logarithm of a campaign's own size over the default
-
-
-def shares_of(machine: object) -> Shares:
-    return AXIS if isinstance(machine, Axis) else HOIST
+LEAST_LEVEL = 0.02  # of the largest input: a friction level, for a machine.yaml may know of none
 
 
 def discrepancy_of(bench: Bench, rows: list[np.ndarray]) -> Array:
     """(all rows,) of the input, in its unit."""
-    machine, share = bench.machine, shares_of(bench.machine)
+    kind = kind_of(bench.machine)
+    share = kind.discrepancy
     friction = friction_level(bench)
     largest = max(float(np.max(np.abs(u))) for u in bench.measured)
     parts = []
     for run, motion, measured, at in zip(bench.runs, bench.motions, bench.measured, rows, strict=True):
         speed = lowpass(run.time_s, motion.speed, bench.band_hz)
-        acceleration = np.gradient(speed, run.time_s)
-        inertia, _ = nominal(machine, run)
-        load = np.full(len(speed), largest) if isinstance(machine, Axis) else np.abs(measured)
-        near = friction * np.exp(-np.abs(speed) / (share.slow * bench.scale))
-        total = (
-            (share.load * load) ** 2 + (share.inertia * inertia * acceleration) ** 2 + (share.standstill * near) ** 2
-        )
-        parts.append(np.sqrt(total)[at])
+        inertia = kind.rigid(bench.machine, run.payload_kg).inertia
+        load = share.load * (np.full(len(speed), largest) if share.of_largest else np.abs(measured))
+        accelerating = share.inertia * inertia * np.gradient(speed, run.time_s)
+        near = share.standstill * friction * np.exp(-np.abs(speed) / (share.slow * bench.scale))
+        parts.append(np.sqrt(load**2 + accelerating**2 + near**2)[at])
     return np.concatenate(parts)
 
 
 def friction_level(bench: Bench) -> float:
-    """Coulomb friction at the driven coordinate, both ways on average, in the input's unit; 2 % of the largest input
-    at least, for a machine.yaml may know of none."""
-    machine = bench.machine
-    if isinstance(machine, Axis):
-        level = 0.5 * (machine.role("coulomb_forward") + machine.role("coulomb_backward"))
-    else:
-        level = 0.5 * (machine.guide.coulomb_hoisting_n + machine.guide.coulomb_lowering_n) * machine.lift_m_per_rad
-    return max(level, 0.02 * max(float(np.max(np.abs(u))) for u in bench.measured))
+    """Coulomb friction at the driven coordinate, both ways on average, in the input's unit."""
+    kind = kind_of(bench.machine)
+    levels = [float(getattr(bench.base[0], symbol)) for symbol in kind.friction.levels]
+    level = float(np.mean(levels)) * kind.lever_of(bench.machine)
+    return max(level, LEAST_LEVEL * max(float(np.max(np.abs(u))) for u in bench.measured))
 
 
 def carries(bench: Bench, rows: list[np.ndarray]) -> Array:
@@ -77,7 +50,7 @@ def carries(bench: Bench, rows: list[np.ndarray]) -> Array:
     parts = []
     for run, at in zip(bench.runs, rows, strict=True):
         apart = np.diff(run.time_s[at], prepend=-math.inf)
-        parts.append(np.exp(-apart / shares_of(bench.machine).time_s) if len(at) else apart)
+        parts.append(np.exp(-apart / kind_of(bench.machine).discrepancy.time_s) if len(at) else apart)
     return np.concatenate(parts)
 
 

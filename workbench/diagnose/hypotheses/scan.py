@@ -11,7 +11,7 @@ import numpy as np
 
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.run import Array
 
 PLACES_TRIED = 24  # along what the runs have passed
@@ -126,15 +126,11 @@ def _typical_speed(problem: Problem) -> float:
 
 def _visited(problem: Problem, scan: str) -> tuple[float, float]:
     """The range of heights, or of drum angles, that the runs have passed."""
+    kind = kind_of(problem.machine)
+    sizes = kind.sizes(problem.machine, problem.runs)
     spans = []
     for run, motion in zip(problem.bench.runs, problem.bench.motions, strict=True):
-        travelled = motion.position - motion.position[0]
-        if isinstance(problem.machine, Hoist):
-            lift = problem.machine.lift_m_per_rad
-            height = run.start_position_m + travelled * lift
-            radius = problem.machine.winch.drum_diameter_m / 2.0
-            spans.append(height if scan == "position" else 2.0 * height / radius)
-        else:
-            spans.append(motion.position)
+        place = kind.place_of(problem.machine, run.start_position_m, motion.position)
+        spans.append(place if scan == "position" else place * sizes.drum_angle / sizes.length)
     every = np.concatenate(spans)
     return float(np.min(every)), float(np.max(every))

@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.base import base_knobs, nuisance_knobs
+from workbench.diagnose.hypotheses.base import base_knobs, trace_knobs
 from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signed, fit_knobs, linear_gain, start_of
 from workbench.diagnose.hypotheses.knobs import Knob, Value, within
 from workbench.diagnose.hypotheses.problem import Problem
@@ -93,8 +93,8 @@ class Search:
         self.effects = {each.id: each for each in effects}
         self.rivals = {each.id: each for each in rivals if each.id not in self.effects}
         self.base = dict(base_knobs(problem.machine, problem.runs) if base is None else base)
-        self.nuisances = nuisance_knobs(problem.machine, problem.runs)
-        self.held = [*self.base.values(), *self.nuisances.values()]
+        self.traces = trace_knobs(problem.machine, problem.runs)
+        self.held = [*self.base.values(), *self.traces.values()]
         self.count = sum(len(knob.lowest) for knob in self.held)
         self._tell = tell or (lambda progress: None)
         self.fits: dict[Names, Fitted] = {}

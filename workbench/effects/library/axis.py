@@ -66,8 +66,8 @@ def presliding(s: Any, e: Any, p: Any) -> Scalar:
     ],
     reads={"x": "position, m"},
     equation="F = A sin(2π n x + φ)",
-    reference="P. Van den Braembussche et al., Accurate tracking control of linear synchronous motor machine tool axes, "
-    "Mechatronics 6, 1996: cogging repeats over the magnets' pitch",
+    reference="P. Van den Braembussche et al., Accurate tracking control of linear synchronous motor machine tool "
+    "axes, Mechatronics 6, 1996: cogging repeats over the magnets' pitch",
     shows="a ripple whose frequency follows the speed, at the same places in every run",
 )  # fmt: skip
 def torque_ripple(s: Any, e: Any, p: Any) -> Scalar:
