@@ -57,11 +57,10 @@ def gap_of(problem: Problem, found: Found, campaign: Campaign) -> Gap:
 
 def worst_tolerance(keys: Mapping[str, Value], base: Fitted) -> tuple[str, float]:
     """The key of the base parameter that the fit moved furthest, and by how many of its tolerances."""
-    named = {knob.symbol: key for key, knob in keys.items()}
     moved = {
-        named[knob.symbol]: float(z) / knob.std
-        for knob, z in zip(base.knobs, base.z, strict=True)
-        if isinstance(knob, Value) and not knob.logarithmic and knob.symbol in named
+        key: float(z) / knob.std
+        for (key, knob), z in zip(keys.items(), base.z, strict=False)  # the base parameters are the first of all
+        if not knob.logarithmic
     }
     key = max(moved, key=lambda k: abs(moved[k]), default="")
     return key, moved.get(key, 0.0)

@@ -87,7 +87,7 @@ def free_of(problem: Problem, near: Fitted) -> Free:
     """How far the base parameters may still go from a fit, within their tolerances."""
     low, high, std = bounds_of(near.knobs)
     z = near.z
-    tolerance = np.array([not getattr(knob, "logarithmic", False) for knob in near.knobs])
+    tolerance = np.array([not getattr(knob, "logarithmic", False) for knob in near.knobs for _ in knob.lowest])
     reach = np.where(tolerance, TOLERANCES * std, np.inf)
     low, high = np.maximum(low, -reach) - z, np.minimum(high, reach) - z
     hold = problem.noise / np.sqrt(problem.share) / std

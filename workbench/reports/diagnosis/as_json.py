@@ -39,6 +39,9 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
             "percent_of_input": _digits(v.left.percent_of_input),
             "relevant": v.left.relevant,
         },
+        "places": []
+        if d.where is None
+        else [{"subsystem": p.subsystem, "probability": _digits(p.probability)} for p in d.where.places],
         "gap": {
             f"{w.quantity}_rms_{w.suffix}": _digits(g.residual_rms),
             f"noise_rms_{w.suffix}": _digits(g.noise_rms),
