@@ -198,6 +198,7 @@ KIND = Kind(
     floor="sensors",
     traces=(
         Trace("gearbox_efficiency", lambda m, sizes: float(m.tolerances.gearbox_loss)),
+        Trace("friction_load_dependent", lambda m, sizes: float(m.tolerances.load_friction)),
         Trace("friction_viscous", lambda m, sizes: float(m.tolerances.viscous) * _level(m) / sizes.speed),
         Trace("friction_stribeck", lambda m, sizes: float(m.tolerances.stribeck) * _level(m)),
         Trace("drum_eccentricity", lambda m, sizes: float(m.tolerances.eccentricity) * sizes.radius),
@@ -208,7 +209,7 @@ KIND = Kind(
     lever=lift,
     nominal_speed=lambda m: float(m.motor.nominal_speed_rad_s),
     motor_torque=lambda m: float(m.motor.nominal_torque_nm),
-    log_timing=False,
+    log_timing=True,
     payload=True,
     studies=True,
     start=Start(

@@ -98,10 +98,11 @@ class HoistTolerances(Record):
     wire_stiffness: NotNegative = 0.05
     torque_gain: NotNegative = 0.005
     torque_offset_nm: NotNegative = 3.0
-    # Of what every machine has a little of: loss of the gearbox; viscous friction at nominal speed and Stribeck's peak,
+    # Of what every machine has a little of: loss of the gearbox; guide friction in proportion to the payload's weight; viscous friction at nominal speed and Stribeck's peak,
     # of the friction level; eccentricity of the drum, of its radius; ripple of the
     # torque, of the motors' nominal torque together.
     gearbox_loss: NotNegative = 0.002
+    load_friction: NotNegative = 0.002
     viscous: NotNegative = 0.03
     stribeck: NotNegative = 0.1
     eccentricity: NotNegative = 0.0003
