@@ -14,7 +14,7 @@ import numpy as np
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.results.labels import field_label, shown
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import Axis, drawn_columns, said, swept_axes
+from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_words, swept_axes
 
 QUANTILES = (0.05, 0.5, 0.95)
 MOST_SWEPT = 3  # columns of swept values
@@ -110,7 +110,7 @@ def quantile_table(rows: Sequence[Row]) -> list[list[str]]:
     return lines
 
 
-def extremes_table(rows: Sequence[Row], axes: Sequence[Axis]) -> list[list[str]]:
+def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> list[list[str]]:
     """Under `extremes_head`: the runs at the ends of what matters; where all runs are alike no line."""
     good = [row for row in rows if row.ok]
     columns = shown_in(View.EXTREMES)
@@ -123,7 +123,7 @@ def extremes_table(rows: Sequence[Row], axes: Sequence[Axis]) -> list[list[str]]
             continue
         for name, sign in metric.ends:
             row = known[int(np.argmax(sign * values))]
-            which = textwrap.fill(said(row, axes), WIDEST_RUN)
+            which = textwrap.fill(run_in_words(row, axes), WIDEST_RUN)
             lines.append([name, which, *(column.text(row.get(column.name)) for column in columns)])
     return lines
 
