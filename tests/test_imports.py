@@ -18,6 +18,7 @@ LAYERS = [
     ("errors",),
     ("yaml_strict", "whole_folder"),
     ("run",),
+    ("log_formats",),
     ("trace",),
     ("machine",),
     ("plants",),

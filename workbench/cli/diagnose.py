@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import campaign_argument, effects_option
 
 if TYPE_CHECKING:
     from workbench.diagnose.records import Diagnosis
 
 
 @click.command(name="diagnose")
-@click.argument("campaign", type=click.Path(path_type=Path))
+@campaign_argument
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to make: diagnosis.json, machine.yaml, report.")
 @click.option(
     "--baseline",

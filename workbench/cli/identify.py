@@ -7,11 +7,11 @@ from pathlib import Path
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import campaign_argument, effects_option
 
 
 @click.command(name="identify")
-@click.argument("campaign", type=click.Path(path_type=Path))
+@campaign_argument
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to make, for machine.yaml and the figures.")
 @click.option("--free", help="Keys of machine.yaml to fit, with commas between; the machine's usual ones without it.")
 @click.option("--runs", help="Names of the runs to take, with commas between; all without it.")

@@ -98,9 +98,9 @@ class HoistTolerances(Record):
     wire_stiffness: NotNegative = 0.05
     torque_gain: NotNegative = 0.005
     torque_offset_nm: NotNegative = 3.0
-    # Of what every machine has a little of: loss of the gearbox; guide friction in proportion to the payload's weight; viscous friction at nominal speed and Stribeck's peak,
-    # of the friction level; eccentricity of the drum, of its radius; ripple of the
-    # torque, of the motors' nominal torque together.
+    # Of what every machine has a little of: loss of the gearbox; guide friction over the payload's weight; viscous
+    # friction at nominal speed and Stribeck's peak, of the friction level; eccentricity of the drum, of its radius;
+    # ripple of the torque, of the motors' nominal torque together.
     gearbox_loss: NotNegative = 0.002
     load_friction: NotNegative = 0.002
     viscous: NotNegative = 0.03

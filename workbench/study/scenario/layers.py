@@ -126,9 +126,21 @@ def _merged(
             result[key] = _merged(old[key], value, here, origin, new_origin)
         else:
             result[key] = value
-            for stale in [known for known in origin if known[: len(here)] == here]:
-                del origin[stale]
-            origin.update({known: at for known, at in new_origin.items() if known[: len(here)] == here})
+            if key in old:  # only then there is something stale; a look through all places for each key is quadratic
+                for stale in [known for known in origin if known[: len(here)] == here]:
+                    del origin[stale]
+            _copy_origin(value, here, origin, new_origin)
         if here in new_origin:
             origin[here] = new_origin[here]
     return result
+
+
+def _copy_origin(
+    value: Any, place: Place, origin: dict[Place, tuple[Path, int]], new_origin: Mapping[Place, tuple[Path, int]]
+) -> None:
+    """Where a value and all that is in it stand."""
+    if place in new_origin:
+        origin[place] = new_origin[place]
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, part in inner:
+        _copy_origin(part, (*place, key), origin, new_origin)
