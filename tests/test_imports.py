@@ -15,7 +15,8 @@ PACKAGE = ROOT / "workbench"
 
 # Each row may import the rows above it. Neighbours in one row do not know each other.
 LAYERS = [
-    ("errors",),
+    ("errors", "verb"),
+    ("shown",),
     ("yaml_strict", "whole_folder"),
     ("run",),
     ("trace",),
@@ -33,7 +34,7 @@ LAYERS = [
     ("diagnose",),
     ("figures",),
     ("reports",),
-    ("dashboard",),
+    ("face", "dashboard"),
     ("cli",),
     ("__main__",),
 ]
