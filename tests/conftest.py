@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
@@ -23,6 +24,9 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 REQUIRE_ALL = os.environ.get("WORKBENCH_REQUIRE_DATA") == "1"
+
+# Many containers set PYTHONDONTWRITEBYTECODE. pytest then rewrites 3,600 asserts at each collection, which takes 5 s.
+sys.dont_write_bytecode = False
 
 # A first call compiles for seconds, so no example has a deadline. CI draws the same examples each time.
 hypothesis.settings.register_profile("local", deadline=None)

@@ -34,7 +34,7 @@ def effects_option(command: Command) -> Command:
         callback=_load,
         expose_value=False,
         is_eager=True,
-        help="A Python file of your own effects, see docs/effects.md; may be repeated.",
+        help="Python file with your own effects, see docs/effects.md; may be repeated.",
     )(command)
 
 

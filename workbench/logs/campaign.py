@@ -17,11 +17,12 @@ from workbench.logs.runs_file import Entry, read_runs
 from workbench.machine import Axis, Hoist, load_machine
 from workbench.machine.files import CheckEffects
 from workbench.run import Run
+from workbench.shown import Shown
 from workbench.yaml_strict import Document
 
 
-@dataclass(frozen=True)
-class Campaign:
+@dataclass(frozen=True, repr=False)
+class Campaign(Shown):
     """Measured runs of one machine. `notes` concern the campaign; each run carries its own."""
 
     name: str

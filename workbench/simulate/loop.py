@@ -20,6 +20,7 @@ from workbench.machine import Hoist
 from workbench.metrics import observer
 from workbench.plants import HOIST, NO_EFFECTS, Effects
 from workbench.run import Array, Run
+from workbench.shown import Brief, Shown
 from workbench.simulate.equipped import Equipped
 
 NO_EVENTS = Events()
@@ -47,8 +48,8 @@ class Outcome(enum.Enum):
     LEFT_THE_RAIL = "the carriage left the rail"
 
 
-@dataclass(frozen=True)
-class LoopCase:
+@dataclass(frozen=True, repr=False)
+class LoopCase(Brief):
     """One closed-loop run: a machine, a load, a controller and the motor speed it shall follow.
 
     speed_reference_rad_s: (n,) at the controller's samples. The drive and the effects are the
@@ -65,8 +66,8 @@ class LoopCase:
     start_time_s: float = 0.0
 
 
-@dataclass(frozen=True)
-class LoopResult:
+@dataclass(frozen=True, repr=False)
+class LoopResult(Shown):
     """The run (signals at every `record_every`-th sample), its metrics, and how it ended.
 
     metrics are taken at every controller sample. end_position_m is the carriage's last height.

@@ -23,6 +23,7 @@ from workbench.machine import Hoist, default_hoist, load_machine
 from workbench.metrics import added
 from workbench.references import Plan
 from workbench.references import digests_of as digests_of_references
+from workbench.shown import Brief
 from workbench.study.scenario.layers import Layered, read_layers
 from workbench.study.scenario.record import Scenario
 from workbench.study.variations.check import plan_runs
@@ -34,8 +35,8 @@ from workbench.yaml_strict import Place, dotted, problem_lines
 _PHYSICS = ("control", "effects", "engine", "machine", "plants", "references", "simulate", "study", "trace", "metrics")
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, repr=False)
+class Study(Brief):
     """A scenario on its machine (overrides, drive and effects in it). recordings: of its recorded references."""
 
     scenario: Scenario
