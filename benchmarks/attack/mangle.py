@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -61,15 +62,19 @@ def good(kind: str, variant: int) -> bytes:
         import pyarrow.parquet
 
         stream = io.BytesIO()
-        how = [{"compression": "snappy"}, {"compression": "none", "use_dictionary": False}, {"compression": "zstd"}]
+        how: list[dict[str, Any]] = [
+            {"compression": "snappy"},
+            {"compression": "none", "use_dictionary": False},
+            {"compression": "zstd"},
+        ]
         pyarrow.parquet.write_table(pa.table(data), stream, **how[variant % 3])
         return stream.getvalue()
     if kind == "mat":
         import scipy.io
 
         stream = io.BytesIO()
-        how = [{"do_compression": True}, {"do_compression": False}, {"format": "4"}]
-        scipy.io.savemat(stream, data, **how[variant % 3])
+        mat: list[dict[str, Any]] = [{"do_compression": True}, {"do_compression": False}, {"format": "4"}]
+        scipy.io.savemat(stream, data, **mat[variant % 3])
         return stream.getvalue()
     if kind == "machine":
         return machine_text(default_hoist()).encode()
@@ -116,7 +121,7 @@ def _at(content: bytes, chance: Chance) -> int:
 def _flip(content: bytes, chance: Chance) -> bytes:
     out = bytearray(content or b"\0")
     for _ in range(chance.choice([1, 1, 2, 5, 20])):
-        out[_at(out, chance)] ^= chance.choice([1 << chance.randrange(8), chance.randrange(1, 256)])
+        out[_at(bytes(out), chance)] ^= chance.choice([1 << chance.randrange(8), chance.randrange(1, 256)])
     return bytes(out)
 
 
