@@ -21,7 +21,7 @@ from workbench.study.execute.run import StudyResult, run_study
 from workbench.study.results.index import index_table, read_rows
 from workbench.study.results.row import Row
 from workbench.study.scenario.load import Study, load_study, plan_study
-from workbench.study.scenario.standalone import changed, read_alone
+from workbench.study.scenario.standalone import changed, read_standalone
 from workbench.yaml_strict import Document
 
 
@@ -47,7 +47,7 @@ def _planned(scenario: PathLike | Mapping[str, Any] | Study, machine: Hoist | No
         return load_study(scenario)
     hoist = default_hoist() if machine is None else machine
     data = {"name": "study", **scenario}
-    return plan_study(read_alone(Document(Path("the scenario"), data, {}), hoist), hoist)
+    return plan_study(read_standalone(Document(Path("the scenario"), data, {}), hoist), hoist)
 
 
 def compare(a: StudyResult | PathLike, b: StudyResult | PathLike) -> Comparison:
