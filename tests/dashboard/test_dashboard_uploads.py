@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -70,7 +71,7 @@ def told(given_: list[Uploaded], workspace: Path) -> str:
     return ""
 
 
-def limit_uploads(monkeypatch: pytest.MonkeyPatch, **limits: float) -> None:
+def limit_uploads(monkeypatch: pytest.MonkeyPatch, **limits: Any) -> None:
     """Every log format with other limits for what is uploaded."""
     smaller = [replace(each, uploaded=replace(each.uploaded, **limits)) for each in known.FORMATS]
     monkeypatch.setattr(known, "FORMATS", smaller)

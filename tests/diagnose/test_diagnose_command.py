@@ -20,6 +20,7 @@ from workbench.effects import check, forget_users
 from workbench.errors import InputError
 from workbench.machine import default_hoist, load_machine
 from workbench.reports.diagnosis.hypotheses import candidates_table
+from workbench.reports.diagnosis.progress import progress_words
 
 OWN_EFFECT = '''\
 from workbench.effects import Parameter, effect

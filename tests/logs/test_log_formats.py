@@ -63,7 +63,7 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
     columns = hoist_columns()
     folder = write_campaign(tmp_path, columns, runs=RUNS.replace("lift.csv", "lift.made"))
     with (folder / "runs" / "lift.made").open("wb") as stream:
-        np.savez(stream, **columns)
+        np.savez(stream, **columns)  # type: ignore[arg-type]
     assert np.array_equal(read_campaign(folder).runs[0]["torque_motor1_nm"], columns["torque_motor1_nm"])
 
     (folder / "runs.yaml").write_text(RUNS.replace("lift.csv", "lift.odd"))
@@ -87,7 +87,7 @@ def test_a_new_format_has_a_limit_in_uploads_without_naming_one(tmp_path, add):
     add(log_openers.open_npz, uploaded=replace(SMALL, rows=99))
     folder = write_campaign(tmp_path, "", runs=RUNS.replace("lift.csv", "lift.made"))
     with (folder / "runs" / "lift.made").open("wb") as stream:
-        np.savez(stream, **hoist_columns(100))
+        np.savez(stream, **hoist_columns(100))  # type: ignore[arg-type]
     assert read_campaign(folder).runs
     with pytest.raises(InputError, match=r"lift\.made: lift: holds more than 99 rows"):
         read_campaign(folder, uploaded=True)

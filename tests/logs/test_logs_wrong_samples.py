@@ -87,7 +87,7 @@ def test_a_speed_that_stops_dead_in_full_motion_is_left_out(tmp_path):
 
 def test_a_hoist_on_its_brake_has_no_torque_and_keeps_its_run(tmp_path):
     columns = {name: np.concatenate((np.zeros(300), column)) for name, column in hoist_columns(1000).items()}
-    columns["time_s"] = np.arange(1300) * 0.01
+    columns["time_s"] = 0.01 * np.arange(1300, dtype=np.float64)
     run = read(tmp_path, columns)
     assert len(run.time_s) == 1300
     assert run.notes == ()
@@ -138,7 +138,7 @@ def test_a_frozen_optional_signal_is_dropped(tmp_path):
 
 
 def test_rests_are_stretches_of_equal_values():
-    time = np.arange(100) * 0.1
+    time = 0.1 * np.arange(100, dtype=np.float64)
     column = np.arange(100.0)
     column[:20], column[50:70], column[90:] = 0.0, 5.0, 7.0
     assert rests(time, column) == [(0, 20), (50, 70), (90, 100)]
@@ -165,7 +165,7 @@ def test_spikes_are_bridged_and_said(tmp_path):
 
 
 def test_steps_pulses_and_loud_signals_are_no_spikes():
-    time = np.arange(1000) * 0.001
+    time = 0.001 * np.arange(1000, dtype=np.float64)
     noise = np.random.default_rng(1).normal(size=1000)
     step = np.where(time < 0.5, 0.0, 100.0) + 0.1 * noise
     pulse = np.where((time > 0.5) & (time < 0.51), 100.0, 0.0) + 0.1 * noise
@@ -174,10 +174,10 @@ def test_steps_pulses_and_loud_signals_are_no_spikes():
 
 
 def test_a_slow_log_keeps_its_peaks():
-    column = np.sin(np.arange(1000) * 0.01)
+    column = np.sin(0.01 * np.arange(1000, dtype=np.float64))
     column[500] = 50.0
-    assert find_spikes(np.arange(1000) * 0.001, column) == [(500, 501)]
-    assert find_spikes(np.arange(1000) * 0.1, column) == []
+    assert find_spikes(0.001 * np.arange(1000, dtype=np.float64), column) == [(500, 501)]
+    assert find_spikes(0.1 * np.arange(1000, dtype=np.float64), column) == []
 
 
 # Sizes and scales

@@ -15,7 +15,7 @@ import select
 import signal
 import sys
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 from workbench.errors import InputError
 from workbench.log_formats import channel
@@ -47,7 +47,7 @@ def _asked_in_time() -> bool:
     return not _CAN_FORK or bool(select.select([0], [], [], IDLE_S)[0])
 
 
-def _apart(asked: dict[str, Any], requests: BinaryIO, answers: BinaryIO) -> None:
+def _apart(asked: dict[str, Any], requests: IO[bytes], answers: IO[bytes]) -> None:
     child = os.fork()
     if child == 0:
         status = 1
@@ -78,7 +78,7 @@ def _limit(limits: Limits) -> None:
         bound(resource.RLIMIT_AS, pages * resource.getpagesize() + limits.memory_bytes)
 
 
-def _serve(asked: dict[str, Any], requests: BinaryIO, answers: BinaryIO) -> None:
+def _serve(asked: dict[str, Any], requests: IO[bytes], answers: IO[bytes]) -> None:
     """One log: its names; then, when they are asked for, its columns."""
     from workbench.log_formats.table import Meter
 
