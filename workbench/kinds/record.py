@@ -352,7 +352,7 @@ class Kind:
         coordinate; t; start_time_s is the run's. states: (n, others), as `Bench.predict` gives them."""
         plant = self.plant
         names = (*plant.positions[1:], *plant.speeds[1:])
-        others = dict(zip(names, states.T, strict=True))
+        others = dict(zip(names, states.T[: len(names)], strict=True))  # the effects' memory stands behind
         if self.moved.placed_by_log:
             return SimpleNamespace(t=run.time_s, x=position, v=speed, angle=position, w=speed)
         first = plant.start_of(run.start_position_m, float(speed[0]), p)[0][0]
