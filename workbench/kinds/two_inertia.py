@@ -21,6 +21,11 @@ def _rigid(m: TwoInertia, payload_kg: float) -> RigidBody:
     return RigidBody(m.motor.inertia_kg_m2 + m.load.inertia_kg_m2, 0.0, wave=m.load.gravity.sine_nm != 0.0)
 
 
+def _transmitted(p: Any, s: Any, torque: Array, acceleration: Array, payload_kg: float) -> tuple[Array, float]:
+    """The coupling's torque but for the motor's friction."""
+    return torque - p.M * acceleration, float(p.M + p.M_l)
+
+
 def _cross_checks(
     m: TwoInertia, run: Run, position: Array, smooth: Callable[[Array], Array], slope: Callable[[Array, Array], float]
 ) -> Iterator[CrossCheck]:
@@ -61,6 +66,7 @@ def _kind() -> Kind:
         ),
         "free": (*own.free, "load.inertia_kg_m2", "coupling.stiffness_nm_per_rad"),
         "rigid": _rigid,
+        "transmitted": _transmitted,
         "sized_by_runs": {**own.sized_by_runs, "coupling.backlash_rad": 0.01},
         "cross_checks": _cross_checks,
     }
