@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -61,14 +62,14 @@ def good(kind: str, variant: int) -> bytes:
         import pyarrow.parquet
 
         stream = io.BytesIO()
-        how = [{"compression": "snappy"}, {"compression": "none", "use_dictionary": False}, {"compression": "zstd"}]
+        how: list[dict[str, Any]] = [{"compression": "snappy"}, {"compression": "none", "use_dictionary": False}, {"compression": "zstd"}]
         pyarrow.parquet.write_table(pa.table(data), stream, **how[variant % 3])
         return stream.getvalue()
     if kind == "mat":
         import scipy.io
 
         stream = io.BytesIO()
-        how = [{"do_compression": True}, {"do_compression": False}, {"format": "4"}]
+        how: list[dict[str, Any]] = [{"do_compression": True}, {"do_compression": False}, {"format": "4"}]
         scipy.io.savemat(stream, data, **how[variant % 3])
         return stream.getvalue()
     if kind == "machine":
@@ -105,7 +106,7 @@ Chance = random.Random
 Way = Callable[[bytes, Chance], bytes]
 
 
-def _at(content: bytes, chance: Chance) -> int:
+def _at(content: bytes | bytearray, chance: Chance) -> int:
     """A place; the ends, where formats keep what they say of themselves, come up more often."""
     size = max(1, len(content))
     return chance.choice(
