@@ -110,7 +110,7 @@ Chance = random.Random
 Way = Callable[[bytes, Chance], bytes]
 
 
-def _at(content: bytes, chance: Chance) -> int:
+def _at(content: bytes | bytearray, chance: Chance) -> int:
     """A place; the ends, where formats keep what they say of themselves, come up more often."""
     size = max(1, len(content))
     return chance.choice(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 
 import pytest
 
@@ -47,6 +48,22 @@ def test_crashes_tracebacks_time_and_memory_are_counted_and_the_rest_goes_on():
     assert row[1:] == whole[1:]
     assert (counts["number"], counts["refused"], counts["crash"], counts["traceback"]) == ("7", "5", "1", "1")
     assert (counts["over 10 s"], counts["over 500 MB"]) == ("1", "1")
+
+
+@pytest.mark.parametrize("seed", [11000141, 12000034])
+def test_mat_files_that_crash_scipy_are_refused(tmp_path, seed):
+    ended = read("mat", mangled("mat", seed), tmp_path)
+    assert ended.how == "refused"
+    assert "lift.mat: lift: " in ended.said
+
+
+@pytest.mark.parametrize("seed", [11000099, 12000131])
+def test_thousands_of_junk_keys_are_refused_at_once(tmp_path, seed):
+    begun = time.process_time()
+    ended = read("scenario", mangled("scenario", seed), tmp_path)
+    assert ended.how == "refused"
+    assert ended.said.endswith("(and 4995 more problems)")
+    assert time.process_time() - begun < 3.0
 
 
 def test_a_small_attack_breaks_nothing():

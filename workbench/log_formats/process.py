@@ -70,7 +70,8 @@ class Worker:
             env={**os.environ, **_CALM}, **apart,
         )  # fmt: skip
         assert self.process.stdin is not None and self.process.stdout is not None
-        self.requests, self.answers = self.process.stdin, self.process.stdout
+        self.requests: Any = self.process.stdin
+        self.answers: Any = self.process.stdout
         self.state, self.late, self.used_s = "idle", False, time.monotonic()
         self.limits: Limits | None = None
 
