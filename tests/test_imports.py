@@ -20,7 +20,7 @@ LAYERS = [
     ("run",),
     ("trace",),
     ("machine",),
-    ("plants",),
+    ("plants", "multibody"),
     ("kinds",),
     ("engine",),
     ("logs", "control", "references", "metrics"),
