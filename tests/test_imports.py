@@ -22,7 +22,7 @@ LAYERS = [
     ("log_formats",),
     ("trace",),
     ("machine",),
-    ("plants",),
+    ("plants", "multibody"),
     ("kinds",),
     ("engine",),
     ("logs", "control", "references", "metrics"),

@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from workbench.machine.arm import Arm
 from workbench.machine.correction import HoistCorrection, MeasuredCorrection
 from workbench.machine.record import EffectValues, Finite, Identified, NotNegative, Positive, Record
 
@@ -160,6 +161,7 @@ class Hoist(Record):
     gravity_m_s2: Positive = 9.81
     drive: Drive = Drive()
     rail: Rail = Rail()
+    arm: Arm = Arm()
     sensors: HoistSensors = HoistSensors()
     tolerances: HoistTolerances = HoistTolerances()
     effects: EffectValues = Field(default_factory=dict)

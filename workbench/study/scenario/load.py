@@ -32,7 +32,10 @@ from workbench.study.variations.run_spec import Recording
 from workbench.yaml_strict import Place, dotted, problem_lines
 
 # What decides a study's numbers: an edit of any of it makes another study.
-_PHYSICS = ("control", "effects", "engine", "machine", "plants", "references", "simulate", "study", "trace", "metrics")
+_PHYSICS = (
+    "control", "effects", "engine", "machine", "metrics", "multibody", "plants", "references", "simulate", "study",
+    "trace",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
@@ -125,9 +128,20 @@ def plan_study(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Reco
         if scenario.start_position_m is None and "start_position_m" not in varied:
             raise InputError("is missing; expected the carriage's height, a number", place="start_position_m")
     study = Study(scenario, _machine_as_run(scenario, machine), recordings or {})
+    if scenario.plant == "multibody":
+        _check_multibody(study.machine)
     assert study.specs.duration_s > 0.0  # made here, so that what is wrong is said now
     study.plans  # noqa: B018
     return study
+
+
+def _check_multibody(machine: Hoist) -> None:
+    from workbench.simulate.multibody_loop import check_multibody
+
+    try:
+        check_multibody(machine)
+    except InputError as error:
+        raise InputError(error.problem, place="plant") from error
 
 
 def _varied(scenario: Scenario) -> set[str]:

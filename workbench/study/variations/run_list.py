@@ -96,6 +96,7 @@ class RunList(Sequence[RunSpec]):
             events=parts.events,
             effects=parts.machine.effects,
             step_s=parts.step_s,
+            plant=scenario.plant,
             record_every=_record_every(scenario, parts),
             recording=recording,
             assigned={f"sweep.{name}": _column(value) for name, value in swept.items()}

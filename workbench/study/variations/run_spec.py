@@ -61,6 +61,7 @@ class RunSpec:
     events: Events = field(default_factory=Events)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     step_s: float = 0.001
+    plant: str = "lumped"
     record_every: int = 10
     recording: Recording | None = None
     assigned: Mapping[str, float | str] = field(default_factory=dict)
