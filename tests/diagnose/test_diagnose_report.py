@@ -31,7 +31,8 @@ from workbench.reports.diagnosis.write import write_diagnosis
 from workbench.simulate.driven import Bench, pooled_rms
 
 FIXED = [
-    "format", "campaign", "verdict", "effects", "ranking", "alike", "next_run", "where", "parameters", "gap", "shrink",
+    "format", "campaign", "verdict", "effects", "ranking", "alike", "next_run", "where", "parameters",
+    "explained", "left", "places", "gap", "shrink",
 ]  # fmt: skip
 SHRINK = [
     "before", "after", "noise", "unit", "band_hz", "factor", "ci95",
