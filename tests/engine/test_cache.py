@@ -113,6 +113,7 @@ def test_a_first_run_says_once_that_it_compiles_and_the_next_one_is_silent(tmp_p
     warm, said_warm = finished(start_process(ROOT, ("axis", "hoist"), environment))
     assert said_cold.count("compiling") == 1
     assert "once" in said_cold
+    assert len(said_cold.splitlines()) == 1, "no warning of the engine's own checks"
     assert said_warm == ""
     assert warm == cold
 

@@ -43,7 +43,7 @@ def command(
         check_free(out)
     read = load_campaign(campaign, runs, machine, band)
     if list_keys:
-        print_table((" key", "value", " usual fit"), report.keys_table(read))
+        print_table(report.keys_table(read))
         return
     from workbench.identify.identify import identify
 
@@ -60,10 +60,9 @@ def command(
 
         found = write_identification(run, out)
     print_notes(brief_notes(read))
-    print_table(report.HEAD, report.table(found.fit))
-    print_text([report.CAPTION], dim=True)
+    print_table(report.table(found.fit))
     click.echo()
-    print_table(report.measures_head(read.machine), report.measures_table(found))
+    print_table(report.measures_table(found), note=False)
     print_text(["", *report.sentences(found)])
     if out is None:
         click.echo("\nNothing is written without --out.")

@@ -39,8 +39,7 @@ def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | 
 
         result = write_replay(lambda: replay_runs(read.machine, read.runs, band), read, out)
     print_notes(brief_notes(read))
-    print_table(report.head(read.machine), report.table(result))
-    print_text([report.caption(read.machine, result)], dim=True)
+    print_table(report.table(read.machine, result))
     print_text(["", *report.sentences(read.machine, result)])
     if out is not None:
         click.echo(f"\nFigures: {out / 'replay.html'}\nNumbers: {out / 'replay.json'}")

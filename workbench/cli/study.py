@@ -11,6 +11,7 @@ import click
 
 from workbench.cli.options import effects_option
 from workbench.errors import InputError
+from workbench.tables import Table
 
 if TYPE_CHECKING:
     from workbench.study.execute.batch import Spread, Tell
@@ -100,13 +101,11 @@ def _report(study: Study, place: Place) -> None:
 
     rows = read_rows(place.folder)
     if len(rows) <= MOST_IN_TABLE:
-        print_table(head(rows), table(rows))
-        print_text([CAPTION], dim=True)
+        print_table(Table.of_heads(head(rows), table(rows), CAPTION))
     else:
-        print_table(aggregate.HEAD, aggregate.quantile_table(rows))
-        print_text([aggregate.CAPTION], dim=True)
+        print_table(Table.of_heads(aggregate.HEAD, aggregate.quantile_table(rows), aggregate.CAPTION))
         click.echo()
-        print_table(aggregate.EXTREMES_HEAD, aggregate.extremes(rows, swept_axes(rows)))
+        print_table(Table.of_heads(aggregate.EXTREMES_HEAD, aggregate.extremes(rows, swept_axes(rows))))
         click.echo(f"Each of the {len(rows)} runs has its line in the index.")
     print_text(["", *sentences(rows, motor_torque_limit_nm(study.machine)), ""])
     if place.finished:

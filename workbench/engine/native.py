@@ -118,7 +118,7 @@ def _apart(text: str, name: str) -> str:
     lines = text.split("\n")
     for i, line in enumerate(lines):
         if line.startswith("define") and f"@{name}(" in line:
-            lines[i] = re.sub(r"ptr ([^,]*?)(%arg\.\w+\.4)\b", r"ptr noalias \1\2", line)
+            lines[i] = re.sub(r"ptr ([^%]*)(%arg\.\w+\.4)\b", r"ptr noalias \1\2", line)
     return "\n".join(lines)
 
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from workbench.figures.save import save
+from workbench.figures.save import Section, save_page
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.study.conclude.summary import CAPTION, head, sentences, table
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
+from workbench.tables import Table
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -58,11 +59,9 @@ def save_study_page(result: StudyResult, path: Path) -> None:
     machine = result.study.machine
     said = sentences(result.rows, motor_torque_limit_nm(machine))
     paragraphs = [result.study.scenario.description, " ".join(said)]
-    save(
-        study_figures(result),
-        path,
-        title=f"Study {result.study.scenario.name} — {machine.name}",
+    section = Section(
         sentences=[paragraph for paragraph in paragraphs if paragraph],
-        table=(head(result.rows), table(result.rows)),
-        caption=CAPTION,
+        tables=[Table.of_heads(head(result.rows), table(result.rows), CAPTION)],
+        figures=[(figure, "") for figure in study_figures(result)],
     )
+    save_page([section], path, f"Study {result.study.scenario.name} — {machine.name}")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from workbench.consequences import Change, Consequences
 from workbench.reports.numbers import NOTHING, figures
+from workbench.tables import Column, Table, words
 
-HEAD = (
-    "payload\nkg", " reference", "peak\nN m", "now\nN m", "peak\n%", "error max\nrad/s", "now\nrad/s", "error max\n%",
-    "error rms\n%", "min wire\nkN", "now\nkN", "moves\ns",
+COLUMNS = (
+    Column("payload", "kg"), words("reference"), Column("peak", "N m"), Column("now", "N m"), Column("peak", "%"),
+    Column("error max", "rad/s"), Column("now", "rad/s"), Column("error max", "%"), Column("error rms", "%"),
+    Column("min wire", "kN"), Column("now", "kN"), Column("moves", "s"),
 )  # fmt: skip
 CAPTION = (
     "Each value before and now, with the effects, and its change in %. Peak: torque of the harder-worked motor; error: "
@@ -15,9 +17,9 @@ CAPTION = (
 )
 
 
-def table(found: Consequences) -> list[list[str]]:
-    """Under HEAD, a line for each payload and reference."""
-    return [_line(row) for row in found.rows]
+def table(consequences: Consequences) -> Table:
+    """A line for each payload and reference."""
+    return Table(COLUMNS, [_line(row) for row in consequences.rows], CAPTION)
 
 
 def _line(row: Change) -> list[str]:

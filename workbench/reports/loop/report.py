@@ -13,15 +13,17 @@ from workbench.analysis.family import Member, weakest
 from workbench.analysis.margins import Margins
 from workbench.effects import find
 from workbench.figures.loop import bode, gang_of_four, nyquist, steps
-from workbench.figures.save import save
+from workbench.figures.save import Section, save_page
 from workbench.machine import Hoist
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.numbers import NOTHING, figures, rounded
+from workbench.tables import Column, Table
 from workbench.whole_folder import write_json
 
-HEAD = (
-    "load\nkg", "height\nm", "gain\ndB", "phase\n°", "delay\nms", "\ndisk", "\nMs", "\nMt",
-    "cross\nHz", "band\nHz", "slowest\n1/s", "least\nζ",
+COLUMNS = (
+    Column("load", "kg"), Column("height", "m"), Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),
+    Column("disk"), Column("Ms"), Column("Mt"), Column("cross", "Hz"), Column("band", "Hz"), Column("slowest", "1/s"),
+    Column("least ζ"),
 )  # fmt: skip
 CAPTION = (
     "Margins: how much more gain (after a slash: less), phase and delay the loop bears; disk: gain and phase at once "
@@ -30,8 +32,9 @@ CAPTION = (
 )
 
 
-def table(members: Sequence[Member]) -> list[list[str]]:
-    return [_line(member) for member in members]
+def table(members: Sequence[Member]) -> Table:
+    """A line a loop."""
+    return Table(COLUMNS, [_line(member) for member in members], CAPTION)
 
 
 def _line(member: Member) -> list[str]:
@@ -140,24 +143,27 @@ def _loop_json(member: Member) -> dict[str, Any]:
     return {**where, **values, "poles_z": poles}
 
 
-def save_page(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, path: Path) -> None:
+def save_loop_page(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, path: Path) -> None:
     """The page; it needs no network."""
-    save(
-        [bode(members), nyquist(members, ms_limit), gang_of_four(members, ms_limit), steps(members)],
-        path,
-        title=f"Speed loop — {case.machine.name}",
+    section = Section(
         sentences=[f"Controller {case.origin}: {gains_text(case)}.", *sentences(case, members)],
-        table=([name.replace("\n", " ") for name in HEAD], table(members)),
-        caption=CAPTION,
-        figure_notes=[
-            "Drawn: gain and phase margin of the weakest loop. The phase begins at −180°: two integrals, the "
-            "controller's and the machine's.",
-            "A curve outside the grey disk keeps Ms below the limit.",
-            "S: what is left of slow disturbances. T: what follows the reference. PS: a torque on the shaft to the "
-            "speed. CS: noise of the speed to the torque.",
-            "The linear loop; limits of the torque are not in it.",
+        tables=[table(members)],
+        figures=[
+            (
+                bode(members),
+                "Drawn: gain and phase margin of the weakest loop. The phase begins at −180°: two integrals, the "
+                "controller's and the machine's.",
+            ),
+            (nyquist(members, ms_limit), "A curve outside the grey disk keeps Ms below the limit."),
+            (
+                gang_of_four(members, ms_limit),
+                "S: what is left of slow disturbances. T: what follows the reference. PS: a torque on the shaft to the "
+                "speed. CS: noise of the speed to the torque.",
+            ),
+            (steps(members), "The linear loop; limits of the torque are not in it."),
         ],
     )
+    save_page([section], path, f"Speed loop — {case.machine.name}")
 
 
 def gains_text(case: LoopCaseFile) -> str:
@@ -170,5 +176,5 @@ def gains_text(case: LoopCaseFile) -> str:
 
 def write_loop(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, folder: Path) -> None:
     """loop.html and loop.json into a folder that is there."""
-    save_page(case, members, ms_limit, folder / "loop.html")
+    save_loop_page(case, members, ms_limit, folder / "loop.html")
     write_json(folder / "loop.json", as_json(case, members))

@@ -17,9 +17,13 @@ from workbench.machine import Hoist
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.loop.report import drive_sentence, effect_sentences
 from workbench.reports.numbers import figures
+from workbench.tables import Column, Table, words
 from workbench.yaml_strict import dumps
 
-HEAD = (" ", "kp", "ki", "weight", "tracking\n%", "peak\n%", "effort\n%", "Ms", "band\nHz", "cost")
+COLUMNS = (
+    words("what"), Column("kp"), Column("ki"), Column("weight"), Column("tracking", "%"), Column("peak", "%"),
+    Column("effort", "%"), Column("Ms"), Column("band", "Hz"), Column("cost"),
+)  # fmt: skip
 CAPTION = (
     "kp in N m s/rad, ki in N m/rad, of all motors. Candidates that no other beats in tracking error, torque peak and "
     "Ms at once, spread over all that were found. Worst of all payloads and references: tracking: rms speed error in % "
@@ -42,8 +46,9 @@ def rows(tuned: Tuned) -> list[Candidate]:
     return sorted(wanted.values(), key=lambda c: c.score.tracking_percent)
 
 
-def table(tuned: Tuned) -> list[list[str]]:
-    return [_line(tuned, c) for c in rows(tuned)]
+def table(tuned: Tuned) -> Table:
+    """A line a candidate; see `rows`."""
+    return Table(COLUMNS, [_line(tuned, c) for c in rows(tuned)], CAPTION)
 
 
 def _line(tuned: Tuned, c: Candidate) -> list[str]:

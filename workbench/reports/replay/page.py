@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workbench.figures.replay import input_profiles, speed_comparison, torque_profiles, torque_residual
-from workbench.figures.save import save
+from workbench.figures.save import Section, save_page
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 from workbench.plants import plant_of
@@ -21,6 +21,7 @@ from workbench.simulate.replay import Replay, ReplayResult
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+INPUTS_NOTE = "What the machine was given (the paper's Figure 6)."
 RESIDUAL_NOTE = (
     "At rest the machine may hold its load anywhere within its friction, so the residual says nothing there; "
     "the scale is that of the motion."
@@ -30,20 +31,20 @@ RESIDUAL_NOTE = (
 def save_replay_page(campaign: Campaign, result: ReplayResult, path: Path) -> None:
     """Write the page of a replay; it needs no network."""
     machine = campaign.machine
-    save(
-        [inputs(machine, result), speeds(machine, result), residuals(machine, result)],
-        path,
-        title=f"Replay of campaign {campaign.name} — {machine.name}",
+    section = Section(
         sentences=[*report.sentences(machine, result), *notes_line(campaign)],
-        table=(report.head(machine), report.table(result)),
-        caption=report.caption(machine, result),
-        figure_notes=[
-            "What the machine was given (the paper's Figure 6).",
-            "Simulated: the measured input replayed from the first sample on (the paper's Figure 8). Restarted: set "
-            "back to the measured motion every 2 s.",
-            RESIDUAL_NOTE,
+        tables=[report.table(machine, result)],
+        figures=[
+            (inputs(machine, result), INPUTS_NOTE),
+            (
+                speeds(machine, result),
+                "Simulated: the measured input replayed from the first sample on (the paper's Figure 8). Restarted: "
+                "set back to the measured motion every 2 s.",
+            ),
+            (residuals(machine, result), RESIDUAL_NOTE),
         ],
     )
+    save_page([section], path, f"Replay of campaign {campaign.name} — {machine.name}")
 
 
 def notes_line(campaign: Campaign) -> list[str]:

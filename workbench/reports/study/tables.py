@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from workbench.figures.save import Table
 from workbench.study.conclude import aggregate
 from workbench.study.conclude.summary import CAPTION, head, table
 from workbench.study.results.finished import Finished
 from workbench.study.results.labels import field_label, shown
 from workbench.study.results.row import Row
 from workbench.study.variations.varying import drawn_columns, swept_axes
+from workbench.tables import Table, words
 
 MOST_LINES = 60
 # head, metric, scale, format
@@ -52,13 +52,15 @@ def run_tables(rows: Sequence[Row]) -> list[Table]:
     if len(rows) > MOST_LINES:
         ends = aggregate.extremes(rows, swept_axes(rows))
         return [
-            (aggregate.HEAD, aggregate.quantile_table(rows), aggregate.CAPTION),
-            (aggregate.EXTREMES_HEAD, ends, f"Each of the {len(rows)} runs has its line in index.parquet."),
+            Table.of_heads(aggregate.HEAD, aggregate.quantile_table(rows), aggregate.CAPTION),
+            Table.of_heads(
+                aggregate.EXTREMES_HEAD, ends, f"Each of the {len(rows)} runs has its line in index.parquet."
+            ),
         ]
     lines = table(rows)
     heads = head(rows)
     first = next(i for i, name in enumerate(heads) if name.startswith("peak"))
-    found: list[Table] = [(heads, lines, CAPTION)]
+    found: list[Table] = [Table.of_heads(heads, lines, CAPTION)]
     for columns, caption in ((_DRIVE, _DRIVE_CAPTION), (_MOTION, _MOTION_CAPTION)):
         known = [each for each in columns if any(row.metrics.get(each[1]) is not None for row in rows)]
         cells = [
@@ -67,7 +69,7 @@ def run_tables(rows: Sequence[Row]) -> list[Table]:
         ]
         if known:
             more = [[*line[:first], *figures] for line, figures in zip(lines, cells, strict=True)]
-            found.append(((*heads[:first], *(name for name, *_ in known)), more, caption))
+            found.append(Table.of_heads((*heads[:first], *(name for name, *_ in known)), more, caption))
     return found
 
 
@@ -92,7 +94,7 @@ def what_was_run(result: Finished) -> Table:
         ("scenario", f"{manifest.get('scenario_hash', '')}, seed {manifest.get('seed')}"),
         ("program", _program(manifest)),
     ]  # fmt: skip
-    return ((" what", " was run"), [[name, text] for name, text in lines if text], "")
+    return Table([words("what"), words("was run")], [[name, text] for name, text in lines if text])
 
 
 def _varied(rows: Sequence[Row]) -> list[tuple[str, str]]:
