@@ -16,7 +16,7 @@ PACKAGE = ROOT / "workbench"
 # Each row may import the rows above it. Neighbours in one row do not know each other.
 LAYERS = [
     ("errors",),
-    ("yaml_strict", "whole_folder", "tables"),
+    ("yaml_strict", "whole_folder", "tables", "json_records"),
     ("run",),
     ("trace",),
     ("machine",),

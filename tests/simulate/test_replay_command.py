@@ -17,9 +17,10 @@ from tests.support.log_campaign import AXIS, csv_text
 from tests.support.simulated_campaign import PAYLOADS, TORQUE_NOISE_NM, simulated_campaign, true_machine
 from workbench.errors import InputError
 from workbench.figures.style import LINES
+from workbench.json_records import rounded
 from workbench.logs import read_campaign
 from workbench.machine import default_hoist, save_machine, with_values
-from workbench.reports.numbers import change_percent, figures, rounded, with_error
+from workbench.reports.numbers import change_percent, figures, with_error
 from workbench.reports.replay import page as replay_page
 from workbench.reports.replay.report import sentences, to_json
 from workbench.simulate.band import check_band

@@ -9,9 +9,10 @@ from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification
 from workbench.identify.iteration import Levels
 from workbench.identify.parameters import Free, fittable, free_parameters
+from workbench.json_records import rounded
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, get_value
-from workbench.reports.numbers import change_percent, figures, rounded, with_error
+from workbench.reports.numbers import change_percent, figures, with_error
 from workbench.reports.replay import report as replay_report
 from workbench.reports.replay.report import EXPLAINED, noise_is_floor
 from workbench.reports.words import direction_names, words_of

@@ -14,9 +14,10 @@ from workbench.analysis.margins import Margins
 from workbench.effects import find
 from workbench.figures.loop import bode, gang_of_four, nyquist, steps
 from workbench.figures.save import Section, save_page
+from workbench.json_records import rounded
 from workbench.machine import Hoist
 from workbench.reports.loop.case import LoopCaseFile
-from workbench.reports.numbers import NOTHING, figures, rounded
+from workbench.reports.numbers import NOTHING, figures
 from workbench.tables import Column, Table
 from workbench.whole_folder import write_json
 

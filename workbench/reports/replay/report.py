@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from workbench.json_records import rounded
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.reports.numbers import figures, rounded
+from workbench.reports.numbers import figures
 from workbench.reports.words import words_of
 from workbench.simulate.replay import Replay, ReplayResult
 from workbench.tables import Column, Table, words
