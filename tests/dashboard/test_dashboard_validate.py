@@ -17,7 +17,7 @@ from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_
 from tests.support.simulated_campaign import TRUTH, simulated_campaign
 from workbench.dashboard import campaigns, machines
 from workbench.dashboard.pages.validate.identification import _in_words
-from workbench.figures.estimates import Estimate, estimates
+from workbench.figures.identify import Estimate, estimates
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 from workbench.machine import Hoist, load_machine

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from tests.support.effect_machines import rotary_axis
 from tests.support.made_diagnosis import KINDS, made_diagnosis
-from workbench.cli.candidates import chosen_candidates
+from workbench.cli.campaign import chosen_candidates
 from workbench.diagnose.records import Candidate, Diagnosis, Estimate, Hypothesis, Verdict, Window
 from workbench.effects import check
 from workbench.errors import InputError
@@ -25,9 +25,8 @@ from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import tables as report
 from workbench.reports.diagnosis import write as write_diagnose
 from workbench.reports.diagnosis.as_json import probabilities, to_json
-from workbench.reports.diagnosis.page import save_diagnosis_page
+from workbench.reports.diagnosis.page import save_diagnosis_page, write_diagnosis
 from workbench.reports.diagnosis.series import own_values, series_of
-from workbench.reports.diagnosis.write import write_diagnosis
 from workbench.simulate.driven import Bench, pooled_rms
 
 FIXED = [

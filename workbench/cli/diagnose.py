@@ -50,8 +50,7 @@ def command(
     With --out a report is written, diagnosis.json, and a corrected machine.yaml that replay and study
     accept. Exit status 0 whatever the verdict.
     """
-    from workbench.cli.campaign import load_campaign
-    from workbench.cli.candidates import chosen_candidates
+    from workbench.cli.campaign import chosen_candidates, load_campaign
     from workbench.cli.diagnose_progress import shown
     from workbench.cli.diagnose_show import show
     from workbench.whole_folder import check_free
@@ -77,7 +76,7 @@ def command(
         if out is None:
             found = run()
         else:
-            from workbench.reports.diagnosis.write import write_diagnosis
+            from workbench.reports.diagnosis.page import write_diagnosis
 
             found = write_diagnosis(run, out, stages.writing)
     show(found, out)

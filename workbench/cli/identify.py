@@ -56,7 +56,7 @@ def command(
     if out is None:
         found = run()
     else:
-        from workbench.reports.identify.write import write_identification
+        from workbench.reports.identify.page import write_identification
 
         found = write_identification(run, out)
     print_notes(brief_notes(read))

@@ -35,7 +35,7 @@ def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | 
     if out is None:
         result = replay_runs(read.machine, read.runs, band)
     else:
-        from workbench.reports.replay.write import write_replay
+        from workbench.reports.replay.page import write_replay
 
         result = write_replay(lambda: replay_runs(read.machine, read.runs, band), read, out)
     print_notes(brief_notes(read))

@@ -88,7 +88,7 @@ def is_dark() -> bool:
 
 def chart(figure: Figure, key: str, alt: str | None = None) -> None:
     """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG."""
-    from workbench.figures.dark import for_dark
+    from workbench.figures.style import for_dark
 
     figure.update_layout(uirevision=key)  # a slider changes the lines and leaves the zoom
     config = {

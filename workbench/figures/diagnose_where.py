@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.diagnose.records import Curve, Profile
-from workbench.figures.diagnose_style import heading
-from workbench.figures.style import FAINT, GREY, MARKERS, SPARE, TEMPLATE
+from workbench.figures.style import FAINT, GREY, MARKERS, SPARE, TEMPLATE, heading
 from workbench.run import Array
 
 if TYPE_CHECKING:

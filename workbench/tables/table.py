@@ -36,7 +36,7 @@ def words(head: str) -> Column:
     return Column(head, align="left")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Table:
     """columns, rows: one text a column in each row; note: how to read it, below the table.
 
@@ -119,5 +119,6 @@ class Table:
             columns.append(Column(name.strip(), unit.strip(), "left" if head.startswith(" ") else "right"))
         return cls(columns, rows, note)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
+        """As plain text with its note."""
         return "\n".join([self.text(), *([self.note] if self.note else [])])

@@ -1,22 +1,24 @@
-"""The page of a diagnosis: the answer first, then each step as it was taken, with its figures and tables."""
+"""The folder of a diagnosis: JSON, machine, and a page with the answer first, then each step as it was taken."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from workbench.diagnose.records import Diagnosis, Unknown
 from workbench.diagnose.unexplained.words import OVER
 from workbench.figures import diagnose_time, diagnose_where
 from workbench.figures.consequences import before_and_after
-from workbench.figures.diagnose_shrink import shrink_bars
 from workbench.figures.diagnose_time import RunSeries
-from workbench.figures.diagnose_verdict import isolability, ranking
+from workbench.figures.diagnose_verdict import isolability, ranking, shrink_bars
 from workbench.figures.save import Section, save_page
-from workbench.reports.diagnosis import consequences as consequences_report
+from workbench.machine import save_machine
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import tables as report
+from workbench.reports.diagnosis.as_json import to_json
 from workbench.reports.diagnosis.series import MOST_RUNS, own_values, series_of
 from workbench.reports.words import direction_names, words_of
+from workbench.whole_folder import check_free, whole_folder, write_json
 
 MOST_RANKED, MOST_CANDIDATES, MOST_PROFILES = 8, 24, 9
 
@@ -37,6 +39,22 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
         "consequences": _consequences(d),
         "next_run": _next_run(d),
     }
+
+
+def write_diagnosis(run: Callable[[], Diagnosis], folder: Path, say: Callable[[str], None] | None = None) -> Diagnosis:
+    """Diagnose, and write diagnosis.json, machine.yaml (the corrected one) and diagnose.html: all of them or none.
+
+    say: told what is done once the diagnosis itself is over.
+    """
+    check_free(folder)
+    with whole_folder(folder) as hidden:
+        found = run()
+        if say is not None:
+            say("writing the report")
+        write_json(hidden / "diagnosis.json", to_json(found))
+        save_machine(found.corrected, hidden / "machine.yaml")
+        save_diagnosis_page(found, hidden / "diagnose.html")
+    return found
 
 
 def save_diagnosis_page(d: Diagnosis, path: Path) -> None:
@@ -150,7 +168,7 @@ def _consequences(d: Diagnosis) -> Section:
     if c is None:
         return Section(heading, [d.why_no_consequences or "The control study was not asked for."])
     return Section(
-        heading, c.sentences[:1], c.sentences[1:], [consequences_report.table(c)], [(before_and_after(c), "")]
+        heading, c.sentences[:1], c.sentences[1:], [report.consequences_table(c)], [(before_and_after(c), "")]
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from workbench.consequences import Change, Consequences
 from workbench.diagnose.records import Diagnosis
 from workbench.machine import Hoist
 from workbench.reports.diagnosis.words import unit_of
@@ -10,6 +11,15 @@ from workbench.reports.words import words_of
 from workbench.tables import Column, Table, words
 
 MOST_WINDOWS = 6  # of a run, that are listed
+CONSEQUENCES = (
+    Column("payload", "kg"), words("reference"), Column("peak", "N m"), Column("now", "N m"), Column("peak", "%"),
+    Column("error max", "rad/s"), Column("now", "rad/s"), Column("error max", "%"), Column("error rms", "%"),
+    Column("min wire", "kN"), Column("now", "kN"), Column("moves", "s"),
+)  # fmt: skip
+CONSEQUENCES_NOTE = (
+    "Each value before and now, with the effects, and its change in %. Peak: torque of the harder-worked motor; error: "
+    "motor speed against its set point; min wire: smallest tension. A dash: the run failed."
+)
 
 
 def condition_table(d: Diagnosis) -> Table:
@@ -141,3 +151,29 @@ def next_run_table(d: Diagnosis) -> Table:
     load = f"{n.payload_kg:g}" if isinstance(d.campaign.machine, Hoist) else NOTHING
     row = [n.profile, load, ", ".join(n.signals) or NOTHING, figures(n.now, 2), figures(n.separation, 2)]
     return Table(columns, [row], note)
+
+
+def consequences_table(consequences: Consequences) -> Table:
+    """A line for each payload and reference."""
+    return Table(CONSEQUENCES, [_consequence(row) for row in consequences.rows], CONSEQUENCES_NOTE)
+
+
+def _consequence(row: Change) -> list[str]:
+    was, now = row.before, row.after
+    return [
+        f"{row.payload_kg:g}", row.reference,
+        _whole(was.peak_torque_motor_nm), _whole(now.peak_torque_motor_nm), _changed(row, "peak_torque_motor_nm"),
+        figures(was.speed_error_max_rad_s), figures(now.speed_error_max_rad_s), _changed(row, "speed_error_max_rad_s"),
+        _changed(row, "speed_error_rms_rad_s"),
+        figures(was.min_wire_tension_n / 1000.0), figures(now.min_wire_tension_n / 1000.0),
+        f"{now.move_time_s:.2f}",
+    ]  # fmt: skip
+
+
+def _whole(value: float) -> str:
+    return f"{value:.0f}" if value == value else NOTHING
+
+
+def _changed(row: Change, metric: str) -> str:
+    change = row.percent(metric)
+    return f"{change:+.1f}" if change == change else NOTHING

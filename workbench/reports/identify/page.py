@@ -1,7 +1,8 @@
-"""The page of an identification: the paper's Figures 6 to 8 for the campaign, and what the fit is sure of."""
+"""The folder of an identification: machine, JSON, and a page with the paper's Figures 6 to 8 for the campaign."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,15 +12,29 @@ from workbench.figures.identify import correlation_matrix, level_history
 from workbench.figures.replay import friction_law
 from workbench.figures.save import Section, save_page
 from workbench.identify.identify import Identification
-from workbench.machine import Axis, Hoist
+from workbench.machine import Axis, Hoist, save_machine
 from workbench.machine.axis import LinearAxis
 from workbench.reports.identify import report
 from workbench.reports.identify.friction import combined_weight, force_balance, law
+from workbench.reports.replay import report as replay_report
 from workbench.reports.replay.page import INPUTS_NOTE, RESIDUAL_NOTE, inputs, notes_line, residuals, speeds
 from workbench.reports.words import direction_names, words_of
+from workbench.whole_folder import check_free, whole_folder, write_json
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+
+def write_identification(run: Callable[[], Identification], folder: Path) -> Identification:
+    """Identify, and write machine.yaml, replay.json for that machine, identify.json and identify.html."""
+    check_free(folder)
+    with whole_folder(folder) as hidden:
+        found = run()
+        save_machine(found.machine, hidden / "machine.yaml")
+        write_json(hidden / "replay.json", replay_report.to_json(report.as_campaign(found), found.after))
+        write_json(hidden / "identify.json", report.to_json(found))
+        save_identify_page(found, hidden / "identify.html")
+    return found
 
 
 def save_identify_page(identification: Identification, path: Path) -> None:

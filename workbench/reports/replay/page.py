@@ -1,8 +1,8 @@
-"""The page of a replay: the paper's Figures 6 and 8, and the residual over time."""
+"""The folder of a replay: replay.json, and a page with the paper's Figures 6 and 8 and the residual over time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from workbench.reports.replay import report
 from workbench.reports.words import words_of
 from workbench.run import Run
 from workbench.simulate.replay import Replay, ReplayResult
+from workbench.whole_folder import check_free, whole_folder, write_json
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -26,6 +27,16 @@ RESIDUAL_NOTE = (
     "At rest the machine may hold its load anywhere within its friction, so the residual says nothing there; "
     "the scale is that of the motion."
 )
+
+
+def write_replay(run: Callable[[], ReplayResult], campaign: Campaign, folder: Path) -> ReplayResult:
+    """Replay, and write replay.json and replay.html; all or nothing, see `whole_folder`."""
+    check_free(folder)
+    with whole_folder(folder) as hidden:
+        result = run()
+        write_json(hidden / "replay.json", report.to_json(campaign, result))
+        save_replay_page(campaign, result, hidden / "replay.html")
+    return result
 
 
 def save_replay_page(campaign: Campaign, result: ReplayResult, path: Path) -> None:

@@ -12,8 +12,7 @@ from workbench.dashboard import session
 from workbench.dashboard.machines import keep_machine
 from workbench.dashboard.pages.validate.replay import question
 from workbench.dashboard.widgets import chart, plain, table
-from workbench.figures.estimates import Estimate, estimates
-from workbench.figures.identify import correlation_matrix
+from workbench.figures.identify import Estimate, correlation_matrix, estimates
 from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
