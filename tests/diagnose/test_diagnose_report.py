@@ -22,8 +22,8 @@ from workbench.effects import check
 from workbench.errors import InputError
 from workbench.machine import load_machine
 from workbench.reports.diagnosis import hypotheses, words
+from workbench.reports.diagnosis import page as diagnosis_page
 from workbench.reports.diagnosis import tables as report
-from workbench.reports.diagnosis import write as write_diagnose
 from workbench.reports.diagnosis.as_json import probabilities, to_json
 from workbench.reports.diagnosis.page import save_diagnosis_page, write_diagnosis
 from workbench.reports.diagnosis.series import own_values, series_of
@@ -165,7 +165,7 @@ def test_a_page_that_cannot_be_written_takes_the_numbers_with_it(tmp_path: Path,
         path.write_text("half a page")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(write_diagnose, "save_diagnosis_page", interrupted)
+    monkeypatch.setattr(diagnosis_page, "save_diagnosis_page", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_diagnosis(lambda: made_diagnosis("named"), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

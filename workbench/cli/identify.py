@@ -54,16 +54,16 @@ def command(
         return identify(read, free=keys, band_hz=band, date=date)
 
     if out is None:
-        found = run()
+        identification = run()
     else:
         from workbench.reports.identify.page import write_identification
 
-        found = write_identification(run, out)
+        identification = write_identification(run, out)
     print_notes(brief_notes(read))
-    print_table(report.table(found.fit))
+    print_table(report.table(identification.fit))
     click.echo()
-    print_table(report.measures_table(found), note=False)
-    print_text(["", *report.sentences(found)])
+    print_table(report.measures_table(identification), note=False)
+    print_text(["", *report.sentences(identification)])
     if out is None:
         click.echo("\nNothing is written without --out.")
     else:

@@ -77,24 +77,24 @@ class Estimate:
     said: str
 
 
-def estimates(found: Sequence[Estimate], unit: str, tolerance: float | None = None) -> Figure:
+def estimates(fitted: Sequence[Estimate], unit: str, tolerance: float | None = None) -> Figure:
     """A line a value; a grey band of ± `tolerance` around the nominal values where there is one."""
     import plotly.graph_objects as go
 
-    names = [each.name for each in found]
-    furthest = max((abs(each.shift) + each.std_error for each in found), default=1.0)
+    names = [estimate.name for estimate in fitted]
+    furthest = max((abs(estimate.shift) + estimate.std_error for estimate in fitted), default=1.0)
     reach = 1.15 * max(furthest, tolerance or 0.0) or 1.0
-    height = AROUND + ROW * max(len(found), 2)
+    height = AROUND + ROW * max(len(fitted), 2)
     dots: dict[str, Any] = {
-        "type": "scatter", "mode": "markers", "x": [each.shift for each in found], "y": names,
-        "error_x": {"array": [each.std_error for each in found], "color": BLACK, "thickness": 2, "width": 6},
-        "marker": {"color": BLUE, "size": 11}, "customdata": [each.said for each in found], "showlegend": False,
-        "hovertemplate": "%{y}: %{customdata}<extra></extra>",
+        "type": "scatter", "mode": "markers", "x": [estimate.shift for estimate in fitted], "y": names,
+        "error_x": {"array": [estimate.std_error for estimate in fitted], "color": BLACK, "thickness": 2, "width": 6},
+        "marker": {"color": BLUE, "size": 11}, "customdata": [estimate.said for estimate in fitted],
+        "showlegend": False, "hovertemplate": "%{y}: %{customdata}<extra></extra>",
     }  # fmt: skip
     words = [
-        {"text": each.said, "x": 1.01, "xref": "paper", "xanchor": "left", "y": each.name, "showarrow": False,
+        {"text": estimate.said, "x": 1.01, "xref": "paper", "xanchor": "left", "y": estimate.name, "showarrow": False,
          "font": {"size": 12}}
-        for each in found
+        for estimate in fitted
     ]  # fmt: skip
     band = {
         "type": "rect", "x0": -(tolerance or 0.0), "x1": tolerance or 0.0, "y0": 0, "y1": 1, "yref": "paper",

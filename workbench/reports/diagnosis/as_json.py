@@ -1,4 +1,4 @@
-"""diagnosis.json: the keys that the outside world reads, in their order; behind them what else was found."""
+"""diagnosis.json: the keys that the outside world reads, in their order; behind them the numbers of each step."""
 
 from __future__ import annotations
 

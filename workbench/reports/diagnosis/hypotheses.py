@@ -77,13 +77,16 @@ def _known(value: float | None) -> str:
     return NOTHING if value is None else figures(value)
 
 
-def _merit(each: Candidate) -> str:
-    return f"{each.merit:.0f}" if each.fitted and math.isfinite(each.merit) else NOTHING
+def _merit(candidate: Candidate) -> str:
+    return f"{candidate.merit:.0f}" if candidate.fitted and math.isfinite(candidate.merit) else NOTHING
 
 
-def _parameters(each: Candidate) -> str:
+def _parameters(candidate: Candidate) -> str:
     return "; ".join(
-        f"{one.name} {said}" for estimates in each.parameters.values() for one in estimates for said in [_said(one)]
+        f"{one.name} {said}"
+        for estimates in candidate.parameters.values()
+        for one in estimates
+        for said in [_said(one)]
     )
 
 
@@ -106,17 +109,17 @@ def values_of(one: Estimate) -> list[tuple[float, float]]:
     return list(zip(values, errors, strict=True))
 
 
-def _against(each: Candidate) -> str:
-    if each.failure:
-        return f"its fit broke down: {each.failure}"
-    return "; ".join(each.against)
+def _against(candidate: Candidate) -> str:
+    if candidate.failure:
+        return f"its fit broke down: {candidate.failure}"
+    return "; ".join(candidate.against)
 
 
 def chosen_candidate(d: Diagnosis) -> Candidate | None:
     """The one that the verdict names."""
     if d.verdict.word != "named":
         return None
-    return next((each for each in d.candidates if set(each.effects) == set(d.verdict.effects)), None)
+    return next((c for c in d.candidates if set(c.effects) == set(d.verdict.effects)), None)
 
 
 def parameters_table(d: Diagnosis, note: str = "") -> Table:

@@ -48,13 +48,13 @@ def write_diagnosis(run: Callable[[], Diagnosis], folder: Path, say: Callable[[s
     """
     check_free(folder)
     with whole_folder(folder) as hidden:
-        found = run()
+        diagnosis = run()
         if say is not None:
             say("writing the report")
-        write_json(hidden / "diagnosis.json", to_json(found))
-        save_machine(found.corrected, hidden / "machine.yaml")
-        save_diagnosis_page(found, hidden / "diagnose.html")
-    return found
+        write_json(hidden / "diagnosis.json", to_json(diagnosis))
+        save_machine(diagnosis.corrected, hidden / "machine.yaml")
+        save_diagnosis_page(diagnosis, hidden / "diagnose.html")
+    return diagnosis
 
 
 def save_diagnosis_page(d: Diagnosis, path: Path) -> None:
@@ -68,7 +68,7 @@ def _answer(d: Diagnosis) -> Section:
     lead = [words.probability_sentence(d), words.alike_sentence(d), words.shrink_sentence(d)]
     lead += words.effect_sentences(d)
     held = "the first run's of what is each run's own" if own_values(d) else "the same values"
-    note = f"What the fit found, with one standard error. A name's end is its unit. machine.yaml holds {held}."
+    note = f"Fitted values with one standard error. A name's end is its unit. machine.yaml holds {held}."
     table = hypotheses.parameters_table(d, note)
     return Section("", [sentence for sentence in lead if sentence], d.warnings, [table] if table else [])
 
@@ -131,7 +131,7 @@ def _verdict(d: Diagnosis) -> Section:
 
 def _unknown(d: Diagnosis, unknown: Unknown) -> Section:
     note = "A level for each direction, with a band of two standard errors; positive opposes the motion."
-    units = [words.curve_unit(d.campaign.machine, each.acts_on) for each in unknown.curves]
+    units = [words.curve_unit(d.campaign.machine, curve.acts_on) for curve in unknown.curves]
     figure = diagnose_where.curves(unknown.curves, direction_names(d.campaign.machine), OVER, units)
     drawn = [(figure, note)] if unknown.curves else []
     return Section("What is known of the unknown cause", words.unknown_sentences(d), (), (), drawn)

@@ -29,12 +29,14 @@ def write_identification(run: Callable[[], Identification], folder: Path) -> Ide
     """Identify, and write machine.yaml, replay.json for that machine, identify.json and identify.html."""
     check_free(folder)
     with whole_folder(folder) as hidden:
-        found = run()
-        save_machine(found.machine, hidden / "machine.yaml")
-        write_json(hidden / "replay.json", replay_report.to_json(report.as_campaign(found), found.after))
-        write_json(hidden / "identify.json", report.to_json(found))
-        save_identify_page(found, hidden / "identify.html")
-    return found
+        identification = run()
+        save_machine(identification.machine, hidden / "machine.yaml")
+        write_json(
+            hidden / "replay.json", replay_report.to_json(report.as_campaign(identification), identification.after)
+        )
+        write_json(hidden / "identify.json", report.to_json(identification))
+        save_identify_page(identification, hidden / "identify.html")
+    return identification
 
 
 def save_identify_page(identification: Identification, path: Path) -> None:

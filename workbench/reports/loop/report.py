@@ -116,10 +116,10 @@ def drive_sentence(machine: Hoist, sample_time_s: float) -> str:
 
 def effect_sentences(machine: Hoist) -> list[str]:
     """What of effects and measured correction is in the loop, and what acts on the log alone; none where none is."""
-    found = {name: find(name, "hoist") for name in machine.effects}
-    inside = [name for name, effect in found.items() if not effect.on_sensor]
+    known = {name: find(name, "hoist") for name in machine.effects}
+    inside = [name for name, effect in known.items() if not effect.on_sensor]
     inside += ["measured_correction"] if machine.measured_correction is not None else []
-    outside = [name for name, effect in found.items() if effect.on_sensor]
+    outside = [name for name, effect in known.items() if effect.on_sensor]
     said = [f"In the machine: {', '.join(inside)}."] if inside else []
     return said + ([f"Not in the loop, for they act on the log alone: {', '.join(outside)}."] if outside else [])
 

@@ -116,10 +116,10 @@ def controller_text(settings: PiSettings, comments: Sequence[str] = ()) -> str:
 
 def weights_of(text: str) -> Weights:
     """`1,2,1` as weights of tracking, peak and effort."""
-    found = [float(part) for part in text.split(",")] if _are_numbers(text) else []
-    if len(found) != 3 or min(found) < 0.0 or not 0.0 < sum(found) < float("inf"):
+    weights = [float(part) for part in text.split(",")] if _are_numbers(text) else []
+    if len(weights) != 3 or min(weights) < 0.0 or not 0.0 < sum(weights) < float("inf"):
         raise InputError(f"'{text}', expected three numbers from 0 up, not all 0, such as 1,2,1", place="--weights")
-    return Weights(*found)
+    return Weights(*weights)
 
 
 def _are_numbers(text: str) -> bool:
