@@ -14,6 +14,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE / "site")]
 import workbench  # noqa: E402
 from workbench.effects.page import page as effects_page  # noqa: E402
 from workbench.reports.metric_docs import metrics_page  # noqa: E402
+from workbench.reports.reference_docs import references_page  # noqa: E402
 
 project = "workbench"
 version = release = workbench.__version__
@@ -47,6 +48,7 @@ toc_object_entries_show_parents = "hide"
 MADE = {
     "effects.md": (effects_page, "python -m workbench.effects.page > docs/effects.md"),
     "metrics.md": (metrics_page, "python -m workbench.reports.metric_docs > docs/metrics.md"),
+    "references.md": (references_page, "python -m workbench.reports.reference_docs > docs/references.md"),
 }
 
 

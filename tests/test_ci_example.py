@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from workbench.errors import InputError
-from workbench.study.results.row import METRICS, Row
+from workbench.metrics import fixed_columns
+from workbench.study.results.row import Row
 from workbench.testing import StudyRows, assert_metric
 from workbench.testing import study_rows as study_rows
 
@@ -35,10 +36,11 @@ def test_a_scenario_is_run_once_in_a_session(study_rows: StudyRows, monkeypatch:
     assert study_rows("scenarios/../scenarios/payloads.yaml") is rows
 
 
+MEASURED = dict.fromkeys(fixed_columns(), 1.0)
 ROWS = [
-    Row("light", "s", "ok", "", 0.0, "ruckig", dict.fromkeys(METRICS, 1.0) | {"peak_torque_percent": 71.0}),
-    Row("heavy", "s", "ok", "", 9000.0, "ruckig", dict.fromkeys(METRICS, 1.0) | {"peak_torque_percent": 137.25}),
-    Row("lost", "s", "failed", "the carriage left the rail", 6e4, "ruckig", dict.fromkeys(METRICS)),
+    Row("light", "s", "ok", "", 0.0, "ruckig", MEASURED | {"peak_torque_percent": 71.0}),
+    Row("heavy", "s", "ok", "", 9000.0, "ruckig", MEASURED | {"peak_torque_percent": 137.25}),
+    Row("lost", "s", "failed", "the carriage left the rail", 6e4, "ruckig", dict.fromkeys(fixed_columns())),
 ]
 
 

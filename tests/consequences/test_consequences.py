@@ -18,9 +18,8 @@ from workbench.consequences import Consequences, as_json, consequences_of, perce
 from workbench.control import PiSettings
 from workbench.errors import InputError
 from workbench.figures.consequences import before_and_after
-from workbench.figures.style import LINES
 from workbench.machine import Hoist, default_hoist, with_correction, with_values
-from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
+from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion, planned_kinds
 from workbench.reports.diagnosis.tables import consequences_table
 from workbench.run import Run
 from workbench.simulate.loop import LoopCase, simulate_loop
@@ -319,7 +318,7 @@ def test_the_figure_keeps_the_references_colours_and_marks_what_is_new(overloade
     ]  # fmt: skip
     for before, after in pairwise(figure.data[:4]):
         if before.name.endswith("before"):
-            colour = LINES[before.name.split(",")[0]][0]
+            colour = planned_kinds()[before.name.split(",")[0]].colour
             assert after.marker.color == colour
             assert before.marker.pattern.shape == "/"
             assert after.marker.pattern.shape is None

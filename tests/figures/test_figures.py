@@ -16,7 +16,7 @@ from workbench.figures.save import Section, save_page
 from workbench.figures.study import harder_worked_nm, overview, peak_torque_over_payload, slack_stretches
 from workbench.figures.style import LINES
 from workbench.figures.thin import PASSES, STRAIGHT, straightened, thin
-from workbench.references import KINDS
+from workbench.references import planned_kinds
 from workbench.run import Run
 from workbench.tables import Column, Table, words
 
@@ -98,7 +98,7 @@ def test_straight_stretches_lose_points_and_corners_gaps_and_noise_keep_them() -
 
 
 def test_overview_has_a_column_a_payload_with_error_limits_and_nominal() -> None:
-    runs = [(kind, loop_run(payload)) for payload in (0.0, 9000.0) for kind in KINDS]
+    runs = [(kind, loop_run(payload)) for payload in (0.0, 9000.0) for kind in planned_kinds()]
     figure = overview(runs, 480.0, 768.0)
     # Four quantities, two payloads, three references; set points once per run.
     assert len(figure.data) == 4 * 2 * 3 + 2 * 3
@@ -120,17 +120,19 @@ def test_every_panel_shares_the_time_axis() -> None:
 
 
 def test_a_reference_keeps_its_colour_in_every_figure() -> None:
-    shown = overview([(kind, loop_run(0.0)) for kind in reversed(list(KINDS))], 480.0, 768.0)
-    peaks = peak_torque_over_payload(np.array([0.0, 1.0]), {k: np.array([1.0, 2.0]) for k in KINDS}, 480.0, 768.0)
+    shown = overview([(kind, loop_run(0.0)) for kind in reversed(list(planned_kinds()))], 480.0, 768.0)
+    peaks = peak_torque_over_payload(
+        np.array([0.0, 1.0]), {k: np.array([1.0, 2.0]) for k in planned_kinds()}, 480.0, 768.0
+    )
     for figure in (shown, peaks):
-        assert {t.line.color for t in traces(figure, "trapezoid")} == {LINES["trapezoid"][0]}
-        assert {t.line.color for t in traces(figure, "ruckig, same limits")} == {LINES["ruckig"][0]}
+        assert {t.line.color for t in traces(figure, "trapezoid")} == {planned_kinds()["trapezoid"].colour}
+        assert {t.line.color for t in traces(figure, "ruckig, same limits")} == {planned_kinds()["ruckig"].colour}
     looks = list(LINES.values())
     assert len(set(looks)) == len(looks)
 
 
 def test_legend_names_each_line_once() -> None:
-    figure = overview([(kind, loop_run(p)) for p in (0.0, 4500.0) for kind in KINDS], 480.0, 768.0)
+    figure = overview([(kind, loop_run(p)) for p in (0.0, 4500.0) for kind in planned_kinds()], 480.0, 768.0)
     named = [trace.name for trace in figure.data if trace.showlegend]
     assert sorted(named) == sorted(set(named))
     assert len(named) == 4

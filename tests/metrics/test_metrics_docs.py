@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from workbench.metrics import METRICS
-from workbench.reports.metric_docs import OF_THE_RUN, metrics_page
-from workbench.study.execute.chunk import _KNOWN_BEFORE
-from workbench.study.results.row import METRICS as IN_EVERY_INDEX
+from workbench.metrics import columns, metrics
+from workbench.reports.metric_docs import metrics_page
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "metrics.md"
 
@@ -18,6 +16,5 @@ def test_the_docs_are_made_from_the_declarations():
 
 
 def test_every_column_of_an_index_is_defined_with_its_unit():
-    defined = {name for name, _, _ in OF_THE_RUN} | {metric.name for metric in METRICS}
-    assert {*IN_EVERY_INDEX, *_KNOWN_BEFORE} <= defined
-    assert all(f"| `{name}` | " in metrics_page() for name in defined)
+    assert set(columns()) <= {metric.name for metric in metrics()}
+    assert all(f"| `{metric.name}` | {metric.unit} | " in metrics_page() for metric in metrics())

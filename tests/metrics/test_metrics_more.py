@@ -10,7 +10,7 @@ import pytest
 from tests.metrics.test_metrics import DT, P, metric, trace, with_peak
 from workbench.control import PiSettings
 from workbench.machine import default_hoist, with_values
-from workbench.metrics import HOIST_OBSERVER, METRICS, measure
+from workbench.metrics import measure, observer
 from workbench.run import Run
 from workbench.simulate.loop import LoopCase, simulate_loop
 
@@ -130,7 +130,7 @@ def test_the_safety_factor_is_breaking_load_over_largest_tension():
 
 def test_without_a_breaking_load_there_is_no_safety_factor():
     assert "wire_safety_factor" not in measure(trace(), P)
-    assert {m.name for m in METRICS if m.optional} == {"wire_safety_factor"}
+    assert {m.name for m in observer().metrics if m.optional} == {"wire_safety_factor"}
 
 
 def test_peak_power_is_torque_times_speed_by_sign():
@@ -143,8 +143,8 @@ def test_peak_power_is_torque_times_speed_by_sign():
 
 
 def test_sums_that_several_metrics_read_are_kept_once():
-    starts = {id(m.sums): len(m.sums.start) for m in METRICS}
-    assert HOIST_OBSERVER.size == sum(starts.values()) < sum(len(m.sums.start) for m in METRICS)
+    starts = {id(m.sums): len(m.sums.start) for m in observer().metrics}
+    assert observer().size == sum(starts.values()) < sum(len(m.sums.start) for m in observer().metrics)
 
 
 def lifted(**values: float) -> dict[str, float]:

@@ -11,12 +11,14 @@ from hypothesis import strategies as st
 
 from workbench.errors import InputError
 from workbench.references import (
-    KINDS,
     Limits,
     Step,
     allowed_carriage_speed_m_s,
     motor_speed_rad_s,
+    move_shape,
     plan_motion,
+    planned_kind,
+    planned_kinds,
 )
 
 RAIL = (0.0, 25.0)
@@ -24,7 +26,7 @@ LIMITS = Limits(0.7, 0.5, 1.0)
 
 
 def duration(kind: str, distance_m: float, limits: Limits = LIMITS) -> float:
-    return KINDS[kind](distance_m, limits).duration_s
+    return move_shape(planned_kind(kind), distance_m, limits).duration_s
 
 
 def test_trapezoid_takes_distance_over_speed_plus_one_ramp() -> None:
@@ -46,7 +48,7 @@ def test_jerk_limited_move_too_short_for_both_limits_is_four_jerk_phases() -> No
 
 
 def test_equal_time_factor_of_a_long_move_has_a_closed_form() -> None:
-    shape = KINDS["ruckig_equal_time"](12.0, LIMITS)
+    shape = move_shape(planned_kind("ruckig_equal_time"), 12.0, LIMITS)
     factor = 1.0 + 0.5**2 / (0.7 * 1.0)
     assert shape.limits.acceleration_m_s2 == pytest.approx(0.5 * factor, rel=1e-9)
     assert shape.limits.jerk_m_s3 == pytest.approx(1.0 * factor**2, rel=1e-9)
@@ -67,11 +69,11 @@ def test_equal_time_takes_as_long_as_the_trapezoid(distance: float, v: float, a:
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.sampled_from(sorted(KINDS)), distances, positive, positive, positive)
+@given(st.sampled_from(sorted(planned_kinds())), distances, positive, positive, positive)
 def test_no_limit_is_exceeded_and_the_distance_is_gone(
     kind: str, distance: float, v: float, a: float, j: float
 ) -> None:
-    shape = KINDS[kind](distance, Limits(v, a, j))
+    shape = move_shape(planned_kind(kind), distance, Limits(v, a, j))
     time = np.linspace(-0.5, shape.duration_s + 0.5, 4001)
     position, speed, acceleration = shape.at(time)
     used = shape.limits
@@ -88,12 +90,12 @@ def test_no_limit_is_exceeded_and_the_distance_is_gone(
     assert integral == pytest.approx(distance, abs=8 * used.acceleration_m_s2 * step**2)
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS))
+@pytest.mark.parametrize("kind", sorted(planned_kinds()))
 @pytest.mark.parametrize("distance", [12.0, -3.3, 0.2])
 def test_our_evaluation_agrees_with_ruckig_itself(kind: str, distance: float) -> None:
     from ruckig import InputParameter, Ruckig, Trajectory
 
-    shape = KINDS[kind](distance, LIMITS)
+    shape = move_shape(planned_kind(kind), distance, LIMITS)
     wanted = InputParameter(1)
     wanted.current_position, wanted.target_position = [0.0], [distance]
     wanted.max_velocity = [shape.limits.speed_m_s]
@@ -184,7 +186,7 @@ def test_jerk_limited_reference_without_a_jerk_limit_is_refused() -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.floats(0.0, 25.0), min_size=1, max_size=6), st.sampled_from(sorted(KINDS)))
+@given(st.lists(st.floats(0.0, 25.0), min_size=1, max_size=6), st.sampled_from(sorted(planned_kinds())))
 def test_any_list_of_heights_on_the_rail_is_reached_in_order(heights: list[float], kind: str) -> None:
     here = 12.0
     for height in heights:

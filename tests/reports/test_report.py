@@ -14,6 +14,7 @@ import pytest
 
 from tests.support.commands import Commands
 from workbench.errors import InputError
+from workbench.metrics import fixed_columns
 from workbench.reports.study.figures import figures_of
 from workbench.reports.study.page import write_study_report
 from workbench.reports.study.tables import run_tables, what_was_run
@@ -122,9 +123,9 @@ def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, run) 
     assert page.foreign == []
     assert [len(lines) for lines in page.tables[:3]] == [5, 5, 5]  # a head and four runs
     assert "What is asked." in page.words
-    assert "Jerk-limited at 0.8 m/s³ costs" in page.words
+    assert "Ruckig with the same limits, jerk-limited at 0.8 m/s³, costs" in page.words
     assert f"Report: {copy / 'report.html'}" in done.out
-    assert "Jerk-limited at 0.8 m/s³ costs" in done.out
+    assert "Ruckig with the same limits, jerk-limited at 0.8 m/s³, costs" in done.out
     assert max(map(len, done.out.splitlines())) <= 100
 
 
@@ -218,10 +219,8 @@ def test_a_study_whose_runs_all_failed_has_a_page_that_says_why(results, tmp_pat
 
 
 def test_a_result_of_an_older_version_without_the_newer_metrics_still_has_a_report(results, tmp_path: Path) -> None:
-    from workbench.study.results.row import METRICS
-
     result = read_finished(results(SWEEP))
-    kept = {*METRICS, "moves", "hold_torque_nm", "slack_events"}
+    kept = {*fixed_columns(), "moves", "hold_torque_nm", "slack_events"}
     old = tuple(replace(row, metrics={k: v for k, v in row.metrics.items() if k in kept}) for row in result.rows)
     write_study_report(replace(result, rows=old), tmp_path / "old.html")
     assert "knee" in Page((tmp_path / "old.html").read_text(encoding="utf-8")).words

@@ -14,16 +14,18 @@ from click.testing import CliRunner, Result
 
 from workbench.cli.compare import command
 from workbench.errors import InputError
-from workbench.metrics import METRICS as MEASURED
-from workbench.study.compare.compare import BETTER, compare, matched, metric_named, parse_limits, regressions
+from workbench.metrics import fixed_columns, metrics
+from workbench.study.compare.compare import compare, judged, matched, metric_named, parse_limits, regressions
 from workbench.study.compare.scale import percent, plain
 from workbench.study.compare.unmatched import why_unmatched
 from workbench.study.results.index import index_table
-from workbench.study.results.row import METRICS, Row
+from workbench.study.results.row import Row
+
+MEASURED = dict.fromkeys(fixed_columns(), 1.0)
 
 
 def row(run_id: str, payload: float = 9000.0, **metrics: float) -> Row:
-    return Row(run_id, "s", "ok", "", payload, "ruckig", dict.fromkeys(METRICS, 1.0) | metrics, {"sweep.kp": payload})
+    return Row(run_id, "s", "ok", "", payload, "ruckig", MEASURED | metrics, {"sweep.kp": payload})
 
 
 def failed(one: Row, reason: str = "ran away") -> Row:
@@ -87,34 +89,39 @@ def test_runs_without_a_partner_and_runs_that_newly_fail_are_named() -> None:
 )
 def test_worse_is_what_the_metric_says_is_worse(metric: str, a: float, b: float, percent: float | None) -> None:
     found = compare([row("a", **{metric: a})], [row("a", **{metric: b})])
-    hits = regressions(found, parse_limits([f"{metric}=5%"], METRICS))
+    hits = regressions(found, parse_limits([f"{metric}=5%"], fixed_columns()))
     assert [each.worse for each in hits] == ([] if percent is None else [pytest.approx(percent)])
-    still = regressions(found, parse_limits([f"{metric}=7%"], METRICS))
+    still = regressions(found, parse_limits([f"{metric}=7%"], fixed_columns()))
     assert [each.worse for each in still] == ([percent] if percent == float("inf") else [])
 
 
 def test_one_bad_run_among_good_ones_is_a_regression() -> None:
-    (hit,) = regressions(compare(A, B), parse_limits([f"{PEAK}=3"], METRICS))
+    (hit,) = regressions(compare(A, B), parse_limits([f"{PEAK}=3"], fixed_columns()))
     assert (hit.pair.name, hit.worse) == ("a", 4.0)
 
 
 def test_a_metric_is_known_without_its_unit_and_a_typo_gets_the_nearest() -> None:
-    assert metric_named("peak_torque", METRICS) == "peak_torque_percent"
-    assert metric_named("peak_torque_motor", METRICS) == PEAK
-    assert metric_named("speed_error_rms", METRICS) == "speed_error_rms_rad_s"
-    assert metric_named(PEAK, METRICS) == PEAK
+    assert metric_named("peak_torque", fixed_columns()) == "peak_torque_percent"
+    assert metric_named("peak_torque_motor", fixed_columns()) == PEAK
+    assert metric_named("speed_error_rms", fixed_columns()) == "speed_error_rms_rad_s"
+    assert metric_named(PEAK, fixed_columns()) == PEAK
     with pytest.raises(InputError, match=r"unknown metric 'peek_torque'; did you mean 'peak_torque'\?"):
-        metric_named("peek_torque", METRICS)
+        metric_named("peek_torque", fixed_columns())
 
 
 @pytest.mark.parametrize("text", ["peak_torque", "peak_torque=", "peak_torque=5 percent", "peak_torque=-5%", "=5%"])
 def test_a_limit_that_is_none_says_what_one_looks_like(text: str) -> None:
     with pytest.raises(InputError, match=r"--max-regression: .*(peak_torque=5%|unknown metric)"):
-        parse_limits([text], METRICS)
+        parse_limits([text], fixed_columns())
 
 
 def test_every_metric_says_which_way_is_better() -> None:
-    assert {metric.name for metric in MEASURED} | set(METRICS) <= BETTER.keys()
+    assert set(fixed_columns()) <= set(judged())
+    assert {metric.name for metric in metrics()} - set(judged()) == {
+        "moves",
+        "hold_torque_nm",
+        "acceleration_limit_m_s2",
+    }
 
 
 @pytest.fixture
@@ -192,7 +199,7 @@ def test_what_nobody_can_notice_has_no_per_cent() -> None:
     (change,) = [change for change in found.changes if change.metric == end]
     assert change.mean_percent == 0.0
     assert change.worst and not change.noticeable
-    assert regressions(found, parse_limits([f"{end}=5%"], METRICS)) == []
+    assert regressions(found, parse_limits([f"{end}=5%"], fixed_columns())) == []
     assert percent(end, 1e-7, 2e-3) == float("inf")  # from nothing to 2 mm is worse
     assert percent(end, 1e-3, 2e-3) == pytest.approx(100.0)
 

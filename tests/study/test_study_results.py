@@ -17,12 +17,15 @@ from click.testing import CliRunner
 from workbench.cli.study import command
 from workbench.errors import InputError
 from workbench.figures.study_page import save_study_page, study_figures
-from workbench.study.conclude.summary import HEAD, head, sentences, table
+from workbench.metrics import fixed_columns
+from workbench.study.conclude.sentences import sentences
+from workbench.study.conclude.tables import run_head, run_table
 from workbench.study.execute.batch import run_batch
-from workbench.study.execute.run import METRICS, Row, StudyResult, run_study
+from workbench.study.execute.run import StudyResult, run_study
 from workbench.study.execute.store import Chunk
 from workbench.study.results.folder import SavedRuns, place_for
 from workbench.study.results.index import index_table, read_rows
+from workbench.study.results.row import Row
 from workbench.study.scenario.load import Study, load_study
 
 SCENARIO = """\
@@ -123,7 +126,7 @@ def test_folder_holds_index_signals_scenario_machine_manifest_and_page(
     folder = written(study, tmp_path / "deep" / "small")
     index = pq.read_table(folder / "index.parquet")
     assert index.column_names[:6] == ["run_id", "scenario", "status", "reason", "payload_kg", "reference"]
-    assert index.column_names[6 : 6 + len(METRICS)] == list(METRICS)
+    assert index.column_names[6 : 6 + len(fixed_columns())] == list(fixed_columns())
     assert index.num_rows == 6
     for run_id in index["run_id"].to_pylist():
         signals = pq.read_table(folder / "runs" / run_id / "signals.parquet")
@@ -249,12 +252,12 @@ def test_a_loop_that_runs_away_is_a_failed_row_and_the_rest_goes_on(tmp_path: Pa
     folder = written(study, tmp_path / "wild")
     statuses = pq.read_table(folder / "index.parquet")["status"].to_pylist()
     assert statuses.count("failed") == len(failed)
-    assert any("failed" in line for line in table(result.rows)[-1])
+    assert any("failed" in line for line in run_table(result.rows)[-1])
     assert any(row.run_id in sentence for row in failed for sentence in sentences(result.rows, 768.0))
 
 
 def row(payload: float, kind: str, **changes: float) -> Row:
-    metrics = dict.fromkeys(METRICS, 0.0) | {
+    metrics = dict.fromkeys(fixed_columns(), 0.0) | {
         "moves": 2.0, "hold_torque_nm": 800.0, "slack_events": 0.0, "peak_torque_motor_nm": 500.0,
         "peak_torque_above_static_nm": 300.0, "speed_error_max_rad_s": 10.0, "move_time_s": 36.0,
     }  # fmt: skip
@@ -285,8 +288,8 @@ def test_slack_and_the_torque_limit_are_said_when_they_occur() -> None:
 
 
 def test_table_has_a_cell_under_every_head(result: StudyResult) -> None:
-    lines = table(result.rows)
-    assert {len(line) for line in lines} == {len(HEAD)}
+    lines = run_table(result.rows)
+    assert {len(line) for line in lines} == {len(run_head(result.rows))}
     assert lines[3][:2] == ["9000", "trapezoid"]
 
 
@@ -295,9 +298,9 @@ def test_swept_values_stand_in_the_table_and_the_extremes_in_the_conclusions() -
         replace(row(0.0, "ruckig", peak_torque_motor_nm=peak), run_id=f"r{kp:g}", assigned={"sweep.controller.kp": kp})
         for kp, peak in ((20.0, 300.0), (30.0, 200.0), (40.0, 400.0))
     ]
-    assert head(rows)[:3] == ("payload\nkg", " reference", "kp")
-    assert [line[2] for line in table(rows)] == ["20", "30", "40"]
-    assert {len(line) for line in table(rows)} == {len(head(rows))}
+    assert run_head(rows)[:3] == ("payload\nkg", " reference", "kp")
+    assert [line[2] for line in run_table(rows)] == ["20", "30", "40"]
+    assert {len(line) for line in run_table(rows)} == {len(run_head(rows))}
     said = sentences(rows, 768.0)
     assert said[0] == (
         "Over 3 runs the torque peak per motor goes from 200 N m (0 kg, ruckig, kp 30) "

@@ -36,13 +36,13 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
     metric got worse than its limit allows, or, with a limit, a run fails that did not; 2 where no run is in both.
     """
     from workbench.study.compare.as_json import as_json
-    from workbench.study.compare.compare import BETTER, compare, parse_limits, regressions
+    from workbench.study.compare.compare import compare, judged, parse_limits, regressions
     from workbench.study.compare.unmatched import why_unmatched
     from workbench.study.results.index import read_rows
     from workbench.whole_folder import write_json
 
     rows_a, rows_b = read_rows(a), read_rows(b)
-    allowed = parse_limits(limits, dict.fromkeys([*BETTER, *rows_a[0].metrics]))
+    allowed = parse_limits(limits, dict.fromkeys([*judged(), *rows_a[0].metrics]))
     comparison = compare(rows_a, rows_b)
     if not comparison.pairs:
         raise InputError(f"no run is in both A ({a}) and B ({b}): {why_unmatched(rows_a, rows_b)}")

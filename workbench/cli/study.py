@@ -11,7 +11,6 @@ import click
 
 from workbench.cli.options import effects_option
 from workbench.errors import InputError
-from workbench.tables import Table
 
 if TYPE_CHECKING:
     from workbench.study.execute.batch import Spread, Tell
@@ -93,19 +92,19 @@ def _run(study: Study, place: Place, spread: Spread, tell: Tell) -> None:
 
 def _report(study: Study, place: Place) -> None:
     from workbench.cli.show import print_table, print_text
-    from workbench.study.conclude import aggregate
-    from workbench.study.conclude.summary import CAPTION, head, sentences, table
+    from workbench.study.conclude import tables
+    from workbench.study.conclude.sentences import sentences
     from workbench.study.execute.run import motor_torque_limit_nm
     from workbench.study.results.index import read_rows
     from workbench.study.variations.varying import swept_axes
 
     rows = read_rows(place.folder)
     if len(rows) <= MOST_IN_TABLE:
-        print_table(Table.of_heads(head(rows), table(rows), CAPTION))
+        print_table(tables.run_table(rows))
     else:
-        print_table(Table.of_heads(aggregate.HEAD, aggregate.quantile_table(rows), aggregate.CAPTION))
+        print_table(tables.quantile_table(rows))
         click.echo()
-        print_table(Table.of_heads(aggregate.EXTREMES_HEAD, aggregate.extremes(rows, swept_axes(rows))))
+        print_table(tables.extremes_table(rows, swept_axes(rows)))
         click.echo(f"Each of the {len(rows)} runs has its line in the index.")
     print_text(["", *sentences(rows, motor_torque_limit_nm(study.machine)), ""])
     if place.finished:

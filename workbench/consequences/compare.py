@@ -21,7 +21,7 @@ from workbench.errors import InputError
 from workbench.machine import Axis, Hoist
 from workbench.references import motion_time_s
 from workbench.run import Run
-from workbench.study.conclude.sentences import NO_CHANGE
+from workbench.study.conclude.variation_sentences import NO_CHANGE
 from workbench.study.execute.chunk import run_specs
 from workbench.study.results.row import Row
 from workbench.study.variations.run_spec import RunSpec

@@ -10,7 +10,7 @@ from workbench.consequences.phases import PHASES, from_the_cold, per_run
 from workbench.consequences.record import Change, Choice, Consequences, LoopFigures, percent
 from workbench.effects import find
 from workbench.machine import Hoist
-from workbench.study.conclude.sentences import NO_CHANGE, listed
+from workbench.study.conclude.variation_sentences import NO_CHANGE, listed
 
 SMALL = 100.0 * NO_CHANGE  # per cent
 GAIN_MOVES = 3.0  # per cent of a gain: less is within what tuning by hand leaves

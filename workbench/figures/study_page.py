@@ -9,9 +9,9 @@ import numpy as np
 
 from workbench.figures.save import Section, save_page
 from workbench.figures.study import overview, peak_torque_over_payload
-from workbench.study.conclude.summary import CAPTION, head, sentences, table
+from workbench.study.conclude.sentences import sentences
+from workbench.study.conclude.tables import run_table
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
-from workbench.tables import Table
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -61,7 +61,7 @@ def save_study_page(result: StudyResult, path: Path) -> None:
     paragraphs = [result.study.scenario.description, " ".join(said)]
     section = Section(
         sentences=[paragraph for paragraph in paragraphs if paragraph],
-        tables=[Table.of_heads(head(result.rows), table(result.rows), CAPTION)],
+        tables=[run_table(result.rows)],
         figures=[(figure, "") for figure in study_figures(result)],
     )
     save_page([section], path, f"Study {result.study.scenario.name} — {machine.name}")

@@ -9,7 +9,8 @@ import numpy as np
 
 from workbench.figures.panels import Panels
 from workbench.figures.style import MARKERS, label, line
-from workbench.study.conclude.sentences import NO_CHANGE
+from workbench.metrics import Metric, View, shown_in
+from workbench.study.conclude.variation_sentences import NO_CHANGE
 from workbench.study.results.labels import drawn_in, shown
 from workbench.study.results.row import Row
 from workbench.study.variations.varying import Axis, Point
@@ -17,7 +18,7 @@ from workbench.study.variations.varying import Axis, Point
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-SWEPT = ("peak_torque_motor_nm", "speed_error_max_rad_s", "min_wire_tension_n", "wire_tension_swing_n", "move_time_s")
+PEAK = "peak_torque_motor_nm"  # its panel has the motor's limits in it
 MOST_COLUMNS = 3
 
 
@@ -30,13 +31,13 @@ def metrics_over_axis(
     torque limits: of one motor. Of more than three payloads the lightest, a middle and the heaviest are drawn.
     """
     good = [row for row in rows if row.ok]
-    metrics = changing(good, axis) or list(SWEPT[:1])
+    metrics = changing(good, axis) or list(shown_in(View.SWEEP)[:1])
     payloads = sorted({row.payload_kg for row in good})
     if len(payloads) > MOST_COLUMNS:
         payloads = [payloads[i] for i in np.linspace(0, len(payloads) - 1, MOST_COLUMNS).round().astype(int)]
     panels = Panels(
         f"Over {axis.words}",
-        [drawn_in(name)[0].axis.replace(" (", "<br>(") for name in metrics],
+        [drawn_in(metric.name)[0].axis.replace(" (", "<br>(") for metric in metrics],
         [f"payload {p:g} kg" for p in payloads],
         x_title=axis.label,
     )
@@ -46,12 +47,12 @@ def metrics_over_axis(
         look = line(kind, number)
         for column, payload in enumerate(payloads):
             here = [row for row in good if row.reference == kind and row.payload_kg == payload]
-            for level, name in enumerate(metrics):
+            for level, metric in enumerate(metrics):
                 groups = [
-                    [drawn_in(name)[1] * row[name] for row in here if axis.at(row) == point] for point in axis.points
+                    [metric.scale * row[metric.name] for row in here if axis.at(row) == point] for point in axis.points
                 ]
                 low, high = (np.array([f(g) if g else np.nan for g in groups]) for f in (min, max))
-                worst, other = (low, high) if name == "min_wire_tension_n" else (high, low)
+                worst, other = (low, high) if metric.better == "higher" else (high, low)
                 if max(map(len, groups), default=0) > 1:
                     both = np.concatenate([x, x[::-1]]), np.concatenate([worst, other[::-1]])
                     known = np.isfinite(both[1])
@@ -61,12 +62,13 @@ def metrics_over_axis(
                         showlegend=False,
                     )  # fmt: skip
                 panels.line(
-                    level, column, x.astype(float), worst, label(kind), look, drawn_in(name)[0].unit,
+                    level, column, x.astype(float), worst, label(kind), look, metric.shown_unit,
                     mode="lines+markers", marker=marker,
                 )  # fmt: skip
-    if "peak_torque_motor_nm" in metrics:
+    names = [metric.name for metric in metrics]
+    if PEAK in names:
+        at = names.index(PEAK)
         for column in range(len(payloads)):
-            at = metrics.index("peak_torque_motor_nm")
             first = column == 0
             panels.level(at, column, nominal_torque_nm, f"nominal {nominal_torque_nm:.4g} N m" if first else "", "dot")
             panels.level(at, column, torque_limit_nm, f"limit {torque_limit_nm:.4g} N m" if first else "", "dash")
@@ -80,17 +82,21 @@ def metrics_over_axis(
     return figure
 
 
-def changing(rows: Sequence[Row], axis: Axis) -> list[str]:
+def changing(rows: Sequence[Row], axis: Axis) -> list[Metric]:
     """The metrics whose worst value at a point of the axis is not the same along it."""
-    return [name for name in SWEPT if all(name in row.metrics for row in rows) and _changes(rows, axis, name)]
+    return [
+        metric
+        for metric in shown_in(View.SWEEP)
+        if all(row.metrics.get(metric.name) is not None for row in rows) and _changes(rows, axis, metric)
+    ]
 
 
-def _changes(rows: Sequence[Row], axis: Axis, metric: str) -> bool:
+def _changes(rows: Sequence[Row], axis: Axis, metric: Metric) -> bool:
     worst: dict[tuple[float, str], dict[Point, float]] = {}
     for row in rows:
         case = worst.setdefault((row.payload_kg, row.reference), {})
-        value = -row[metric] if metric == "min_wire_tension_n" else row[metric]
-        case[axis.at(row)] = max(value, case.get(axis.at(row), value))
+        value = row[metric.name]
+        case[axis.at(row)] = metric.worst([value, case.get(axis.at(row), value)])
     return any(
         max(case.values()) - min(case.values()) > NO_CHANGE * max(map(abs, case.values())) for case in worst.values()
     )

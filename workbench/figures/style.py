@@ -11,27 +11,21 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+from workbench.references import by_name
+
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY, FAINT = "#6B6B6B", "#E4E4E4"
 BEFORE, AFTER = ORANGE, GREEN  # a machine corrected or identified
 WINDOW, REST = YELLOW, "#BBBBBB"  # a window of the gap; what a comparison leaves out
 
-# Each line: colour and dash, so that a black-and-white print tells them apart too.
+# Each line: colour and dash, so that a black-and-white print tells them apart too. References declare their own.
 LINES: dict[str, tuple[str, str]] = {
-    "trapezoid": (VERMILLION, "solid"),
-    "ruckig": (BLUE, "solid"),
-    "ruckig_equal_time": (GREEN, "6px,3px"),
     "measured": (BLACK, "solid"),
     "simulated": (ORANGE, "solid"),
     "set point": (GREY, "2px,2px"),
     "motor 1": (SKY, "solid"),
     "motor 2": (PURPLE, "4px,2px"),
-}
-NAMES = {
-    "trapezoid": "trapezoid",
-    "ruckig": "ruckig, same limits",
-    "ruckig_equal_time": "ruckig, same move time",
 }
 # A comparison before and after; the noise floor is a grey dashed line.
 MEASURED: dict[str, Any] = {"color": BLACK, "dash": "solid", "width": 2.6, "simplify": False}
@@ -52,13 +46,19 @@ MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
 
 
 def line(name: str, number: int = 0, width: float = 1.8) -> dict[str, Any]:
-    """The line of a named thing; `number` chooses among the spare ones for a name without its own."""
-    colour, dash = LINES.get(name, SPARE[number % len(SPARE)])
+    """The line of a name, such as a kind of reference; `number` chooses a spare one for a name without its own."""
+    kind = by_name().get(name)
+    if kind is not None and kind.colour:
+        colour, dash = kind.colour, kind.dash
+    else:
+        colour, dash = LINES.get(name, SPARE[number % len(SPARE)])
     return {"color": colour, "dash": dash, "width": width, "simplify": False}
 
 
 def label(name: str) -> str:
-    return NAMES.get(name, name)
+    """A kind of reference as legends and choices name it; any other name as it is."""
+    kind = by_name().get(name)
+    return name if kind is None else kind.label
 
 
 AXIS: dict[str, Any] = {

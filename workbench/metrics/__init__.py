@@ -1,7 +1,55 @@
-"""What a run is judged by."""
+"""The metrics of a run, each declared once: add one to `workbench/metrics/hoist.py` and it is shown everywhere."""
 
-from workbench.metrics.hoist import HOIST_OBSERVER, METRICS
 from workbench.metrics.measure import measure
-from workbench.metrics.metric import HUGE, Metric, Observer, Sums
+from workbench.metrics.metric import (
+    EVERYWHERE,
+    HUGE,
+    INDEX_ONLY,
+    Better,
+    LoopMetric,
+    Metric,
+    Observer,
+    RunFacts,
+    RunMetric,
+    Sums,
+    View,
+)
+from workbench.metrics.registry import (
+    add,
+    added,
+    by_name,
+    columns,
+    find,
+    fixed_columns,
+    forget_added,
+    metrics,
+    observer,
+    run_metrics,
+    shown_in,
+)
 
-__all__ = ["HOIST_OBSERVER", "HUGE", "METRICS", "Metric", "Observer", "Sums", "measure"]
+__all__ = [
+    "EVERYWHERE",
+    "HUGE",
+    "INDEX_ONLY",
+    "Better",
+    "LoopMetric",
+    "Metric",
+    "Observer",
+    "RunFacts",
+    "RunMetric",
+    "Sums",
+    "View",
+    "add",
+    "added",
+    "by_name",
+    "columns",
+    "find",
+    "fixed_columns",
+    "forget_added",
+    "measure",
+    "metrics",
+    "observer",
+    "run_metrics",
+    "shown_in",
+]

@@ -1,4 +1,4 @@
-"""The hoist's metrics, each declared once.
+"""The hoist's metrics, each declared once and in the order in which tables show them.
 
 Torque of one motor is that of the harder-worked one. Speeds are the motor's, up positive.
 """
@@ -9,7 +9,20 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from workbench.metrics.metric import HUGE, Metric, Observer, Signals, Sums, integral, largest, smallest, the
+from workbench.metrics.metric import (
+    HUGE,
+    INDEX_ONLY,
+    LoopMetric,
+    Metric,
+    RunMetric,
+    Signals,
+    Sums,
+    View,
+    as_summed,
+    integral,
+    largest,
+    smallest,
+)
 from workbench.trace.expr import Scalar, absolute, maximum, minimum, where
 
 SETTLED = 0.01  # of nominal speed: a speed error that counts as none
@@ -115,121 +128,240 @@ _TOPS = Sums((-HUGE, HUGE, -HUGE, HUGE), _tops)
 _SETTLING = Sums((0.0, 0.0), _settling)
 _BEHIND = Sums((0.0, 0.0, 0.0), _behind)
 
-METRICS = (
-    Metric("peak_torque_motor_nm", "N m", "largest torque of the harder-worked motor, either way", _PEAK, the(0)),
-    Metric(
-        "peak_torque_percent", "%", "the same in per cent of one motor's nominal torque",
-        _PEAK, lambda a, p, duration: a[0] * 100.0 / p.T_nominal,
+METRICS: tuple[Metric, ...] = (
+    LoopMetric(
+        name="peak_torque_motor_nm", unit="N m", label="torque peak per motor", better="lower", visible=0.1,
+        definition="largest torque of the harder-worked motor, either way",
+        head="peak", decimals=0, note="torque of one motor", fixed=True,
+        extremes=(("highest torque peak", 1), ("lowest torque peak", -1)),
+        sums=_PEAK, finish=as_summed(0),
     ),
-    Metric(
-        "peak_torque_above_static_nm", "N m",
-        "largest torque of both motors above the torque that holds the load at the start",
-        largest(lambda s, p: _torque(s) - p.T_hold), the(0),
+    LoopMetric(
+        name="peak_torque_percent", unit="%", label="torque peak of nominal", better="lower", visible=0.01,
+        definition="the same in per cent of one motor's nominal torque",
+        head="peak", decimals=0, note="torque of one motor", fixed=True,
+        views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES,
+        sums=_PEAK, finish=lambda a, p, duration: a[0] * 100.0 / p.T_nominal,
     ),
-    Metric(
-        "rms_torque_motor_nm", "N m", "root mean square of the harder-worked motor's torque over the run",
-        _SQUARE, _root_mean,
+    LoopMetric(
+        name="peak_torque_above_static_nm", unit="N m", label="torque peak above static", better="lower", visible=0.1,
+        definition="largest torque of both motors above the torque that holds the load at the start",
+        head="above\nstatic", decimals=0, fixed=True,
+        note="torque of both motors together, above the torque that holds the load",
+        views=View.RUNS | View.SWEPT_RUNS,
+        sums=largest(lambda s, p: _torque(s) - p.T_hold), finish=as_summed(0),
     ),
-    Metric(
-        "i2t_s", "s", "∫ (T/T_nominal)² dt of the harder-worked motor over the run: seconds at nominal torque "
+    LoopMetric(
+        name="rms_torque_motor_nm", unit="N m", label="RMS torque per motor", better="lower", visible=0.1,
+        definition="root mean square of the harder-worked motor's torque over the run",
+        head="RMS", decimals=0, note="torque of one motor", fixed=True,
+        views=View.RUNS | View.QUANTILES | View.COMPARE,
+        sums=_SQUARE, finish=_root_mean,
+    ),
+    LoopMetric(
+        name="i2t_s", unit="s", label="I²t", better="lower", visible=1e-3,
+        definition="∫ (T/T_nominal)² dt of the harder-worked motor over the run: seconds at nominal torque "
         "that would heat its windings as much",
-        _SQUARE, lambda a, p, duration: a[0] / p.T_nominal**2,
+        views=INDEX_ONLY,
+        sums=_SQUARE, finish=lambda a, p, duration: a[0] / p.T_nominal**2,
     ),
-    Metric(
-        "thermal_load_percent", "%", "the same over the run's duration: 100 % heats as nominal torque does",
-        _SQUARE, lambda a, p, duration: 100.0 * a[0] / (p.T_nominal**2 * duration),
+    LoopMetric(
+        name="thermal_load_percent", unit="%", label="thermal load", better="lower", visible=0.01,
+        definition="the same over the run's duration: 100 % heats as nominal torque does",
+        head="thermal\nload", decimals=0, taken_at="one motor",
+        note="mean square torque of one motor over that of nominal torque",
+        views=View.DRIVE | View.COMPARE,
+        sums=_SQUARE, finish=lambda a, p, duration: 100.0 * a[0] / (p.T_nominal**2 * duration),
     ),
-    Metric(
-        "overload_time_s", "s", "time with the harder-worked motor above its nominal torque, either way",
-        integral(lambda s, p: where(absolute(_torque(s)) * _share(s, p) > p.T_nominal, 1.0, 0.0)), the(0),
+    LoopMetric(
+        name="overload_time_s", unit="s", label="time above nominal torque", better="lower", visible=1e-3,
+        definition="time with the harder-worked motor above its nominal torque, either way",
+        head="above\nnominal", decimals=2, note="time of one motor", views=View.DRIVE,
+        sums=integral(lambda s, p: where(absolute(_torque(s)) * _share(s, p) > p.T_nominal, 1.0, 0.0)),
+        finish=as_summed(0),
     ),
-    Metric(
-        "torque_rate_max_nm_per_s", "N m/s",
-        "largest change of the harder-worked motor's torque from one sample to the next, by the time between them",
-        _SINCE_LAST, the(2),
+    LoopMetric(
+        name="torque_rate_max_nm_per_s", unit="N m/s", label="largest torque rate", better="lower", visible=1.0,
+        definition="largest change of the harder-worked motor's torque from one sample to the next, by the time "
+        "between them",
+        shown_in="kN m/s", scale=1e-3, head="torque rate", decimals=2, note="largest, of one motor", views=View.DRIVE,
+        sums=_SINCE_LAST, finish=as_summed(2),
     ),
-    Metric(
-        "speed_error_rms_rad_s", "rad/s", "root mean square of reference minus motor speed",
-        integral(lambda s, p: _error(s) * _error(s)), _root_mean,
+    LoopMetric(
+        name="speed_error_rms_rad_s", unit="rad/s", label="RMS speed error", better="lower", visible=1e-3,
+        definition="root mean square of reference minus motor speed",
+        head="error RMS", decimals=2, note="motor speed against its set point", taken_at="motor side", fixed=True,
+        views=View.RUNS | View.COMPARE,
+        sums=integral(lambda s, p: _error(s) * _error(s)), finish=_root_mean,
     ),
-    Metric(
-        "speed_error_max_rad_s", "rad/s", "largest difference of reference and motor speed",
-        largest(lambda s, p: absolute(_error(s))), the(0),
+    LoopMetric(
+        name="speed_error_max_rad_s", unit="rad/s", label="largest speed error", better="lower", visible=1e-3,
+        definition="largest difference of reference and motor speed",
+        head="error max", decimals=1, note="motor speed against its set point", taken_at="motor side", fixed=True,
+        extremes=(("largest speed error", 1),),
+        sums=largest(lambda s, p: absolute(_error(s))), finish=as_summed(0),
     ),
-    Metric(
-        "speed_error_iae_rad", "rad", "∫ |reference − motor speed| dt (IAE)",
-        integral(lambda s, p: absolute(_error(s))), the(0),
+    LoopMetric(
+        name="speed_error_iae_rad", unit="rad", label="integral of the absolute speed error", better="lower",
+        visible=1e-3, definition="∫ |reference − motor speed| dt (IAE)",
+        views=INDEX_ONLY,
+        sums=integral(lambda s, p: absolute(_error(s))), finish=as_summed(0),
     ),
-    Metric(
-        "speed_overshoot_rad_s", "rad/s",
-        "how far the motor speed goes beyond the largest or the smallest speed of the whole reference; 0 within them",
-        Sums((-HUGE, HUGE, -HUGE, HUGE), _speeds), _overshoot,
+    LoopMetric(
+        name="speed_overshoot_rad_s", unit="rad/s", label="speed overshoot", better="lower", visible=1e-3,
+        definition="how far the motor speed goes beyond the largest or the smallest speed of the whole reference; "
+        "0 within them",
+        head="overshoot", decimals=2, note="motor speed beyond the extremes of its set point", views=View.MOTION,
+        sums=Sums((-HUGE, HUGE, -HUGE, HUGE), _speeds), finish=_overshoot,
     ),
-    Metric(
-        "settling_time_s", "s",
-        f"from the end of the last move until the motor speed stays within {SETTLED:.0%} of nominal speed of its "
-        "reference; until the end of the run where it never does",
-        _SETTLING, lambda a, p, duration: max(a[1] - a[0], 0.0),
+    LoopMetric(
+        name="settling_time_s", unit="s", label="settling time", better="lower", visible=1e-3,
+        definition=f"from the end of the last move until the motor speed stays within {SETTLED:.0%} of nominal speed "
+        "of its reference; until the end of the run where it never does",
+        head="settling", decimals=2, note="after the last move, to 1 % of nominal speed",
+        taken_at="after the last move",
+        views=View.MOTION | View.COMPARE,
+        sums=_SETTLING, finish=lambda a, p, duration: max(a[1] - a[0], 0.0),
     ),
-    Metric(
-        "position_error_max_m", "m",
-        "largest distance, either way, of the carriage from its reference, seen at the motor shaft: speed error "
-        "summed up, times the carriage's travel per angle (drum diameter / (4 · ratio)). Exact for a rigid drive; "
-        "the stretch of the wire is not in it",
-        _BEHIND, lambda a, p, duration: a[1] * _lift(p),
+    LoopMetric(
+        name="position_error_max_m", unit="m", label="largest position error", better="lower", visible=1e-4,
+        definition="largest distance, either way, of the carriage from its reference, seen at the motor shaft: speed "
+        "error summed up, times the carriage's travel per angle (drum diameter / (4 · ratio)). Exact for a rigid "
+        "drive; the stretch of the wire is not in it",
+        shown_in="mm", scale=1e3, head="position\nmax", decimals=1, note="largest error, seen at the motor shaft",
+        taken_at="carriage side", views=View.MOTION | View.COMPARE,
+        sums=_BEHIND, finish=lambda a, p, duration: a[1] * _lift(p),
     ),
-    Metric(
-        "position_error_stop_m", "m",
-        "the same when the reference of the last move comes to rest, position minus reference",
-        _BEHIND, lambda a, p, duration: -a[2] * _lift(p),
+    LoopMetric(
+        name="position_error_stop_m", unit="m", label="position error at the stop", better="zero", visible=1e-4,
+        definition="the same when the reference of the last move comes to rest, position minus reference",
+        shown_in="mm", scale=1e3, views=INDEX_ONLY,
+        sums=_BEHIND, finish=lambda a, p, duration: -a[2] * _lift(p),
     ),
-    Metric(
-        "min_wire_tension_n", "N", "smallest elastic tension of the two falls; zero is slack",
-        smallest(lambda s, p: s["tension_min_n"]), the(0),
+    RunMetric(
+        name="position_error_end_m", unit="m", label="position error at the end", better="zero", visible=1e-4,
+        definition="height of the carriage at the end of the run minus the end of its reference, the stretch of the "
+        "wire included",
+        shown_in="mm", scale=1e3, head="position\nend", decimals=1, note="the carriage's own error", fixed=True,
+        views=View.MOTION,
+        value=lambda run: run.end_position_m - run.reference_end_m,
     ),
-    Metric(
-        "max_wire_tension_n", "N", "largest tension at the top of a fall, the wire's own weight included",
-        _TOPS, lambda a, p, duration: max(a[0], a[2]),
+    LoopMetric(
+        name="min_wire_tension_n", unit="N", label="smallest wire tension", better="higher", visible=1.0,
+        definition="smallest elastic tension of the two falls; zero is slack",
+        shown_in="kN", scale=1e-3, head="min wire", decimals=1, note="smallest tension of a fall", fixed=True,
+        extremes=(("smallest wire tension", -1),),
+        sums=smallest(lambda s, p: s["tension_min_n"]), finish=as_summed(0),
     ),
-    Metric(
-        "wire_tension_swing_n", "N",
-        "largest minus smallest tension at the top of a fall, of the fall that swings more",
-        _TOPS, lambda a, p, duration: max(a[0] - a[1], a[2] - a[3]),
+    LoopMetric(
+        name="max_wire_tension_n", unit="N", label="largest wire tension", better="lower", visible=1.0,
+        definition="largest tension at the top of a fall, the wire's own weight included",
+        shown_in="kN", scale=1e-3, head="max wire", decimals=1, note="largest tension of a fall", fixed=True,
+        views=View.MOTION,
+        sums=_TOPS, finish=lambda a, p, duration: max(a[0], a[2]),
     ),
-    Metric(
-        "wire_safety_factor", "–", "the wire's breaking load over its largest tension, where machine.yaml gives "
+    LoopMetric(
+        name="wire_tension_swing_n", unit="N", label="wire tension swing", better="lower", visible=1.0,
+        definition="largest minus smallest tension at the top of a fall, of the fall that swings more",
+        shown_in="kN", scale=1e-3, head="swing", decimals=1, note="of a fall's tension",
+        views=View.QUANTILES | View.MOTION | View.SENTENCES | View.SWEEP | View.COMPARE,
+        sums=_TOPS, finish=lambda a, p, duration: max(a[0] - a[1], a[2] - a[3]),
+    ),
+    LoopMetric(
+        name="wire_safety_factor", unit="–", label="wire safety factor", better="higher", visible=1e-3,
+        definition="the wire's breaking load over its largest tension, where machine.yaml gives "
         "`wire.breaking_load_n`",
-        _TOPS, _safety, optional=True,
+        head="safety\nfactor", decimals=1, note="breaking load of the wire over its largest tension",
+        views=View.MOTION, optional=True,
+        sums=_TOPS, finish=_safety,
     ),
-    Metric("slack_time_s", "s", "time with a fall of wire slack", _SLACK, the(0)),
-    Metric("slack_events", "–", "how often a fall went slack", _SLACK, the(1)),
-    Metric("energy_motoring_j", "J", "work of the motors on the machine", _SINCE_LAST, the(0)),
-    Metric("energy_regenerated_j", "J", "work of the machine on the motors", _SINCE_LAST, the(1)),
-    Metric(
-        "peak_power_motoring_kw", "kW", "largest power of both motors on the machine, torque times speed",
-        largest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]), lambda a, p, duration: max(a[0], 0.0) / 1000.0,
+    LoopMetric(
+        name="slack_time_s", unit="s", label="slack time", better="lower", visible=1e-3,
+        definition="time with a fall of wire slack",
+        head="slack", decimals=2, note="time with a fall of wire slack", fixed=True, views=View.MOTION | View.COMPARE,
+        sums=_SLACK, finish=as_summed(0),
     ),
-    Metric(
-        "peak_power_regenerating_kw", "kW", "largest power of the machine on both motors",
-        smallest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]), lambda a, p, duration: max(-a[0], 0.0) / 1000.0,
+    LoopMetric(
+        name="slack_events", unit="–", label="slack events", better="lower", visible=1.0,
+        definition="how often a fall went slack", views=INDEX_ONLY,
+        sums=_SLACK, finish=as_summed(1),
     ),
-    Metric(
-        "peak_carriage_acceleration_m_s2", "m/s²", "largest acceleration of the carriage, either way",
-        largest(lambda s, p: absolute(s["acceleration_carriage_m_s2"])), the(0),
+    RunMetric(
+        name="move_time_s", unit="s", label="move time", better="lower", visible=1e-3,
+        definition="time in motion of the reference, all moves together, dwells left out",
+        head="moves", decimals=2, note="time in motion", fixed=True, known_before=True,
+        extremes=(("shortest moves", -1), ("longest moves", 1)),
+        views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES | View.EXTREMES | View.SWEEP | View.COMPARE | View.CARDS,
+        value=lambda run: sum(end - start for start, end in run.move_windows),
     ),
-    Metric(
-        "peak_carriage_jerk_m_s3", "m/s³",
-        "largest change of the carriage's acceleration from one sample to the next, by the time between them",
-        _SINCE_LAST, the(3),
+    LoopMetric(
+        name="peak_power_motoring_kw", unit="kW", label="largest motoring power", better="lower", visible=0.01,
+        definition="largest power of both motors on the machine, torque times speed",
+        head="motoring", decimals=1, note="power of both motors on the machine", taken_at="both motors",
+        views=View.DRIVE | View.COMPARE,
+        sums=largest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]),
+        finish=lambda a, p, duration: max(a[0], 0.0) / 1000.0,
     ),
-    Metric(
-        "rail_margin_m", "m", "smallest distance of the carriage from the ends of its rail; negative beyond them",
-        smallest(_margin), the(0),
+    LoopMetric(
+        name="peak_power_regenerating_kw", unit="kW", label="largest regenerated power", better="lower", visible=0.01,
+        definition="largest power of the machine on both motors",
+        head="regenerating", decimals=1, note="power of the machine on both motors", taken_at="both motors",
+        views=View.DRIVE,
+        sums=smallest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]),
+        finish=lambda a, p, duration: max(-a[0], 0.0) / 1000.0,
+    ),
+    LoopMetric(
+        name="energy_motoring_j", unit="J", label="work of the motors", better="lower", visible=1.0,
+        definition="work of the motors on the machine",
+        shown_in="kJ", scale=1e-3, head="work in", decimals=0, note="work of both motors on the machine", fixed=True,
+        views=View.DRIVE | View.COMPARE,
+        sums=_SINCE_LAST, finish=as_summed(0),
+    ),
+    LoopMetric(
+        name="energy_regenerated_j", unit="J", label="work on the motors", better="higher", visible=1.0,
+        definition="work of the machine on the motors",
+        shown_in="kJ", scale=1e-3, head="work back", decimals=0, note="work of the machine on both motors", fixed=True,
+        views=View.DRIVE,
+        sums=_SINCE_LAST, finish=as_summed(1),
+    ),
+    LoopMetric(
+        name="peak_carriage_acceleration_m_s2", unit="m/s²", label="largest carriage acceleration", better="lower",
+        visible=1e-3, definition="largest acceleration of the carriage, either way",
+        head="carriage", decimals=2, note="its largest acceleration and jerk", views=View.MOTION,
+        sums=largest(lambda s, p: absolute(s["acceleration_carriage_m_s2"])), finish=as_summed(0),
+    ),
+    LoopMetric(
+        name="peak_carriage_jerk_m_s3", unit="m/s³", label="largest carriage jerk", better="lower", visible=1e-2,
+        definition="largest change of the carriage's acceleration from one sample to the next, by the time between "
+        "them",
+        head="carriage", decimals=0, note="its largest acceleration and jerk", views=View.MOTION,
+        sums=_SINCE_LAST, finish=as_summed(3),
+    ),
+    LoopMetric(
+        name="rail_margin_m", unit="m", label="rail margin", better="higher", visible=1e-4,
+        definition="smallest distance of the carriage from the ends of its rail; negative beyond them",
+        views=INDEX_ONLY,
+        sums=smallest(_margin), finish=as_summed(0),
+    ),
+    RunMetric(
+        name="moves", unit="–", label="moves", better=None, visible=1.0,
+        definition="how many moves the reference makes", views=INDEX_ONLY, known_before=True,
+        value=lambda run: float(len(run.move_windows)),
+    ),
+    RunMetric(
+        name="hold_torque_nm", unit="N m", label="hold torque", better=None, visible=0.1,
+        definition="torque of all motors that holds the load at the start", views=INDEX_ONLY, known_before=True,
+        value=lambda run: run.hold_torque_nm,
+    ),
+    RunMetric(
+        name="acceleration_limit_m_s2", unit="m/s²", label="acceleration limit", better=None, visible=1e-3,
+        definition="the acceleration that the reference was planned with", views=INDEX_ONLY, known_before=True,
+        value=lambda run: run.acceleration_m_s2,
     ),
 )  # fmt: skip
 
+# Of the machine and its drive, by the loop's symbols.
 PARAMETERS = (
     "T_nominal", "T_hold", "share", "share_failed", "t_fail", "t_lag", "x_low", "x_high", "w_nominal", "W_break",
     "D_w", "ratio",
 )  # fmt: skip
-HOIST_OBSERVER = Observer(METRICS, PARAMETERS)

@@ -1,14 +1,16 @@
-"""A metric: a few running sums, how a sample changes them, and what they come to at the end.
+"""A metric: what it is called, how it is judged and shown, and how it is computed; declared once.
 
-The same functions run inside the compiled loop and on a measured log, so a batch of
-thousands keeps no signals.
+Everything that shows a metric reads its declaration: the index, the tables, the report, the comparison,
+the figures, the dashboard and docs/metrics.md.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from enum import Flag, auto
+from typing import Any, Literal
 
 from workbench.run import Array
 from workbench.trace.expr import Scalar, maximum, minimum
@@ -16,6 +18,29 @@ from workbench.trace.expr import Scalar, maximum, minimum
 HUGE = 1e300
 Signals = Mapping[str, Scalar]
 Value = Callable[[Signals, Any], Scalar]
+Better = Literal["lower", "higher", "zero"]
+
+
+class View(Flag):
+    """A place that shows a choice of metrics. The index, `workbench compare` and the docs show all of them."""
+
+    RUNS = auto()  # the table with a line a run
+    SWEPT_RUNS = auto()  # the same table where swept values take some of its room
+    QUANTILES = auto()  # the table of many runs
+    EXTREMES = auto()  # the table of the runs at the ends
+    DRIVE = auto()  # the report's table of the drive
+    MOTION = auto()  # the report's table of motion and wire
+    SENTENCES = auto()  # what a swept value does, in words
+    SWEEP = auto()  # the figure over a swept value
+    SPREAD = auto()  # the histograms of a sample
+    COMPARE = auto()  # the dashboard's page Compare
+    CARDS = auto()  # the numbers at the top of the dashboard's page Study
+
+
+INDEX_ONLY = View(0)
+# A metric that says nothing about views is shown wherever metrics are chosen. The report's two tables hold what
+# its first table, that of the runs, leaves out.
+EVERYWHERE = ~(View.DRIVE | View.MOTION)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,20 +54,118 @@ class Sums:
     update: Callable[[Sequence[Scalar], Signals, Any, Scalar], Sequence[Scalar]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Metric:
-    """name and unit as results carry it; `definition` is the sentence in the docs.
+    """The declaration that every metric has.
 
-    finish(sums, p, duration): the metric, or None where it has no meaning for this machine. optional: that
-    may be so; results then have no such column.
+    name: its column in index.parquet, with the unit in it. unit: as people read it, "–" for a bare number.
+    label: its name in text and on axes, in lower case. definition: the sentence in docs/metrics.md.
+    better: which way it gets better; "zero": the nearer to zero; None: it says what a run was, not how good.
+    visible: the smallest difference that means anything, in `unit`.
+    shown_in, scale: the unit of tables and figures, and the factor from `unit` to it. decimals: in that unit;
+    None: as many as `visible` asks for. head: of a table's column, "" for the label; note: what the table's
+    caption says of it, "" for the label. taken_at: the side of the machine, where a reader might take it for
+    another. extremes: the names of the runs at its high (+1) and low (-1) end; None: the worst one.
+    fixed: a column of every index by the format. views: the places that show it.
     """
 
     name: str
     unit: str
+    label: str
+    better: Better | None
+    visible: float
     definition: str
-    sums: Sums
-    finish: Callable[[Sequence[float], Any, float], float | None]
+    shown_in: str = ""
+    scale: float = 1.0
+    decimals: int | None = None
+    head: str = ""
+    note: str = ""
+    taken_at: str = ""
+    extremes: tuple[tuple[str, int], ...] | None = None
+    fixed: bool = False
+    views: View = EVERYWHERE
+
+    @property
+    def shown_unit(self) -> str:
+        """The unit of tables and figures; "" for a bare number."""
+        unit = self.shown_in or self.unit
+        return "" if unit == "–" else unit
+
+    @property
+    def heading(self) -> str:
+        """The label as the start of a line: `Largest speed error`."""
+        return self.label[0].upper() + self.label[1:]
+
+    @property
+    def title(self) -> str:
+        """The heading with the side of the machine: `Largest speed error, motor side`."""
+        return f"{self.heading}, {self.taken_at}" if self.taken_at else self.heading
+
+    @property
+    def worst(self) -> Callable[..., float]:
+        """max or min: the worst of several values; of a metric that should be zero the largest, either way."""
+        if self.better == "zero":
+            return lambda values: max(values, key=abs)
+        return min if self.better == "higher" else max
+
+    @property
+    def ends(self) -> tuple[tuple[str, int], ...]:
+        """(name, +1 or -1) of the runs at the ends that a table of many runs shows."""
+        if self.extremes is not None:
+            return self.extremes
+        return ((f"worst {self.label}", -1 if self.better == "higher" else 1),)
+
+    def text(self, value: float) -> str:
+        """A value (in `unit`) in a table's cell; a dash for no number."""
+        if not math.isfinite(value):
+            return "–"
+        decimals = self.decimals
+        if decimals is None:
+            decimals = max(0, -math.floor(math.log10(self.visible * self.scale) + 1e-9))
+        text = f"{self.scale * value:.{decimals}f}"
+        return text.removeprefix("-") if not text.strip("-0.") else text  # no minus before nothing
+
+    def worse_by(self, a: float, b: float) -> float:
+        """By how much b is worse than a, in `unit`; negative where it is better."""
+        if self.better == "zero":
+            a, b = abs(a), abs(b)
+        return a - b if self.better == "higher" else b - a
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopMetric(Metric):
+    """Taken at every sample, from running sums. The same functions run in the compiled loop and on a measured log.
+
+    finish(sums, p, duration_s): the metric, or None where it has no meaning for this machine. optional: that
+    may be so; results then have no such column.
+    """
+
+    sums: Sums = field(repr=False)
+    finish: Callable[[Sequence[float], Any, float], float | None] = field(repr=False)
     optional: bool = False
+
+
+@dataclass(frozen=True)
+class RunFacts:
+    """What is known of a run beside its samples: its reference, its hold torque and its end. SI, up positive.
+
+    move_windows: start and end (s) of each move of the reference. acceleration_m_s2: that the reference was
+    planned with. hold_torque_nm: of all motors, at the start. end_position_m, reference_end_m: heights.
+    """
+
+    move_windows: tuple[tuple[float, float], ...]
+    acceleration_m_s2: float
+    hold_torque_nm: float
+    end_position_m: float
+    reference_end_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunMetric(Metric):
+    """Taken from the run's reference and its end. known_before: of a run that failed too."""
+
+    value: Callable[[RunFacts], float] = field(repr=False)
+    known_before: bool = False
 
 
 def largest(value: Value) -> Sums:
@@ -58,34 +181,36 @@ def integral(value: Value) -> Sums:
     return Sums((0.0,), lambda a, s, p, dt: [a[0] + value(s, p) * dt])
 
 
-def the(number: int) -> Callable[[Sequence[float], Any, float], float]:
+def as_summed(number: int) -> Callable[[Sequence[float], Any, float], float]:
     """One of the sums as it stands."""
     return lambda sums, p, duration: float(sums[number])
 
 
 class Observer:
-    """All metrics as one set of running sums; what several read is kept once."""
+    """Metrics of the loop as one set of running sums; sums that several metrics read are kept once."""
 
-    def __init__(self, metrics: Sequence[Metric], parameters: Sequence[str]) -> None:
+    def __init__(self, metrics: Sequence[LoopMetric], parameters: Sequence[str]) -> None:
         self.metrics = tuple(metrics)
         self.parameters = tuple(parameters)
         self.sums = tuple(dict.fromkeys(metric.sums for metric in self.metrics))
         self.start = [x for sums in self.sums for x in sums.start]
         self.size = len(self.start)
 
-    def _parts(self, sums: Any) -> list[Sequence[Any]]:
+    def _parts(self, values: Any) -> list[Sequence[Any]]:
         parts: list[Sequence[Any]] = []
         at = 0
-        for each in self.sums:
-            parts.append(sums[at : at + len(each.start)])
-            at += len(each.start)
+        for sums in self.sums:
+            parts.append(values[at : at + len(sums.start)])
+            at += len(sums.start)
         return parts
 
-    def update(self, sums: Sequence[Scalar], signals: Signals, p: Any, dt: Scalar) -> list[Scalar]:
-        parts = zip(self.sums, self._parts(sums), strict=True)
-        return [x for each, part in parts for x in each.update(part, signals, p, dt)]
+    def update(self, values: Sequence[Scalar], signals: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+        """The running sums after one more sample with these signals, which lasts dt."""
+        parts = zip(self.sums, self._parts(values), strict=True)
+        return [x for sums, part in parts for x in sums.update(part, signals, p, dt)]
 
-    def finish(self, sums: Sequence[float] | Array, p: Any, duration_s: float) -> dict[str, float]:
-        parts = dict(zip(self.sums, self._parts(sums), strict=True))
-        found = {metric.name: metric.finish(parts[metric.sums], p, duration_s) for metric in self.metrics}
-        return {name: float(value) for name, value in found.items() if value is not None}
+    def finish(self, values: Sequence[float] | Array, p: Any, duration_s: float) -> dict[str, float]:
+        """Metric by name, from the sums at the end of a run; without those that have no meaning for this machine."""
+        parts = dict(zip(self.sums, self._parts(values), strict=True))
+        results = {metric.name: metric.finish(parts[metric.sums], p, duration_s) for metric in self.metrics}
+        return {name: float(value) for name, value in results.items() if value is not None}

@@ -1,25 +1,66 @@
-"""References: what the carriage is asked to do over time, within limits of speed, acceleration and jerk."""
+"""References: what the carriage is asked to do over time, within limits of speed, acceleration and jerk.
 
+Each kind is declared once, in `workbench/references/library`.
+"""
+
+from workbench.references.kind import Move, PlannedKind, Ramp, RecordedKind, ReferenceKind, planned
 from workbench.references.limits import LimitPair, Limits, Step
-from workbench.references.plan import MotionPlan, Plan, Profile, motion_time_s, plan_motion
+from workbench.references.plan import (
+    MotionPlan,
+    Plan,
+    Profile,
+    motion_time_s,
+    move_shape,
+    move_time_s,
+    plan_motion,
+    ramp_shape,
+)
 from workbench.references.recorded import RecordedPlan
-from workbench.references.shapes import KINDS, Shape
+from workbench.references.registry import (
+    BASELINE,
+    add,
+    by_name,
+    digests_of,
+    forget_added,
+    planned_kind,
+    planned_kinds,
+    recorded_kinds,
+    usual_kinds,
+)
+from workbench.references.shape import Shape
 from workbench.references.stopped import StoppedPlan
 from workbench.references.transmission import allowed_carriage_speed_m_s, motor_speed_rad_s
 
 __all__ = [
-    "KINDS",
+    "BASELINE",
     "LimitPair",
     "Limits",
     "MotionPlan",
+    "Move",
     "Plan",
+    "PlannedKind",
     "Profile",
+    "Ramp",
+    "RecordedKind",
     "RecordedPlan",
+    "ReferenceKind",
     "Shape",
     "Step",
     "StoppedPlan",
+    "add",
     "allowed_carriage_speed_m_s",
+    "by_name",
+    "digests_of",
+    "forget_added",
     "motion_time_s",
     "motor_speed_rad_s",
+    "move_shape",
+    "move_time_s",
     "plan_motion",
+    "planned",
+    "planned_kind",
+    "planned_kinds",
+    "ramp_shape",
+    "recorded_kinds",
+    "usual_kinds",
 ]

@@ -9,9 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
-from workbench.errors import InputError, nearest
+from workbench.errors import InputError
+from workbench.references.kind import Move, PlannedKind, Ramp
 from workbench.references.limits import LimitPair, Limits, Step
-from workbench.references.shapes import KINDS, Shape, duration_s, jog
+from workbench.references.registry import planned_kind
+from workbench.references.shape import Shape
 from workbench.run import Array
 
 
@@ -135,13 +137,11 @@ def plan_motion(
 ) -> MotionPlan:
     """Plan the steps one after the other, at rest for `lead_s` before and `settle_s` after.
 
-    kind: one of KINDS. limits: the same both ways, or a pair. rail_m: lowest and highest carriage
+    kind: the name of a planned kind. limits: the same both ways, or a pair. rail_m: lowest and highest carriage
     height. Raises InputError for an unknown kind, a list without a move, a move of 0 m, a start or a
     move that leaves the rail, a jog that its limits or its time do not allow; `place` names the step.
     """
-    if kind not in KINDS:
-        raise InputError(f"unknown reference '{kind}'; {nearest(kind, KINDS)}", place="references")
-    pair = LimitPair.of(limits)
+    declared, pair = planned_kind(kind), LimitPair.of(limits)
     moves: list[tuple[float, Shape]] = []
     now, here, speed = lead_s, start_position_m, 0.0
     for number, step, distance in _walk(steps, start_position_m, rail_m):
@@ -149,11 +149,11 @@ def plan_motion(
         if step.dwell_s is not None:
             now += step.dwell_s
         elif distance is not None:
-            moves.append((now, KINDS[kind](distance, pair.towards(distance))))
+            moves.append((now, move_shape(declared, distance, pair.towards(distance))))
             now += moves[-1][1].duration_s
             here += distance
         else:
-            shape = _jog(kind, speed, step, pair, place)
+            shape = _jog(declared, speed, step, pair, place)
             moves.append((now, shape))
             _stays_on_rail(shape, here, rail_m, place)
             now += step.for_s or 0.0
@@ -170,10 +170,11 @@ def motion_time_s(
     Raises InputError as `plan_motion` does; of jogs only their times are looked at.
     """
     pair, now = LimitPair.of(limits), 0.0
+    declared = [planned_kind(kind) for kind in kinds]
     for _, step, distance in _walk(steps, start_position_m, rail_m):
         now += step.dwell_s or step.for_s or 0.0
         if distance is not None:
-            now += max(duration_s(kind, distance, pair.towards(distance)) for kind in kinds)
+            now += max(move_time_s(kind, distance, pair.towards(distance)) for kind in declared)
     return now
 
 
@@ -238,7 +239,49 @@ def _distance(step: Step, here: float | None, rail_m: tuple[float, float], place
     return distance, target
 
 
-def _jog(kind: str, speed: float, step: Step, pair: LimitPair, place: str) -> Shape:
+def move_shape(kind: PlannedKind, distance_m: float, limits: Limits) -> Shape:
+    """The shape of a move from rest to rest. InputError for limits that do not allow it."""
+    kind.check(limits)
+    time_s = math.nan
+    if kind.same_time_as:
+        time_s = move_shape(planned_kind(kind.same_time_as), distance_m, limits).duration_s
+    return kind.move(Move(distance_m, limits, time_s))
+
+
+def move_time_s(kind: PlannedKind, distance_m: float, limits: Limits) -> float:
+    """What a move takes, without its shape where the kind knows that. InputError as for the shape."""
+    kind.check(limits)
+    if kind.duration is not None:
+        return kind.duration(Move(distance_m, limits))
+    if kind.same_time_as:
+        return move_time_s(planned_kind(kind.same_time_as), distance_m, limits)
+    return move_shape(kind, distance_m, limits).duration_s
+
+
+def ramp_shape(kind: PlannedKind, speed_m_s: float, next_speed_m_s: float, limits: Limits) -> Shape:
+    """The shape of a change of speed. InputError for limits that do not allow it."""
+    kind.check(limits)
+    time_s = math.nan
+    if kind.same_time_as:
+        time_s = ramp_shape(planned_kind(kind.same_time_as), speed_m_s, next_speed_m_s, limits).duration_s
+    return kind.ramp(Ramp(speed_m_s, next_speed_m_s, limits, time_s))
+
+
+def jog(kind: PlannedKind, speed_m_s: float, next_speed_m_s: float, limits: Limits, for_s: float) -> Shape:
+    """From one speed over to the next, then on at it until `for_s` is over; over to rest, it ends with its ramp.
+
+    InputError where the ramp takes longer than `for_s`.
+    """
+    ramp = ramp_shape(kind, speed_m_s, next_speed_m_s, limits)
+    if ramp.duration_s > for_s * (1.0 + 1e-9):
+        raise InputError(
+            f"from {speed_m_s:g} m/s to {next_speed_m_s:g} m/s takes {ramp.duration_s:.3g} s within the limits, "
+            f"for_s gives {for_s:g} s"
+        )
+    return ramp.held(for_s)
+
+
+def _jog(kind: PlannedKind, speed: float, step: Step, pair: LimitPair, place: str) -> Shape:
     assert step.speed_m_s is not None and step.for_s is not None
     limits = pair.between(speed, step.speed_m_s)
     most = pair.towards(step.speed_m_s).speed_m_s

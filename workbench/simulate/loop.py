@@ -17,7 +17,7 @@ from workbench.control.settings import lag_left
 from workbench.effects import joined, of
 from workbench.engine import kernels
 from workbench.machine import Hoist
-from workbench.metrics import HOIST_OBSERVER
+from workbench.metrics import observer
 from workbench.plants import HOIST, NO_EFFECTS, Effects
 from workbench.run import Array, Run
 from workbench.simulate.equipped import Equipped
@@ -137,7 +137,7 @@ def _simulate_alike(
     out, sums, ends = kernels.loop(
         HOIST,
         controller,
-        HOIST_OBSERVER,
+        observer(),
         RECORDED if record_every else (),
         np.array([[v[name] for v in values] for name in _names(controller, effects)]),
         _references(cases),
@@ -170,7 +170,7 @@ def _references(cases: Sequence[LoopCase]) -> list[Array]:
 
 
 def _names(controller: Controller, effects: Effects) -> tuple[str, ...]:
-    return kernels.loop_parameters(HOIST, effects, controller, HOIST_OBSERVER)
+    return kernels.loop_parameters(HOIST, effects, controller, observer())
 
 
 def torque_limit_nm(machine: Hoist) -> float:
@@ -225,7 +225,7 @@ def _result(
     else:
         time = time[:0]
     run = Run(case.name, time, signals, case.payload_kg, case.start_position_m, case.start_time_s)
-    metrics = HOIST_OBSERVER.finish(sums, SimpleNamespace(**values), duration)
+    metrics = observer().finish(sums, SimpleNamespace(**values), duration)
     outcome, at = _outcome(case.machine, time, signals, end, metrics)
     return LoopResult(case, run, metrics, outcome, at, float(end[2]), hold)
 

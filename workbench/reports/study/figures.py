@@ -12,10 +12,11 @@ from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.study_scatter import spread, tornado
 from workbench.figures.study_sweep import changing, metrics_over_axis
+from workbench.metrics import View, shown_in
 from workbench.run import Run
 from workbench.study.conclude.pareto import fronts
 from workbench.study.conclude.rank import rank_correlations
-from workbench.study.conclude.sentences import sweeps_limits
+from workbench.study.conclude.variation_sentences import sweeps_limits
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.finished import Finished
 from workbench.study.results.row import Row
@@ -28,7 +29,6 @@ Noted = tuple["Figure", str]
 MOST_CURVES = 6
 MOST_GROUPS = 3
 PEAK, SWING = "peak_torque_motor_nm", "wire_tension_swing_n"
-SPREAD = (PEAK, "speed_error_max_rad_s", "min_wire_tension_n")
 
 
 def figures_of(result: Finished) -> list[Noted]:
@@ -70,12 +70,20 @@ def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:
     ]
     ranked = [each for each in ranked if each[1]][-MOST_GROUPS:]
     found: list[Noted] = [
-        (spread(good, SPREAD), "Above the histogram, below the share of runs at or below a value; ticks: 5, 50, 95 %.")
+        (
+            spread(good, _spread(good)),
+            "Above the histogram, below the share of runs at or below a value; ticks: 5, 50, 95 %.",
+        )
     ]
     if ranked:
         note = "Spearman's rank correlation of each drawn value with the metric: ±1 is a fixed order, 0 no relation."
         found.append((tornado(ranked, PEAK), note))
     return found
+
+
+def _spread(good: Sequence[Row]) -> list[str]:
+    """The metrics whose scatter is drawn."""
+    return [m.name for m in shown_in(View.SPREAD) if all(row.metrics.get(m.name) is not None for row in good)]
 
 
 def _over(result: Finished, good: Sequence[Row], axis: Axis) -> Noted:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from workbench.study.conclude import aggregate
-from workbench.study.conclude.summary import CAPTION, head, table
+from workbench.metrics import View, shown_in
+from workbench.study.conclude import tables
 from workbench.study.results.finished import Finished
 from workbench.study.results.labels import field_label, shown
 from workbench.study.results.row import Row
@@ -14,63 +15,27 @@ from workbench.study.variations.varying import drawn_columns, swept_axes
 from workbench.tables import Table, words
 
 MOST_LINES = 60
-# head, metric, scale, format
-_DRIVE = (
-    ("thermal\nload %", "thermal_load_percent", 1.0, ".0f"),
-    ("above\nnominal s", "overload_time_s", 1.0, ".2f"),
-    ("torque rate\nkN m/s", "torque_rate_max_nm_per_s", 1e-3, ".2f"),
-    ("motoring\nkW", "peak_power_motoring_kw", 1.0, ".1f"),
-    ("regenerating\nkW", "peak_power_regenerating_kw", 1.0, ".1f"),
-    ("work in\nkJ", "energy_motoring_j", 1e-3, ".0f"),
-    ("work back\nkJ", "energy_regenerated_j", 1e-3, ".0f"),
-)
-_DRIVE_CAPTION = (
-    "The drive. Thermal load: mean square torque of one motor over that of nominal torque; above nominal: time of one "
-    "motor; power and work: of both motors on the machine, and of the machine on them."
-)
-_MOTION = (
-    ("overshoot\nrad/s", "speed_overshoot_rad_s", 1.0, ".2f"),
-    ("settling\ns", "settling_time_s", 1.0, ".2f"),
-    ("position\nmax mm", "position_error_max_m", 1e3, ".1f"),
-    ("position\nend mm", "position_error_end_m", 1e3, ".1f"),
-    ("max wire\nkN", "max_wire_tension_n", 1e-3, ".1f"),
-    ("swing\nkN", "wire_tension_swing_n", 1e-3, ".1f"),
-    ("safety\nfactor", "wire_safety_factor", 1.0, ".1f"),
-    ("slack\ns", "slack_time_s", 1.0, ".2f"),
-    ("carriage\nm/s²", "peak_carriage_acceleration_m_s2", 1.0, ".2f"),
-    ("carriage\nm/s³", "peak_carriage_jerk_m_s3", 1.0, ".0f"),
-)
-_MOTION_CAPTION = (
-    "Motion and wire. Overshoot: beyond the extremes of the set point; settling: after the last move, to 1 % of "
-    "nominal speed; position: largest error, seen at the motor shaft, and the carriage's own at the end; swing: of "
-    "a fall's tension; carriage: its largest acceleration and jerk."
-)
 
 
 def run_tables(rows: Sequence[Row]) -> list[Table]:
     """Tables with a line a run; of more than sixty runs their quantiles and the runs at the ends."""
     if len(rows) > MOST_LINES:
-        ends = aggregate.extremes(rows, swept_axes(rows))
+        ends = tables.extremes_table(rows, swept_axes(rows))
         return [
-            Table.of_heads(aggregate.HEAD, aggregate.quantile_table(rows), aggregate.CAPTION),
-            Table.of_heads(
-                aggregate.EXTREMES_HEAD, ends, f"Each of the {len(rows)} runs has its line in index.parquet."
-            ),
+            tables.quantile_table(rows),
+            replace(ends, note=f"Each of the {len(rows)} runs has its line in index.parquet."),
         ]
-    lines = table(rows)
-    heads = head(rows)
-    first = next(i for i, name in enumerate(heads) if name.startswith("peak"))
-    found: list[Table] = [Table.of_heads(heads, lines, CAPTION)]
-    for columns, caption in ((_DRIVE, _DRIVE_CAPTION), (_MOTION, _MOTION_CAPTION)):
-        known = [each for each in columns if any(row.metrics.get(each[1]) is not None for row in rows)]
-        cells = [
-            [aggregate.number_text(scale * aggregate.value(row, name), form) for _, name, scale, form in known]
-            for row in rows
-        ]
-        if known:
-            more = [[*line[:first], *figures] for line, figures in zip(lines, cells, strict=True)]
-            found.append(Table.of_heads((*heads[:first], *(name for name, *_ in known)), more, caption))
-    return found
+    runs = tables.run_table(rows)
+    first = len(runs.columns) - tables.metric_columns(rows)
+    report = [runs]
+    for view, what in ((View.DRIVE, "The drive"), (View.MOTION, "Motion and wire")):
+        metrics = [metric for metric in shown_in(view) if any(row.metrics.get(metric.name) is not None for row in rows)]
+        if metrics:
+            cells = [[metric.text(row.get(metric.name)) for metric in metrics] for row in rows]
+            more = [[*line[:first], *texts] for line, texts in zip(runs.rows, cells, strict=True)]
+            columns = [*runs.columns[:first], *tables.metric_heads(metrics)]
+            report.append(Table(columns, more, f"{what}. {tables.metric_note(metrics)}"))
+    return report
 
 
 def what_was_run(result: Finished) -> Table:

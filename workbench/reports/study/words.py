@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from workbench.study.conclude.aggregate import value
-from workbench.study.conclude.summary import sentences
+from workbench.references import BASELINE, planned_kinds
+from workbench.study.conclude.sentences import sentences
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.finished import Finished
 from workbench.study.results.row import Row
@@ -17,9 +17,8 @@ def conclusions(result: Finished) -> list[str]:
     """Plain sentences, the answer to the study's question first."""
     rows = result.rows
     good = [row for row in rows if row.ok]
-    said_first = _jerk_limited(good, result.scenario)
     return [
-        *said_first,
+        *_against_baseline(good, result.scenario),
         *sentences(rows, motor_torque_limit_nm(result.machine)),
         *_heat(good),
         *_power(good),
@@ -27,29 +26,35 @@ def conclusions(result: Finished) -> list[str]:
     ]
 
 
-def _jerk_limited(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:
-    """Of a study that sweeps nothing: what the jerk limit costs, and what it takes off at each payload."""
+def _against_baseline(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:
+    """Of a study that sweeps nothing: what each kind of reference costs, and what it takes off at each payload."""
     jerk = (scenario.get("limits") or {}).get("jerk_m_s3")
     by_case = {(row.payload_kg, row.reference): row for row in good if not row.assigned}
-    pairs = [
-        (payload, by_case[payload, "trapezoid"], by_case[payload, "ruckig"])
-        for payload in sorted({payload for payload, _ in by_case})
-        if (payload, "trapezoid") in by_case and (payload, "ruckig") in by_case
-    ]
-    if jerk is None or not pairs:
-        return []
-    longer = [(b["move_time_s"] - a["move_time_s"]) / b["moves"] for _, a, b in pairs]
+    payloads = sorted({payload for payload, reference in by_case if reference == BASELINE})
+    texts = []
+    for name, kind in planned_kinds().items():
+        both = [payload for payload in payloads if (payload, name) in by_case]
+        pairs = [(payload, by_case[payload, BASELINE], by_case[payload, name]) for payload in both]
+        if name == BASELINE or kind.same_time_as or not pairs or (kind.needs_jerk and jerk is None):
+            continue
+        limited = f", jerk-limited at {jerk:g} m/s³," if kind.needs_jerk else ""
+        texts.append(f"{kind.words[0].upper()}{kind.words[1:]}{limited} {_price(pairs)}.")
+    return texts
+
+
+def _price(pairs: Sequence[tuple[float, Row, Row]]) -> str:
+    longer = [(row["move_time_s"] - base["move_time_s"]) / row["moves"] for _, base, row in pairs]
     off = [
-        f"{100.0 * (1.0 - b['peak_torque_motor_nm'] / a['peak_torque_motor_nm']):.1f} % off the torque peak at "
-        f"{payload:g} kg ({a['peak_torque_motor_nm']:.0f} → {b['peak_torque_motor_nm']:.0f} N m per motor)"
-        for payload, a, b in pairs
+        f"{100.0 * (1.0 - row['peak_torque_motor_nm'] / base['peak_torque_motor_nm']):.1f} % off the torque peak at "
+        f"{payload:g} kg ({base['peak_torque_motor_nm']:.0f} → {row['peak_torque_motor_nm']:.0f} N m per motor)"
+        for payload, base, row in pairs
     ]
     costs = f"{min(longer):.2g}" if max(longer) - min(longer) < 0.005 else f"{min(longer):.2g} to {max(longer):.2g}"
-    return [f"Jerk-limited at {jerk:g} m/s³ costs {costs} s per move and takes {_listed(off[:4])}."]
+    return f"costs {costs} s per move and takes {_listed(off[:4])}"
 
 
 def _heat(good: Sequence[Row]) -> list[str]:
-    known = [row for row in good if value(row, "thermal_load_percent") > 0.0]
+    known = [row for row in good if row.get("thermal_load_percent") > 0.0]
     if not known:
         return []
     hot = max(known, key=lambda row: row["thermal_load_percent"])
@@ -66,7 +71,7 @@ def _heat(good: Sequence[Row]) -> list[str]:
 
 
 def _power(good: Sequence[Row]) -> list[str]:
-    known = [row for row in good if value(row, "peak_power_motoring_kw") >= 0.0]
+    known = [row for row in good if row.get("peak_power_motoring_kw") >= 0.0]
     if not known:
         return []
     up, down = (max(row[f"peak_power_{way}_kw"] for row in known) for way in ("motoring", "regenerating"))

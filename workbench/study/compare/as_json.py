@@ -9,7 +9,7 @@ from typing import Any
 from workbench.study.compare.compare import Change, Comparison, Limit, Pair, Regression
 
 
-def as_json(comparison: Comparison, limits: Sequence[Limit], found: Sequence[Regression]) -> dict[str, Any]:
+def as_json(comparison: Comparison, limits: Sequence[Limit], worse_runs: Sequence[Regression]) -> dict[str, Any]:
     """Plain values; null stands for a per cent of nothing."""
     return {
         "format": 1,
@@ -19,10 +19,10 @@ def as_json(comparison: Comparison, limits: Sequence[Limit], found: Sequence[Reg
         "newly_failed": [{"run": pair.name, "reason": pair.b.reason} for pair in comparison.newly_failed],
         "newly_ok": [{"run": pair.name, "reason": pair.a.reason} for pair in comparison.newly_ok],
         "metrics": {change.metric: _change(change) for change in comparison.changes},
-        "limits": [{"metric": each.metric, "most": each.most, "relative": each.relative} for each in limits],
+        "limits": [{"metric": limit.metric, "most": limit.most, "relative": limit.relative} for limit in limits],
         "regressions": [
-            {"limit": str(each.limit), "worse": _finite(each.worse)} | _pair(each.limit.metric, each.pair)
-            for each in found
+            {"limit": str(run.limit), "worse": _finite(run.worse)} | _pair(run.limit.metric, run.pair)
+            for run in worse_runs
         ],
     }
 

@@ -5,48 +5,14 @@ from __future__ import annotations
 import math
 import re
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from workbench.errors import InputError, nearest
+from workbench.metrics import by_name, metrics
 from workbench.study.compare.scale import least, percent
 from workbench.study.results.row import Row
 
-# Which way a metric gets better. zero: the nearer to it, the better.
-Better = Literal["lower", "higher", "zero"]
-BETTER: Mapping[str, Better] = {
-    "peak_torque_motor_nm": "lower",
-    "peak_torque_percent": "lower",
-    "peak_torque_above_static_nm": "lower",
-    "rms_torque_motor_nm": "lower",
-    "speed_error_rms_rad_s": "lower",
-    "speed_error_max_rad_s": "lower",
-    "position_error_end_m": "zero",
-    "min_wire_tension_n": "higher",
-    "max_wire_tension_n": "lower",
-    "slack_time_s": "lower",
-    "slack_events": "lower",
-    "move_time_s": "lower",
-    "energy_motoring_j": "lower",
-    "energy_regenerated_j": "higher",
-    "peak_carriage_acceleration_m_s2": "lower",
-    "rail_margin_m": "higher",
-    "i2t_s": "lower",
-    "thermal_load_percent": "lower",
-    "overload_time_s": "lower",
-    "torque_rate_max_nm_per_s": "lower",
-    "speed_error_iae_rad": "lower",
-    "speed_overshoot_rad_s": "lower",
-    "settling_time_s": "lower",
-    "position_error_max_m": "lower",
-    "position_error_stop_m": "zero",
-    "wire_tension_swing_n": "lower",
-    "wire_safety_factor": "higher",
-    "peak_power_motoring_kw": "lower",
-    "peak_power_regenerating_kw": "lower",
-    "peak_carriage_jerk_m_s3": "lower",
-}
 _UNIT = re.compile(r"_(rad_s2|rad_s|nm_s|nm_per_s|m_s3|m_s2|m_s|nm2_s|percent_s|percent|nm|rad|hz|db|kw|ws|w|j|n|m|s)$")
 
 
@@ -152,17 +118,22 @@ def matched(a: Sequence[Row], b: Sequence[Row]) -> tuple[list[Pair], list[str], 
     return pairs, left_a, left_b
 
 
-def parse_limits(texts: Sequence[str], metrics: Iterable[str]) -> list[Limit]:
+def judged() -> tuple[str, ...]:
+    """The metrics that can get worse."""
+    return tuple(metric.name for metric in metrics() if metric.better is not None)
+
+
+def parse_limits(texts: Sequence[str], names: Iterable[str]) -> list[Limit]:
     """`peak_torque=5%` or `peak_torque_motor_nm=20`: InputError for an unknown metric or no number."""
-    return [_limit(text, list(metrics)) for text in texts]
+    return [_limit(text, list(names)) for text in texts]
 
 
-def metric_named(name: str, metrics: Iterable[str]) -> str:
+def metric_named(name: str, names: Iterable[str]) -> str:
     """The metric of this name, or of this name without its unit. InputError with the nearest one."""
-    known = list(metrics)
+    known = list(names)
     if name in known:
         return name
-    short = {_UNIT.sub("", each): each for each in reversed(known)}
+    short = {_UNIT.sub("", metric): metric for metric in reversed(known)}
     if name in short:
         return short[name]
     raise InputError(f"unknown metric '{name}'; {nearest(name, {*known, *short})}")
@@ -170,15 +141,15 @@ def metric_named(name: str, metrics: Iterable[str]) -> str:
 
 def regressions(comparison: Comparison, limits: Sequence[Limit]) -> list[Regression]:
     """Where a run got worse than a limit allows, the worst first; which way is worse is the metric's own."""
-    found = []
+    worse_runs = []
     for limit in limits:
         for pair in comparison.pairs:
             if not (pair.a.ok and pair.b.ok):
                 continue
             worse = _worse(limit, pair)
             if worse > limit.most:
-                found.append(Regression(limit, pair, worse))
-    return sorted(found, key=lambda each: -each.worse / max(each.limit.most, 1e-12))
+                worse_runs.append(Regression(limit, pair, worse))
+    return sorted(worse_runs, key=lambda run: -run.worse / max(run.limit.most, 1e-12))
 
 
 def values_of(row: Row) -> tuple[object, ...]:
@@ -186,27 +157,27 @@ def values_of(row: Row) -> tuple[object, ...]:
     return row.payload_kg, row.reference, *sorted((name, str(value)) for name, value in row.assigned.items())
 
 
-def _limit(text: str, metrics: Sequence[str]) -> Limit:
+def _limit(text: str, names: Sequence[str]) -> Limit:
     name, equals, most = text.partition("=")
     number = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(%?)\s*", most)
     if not equals or number is None:
         raise InputError(f"'{text}', expected a metric and how much worse it may get: peak_torque=5% or peak_torque=20",
                          place="--max-regression")  # fmt: skip
     try:
-        metric = metric_named(name.strip(), metrics)
+        metric = metric_named(name.strip(), names)
     except InputError as error:
         raise InputError(error.problem, place="--max-regression") from error
-    if metric not in BETTER:
-        said = f"{metric} says what a run was, not how good it was; {nearest(metric, BETTER)}"
+    if metric not in judged():
+        said = f"{metric} says what a run was, not how good it was; {nearest(metric, judged())}"
         raise InputError(said, place="--max-regression")
     return Limit(metric, float(number[1]), number[2] == "%")
 
 
 def _by_values(rows: Iterable[Row]) -> dict[tuple[object, ...], list[Row]]:
-    found: dict[tuple[object, ...], list[Row]] = {}
+    groups: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
-        found.setdefault(values_of(row), []).append(row)
-    return found
+        groups.setdefault(values_of(row), []).append(row)
+    return groups
 
 
 def _change(metric: str, pairs: Sequence[Pair], most_moved: int) -> Change | None:
@@ -232,8 +203,10 @@ def _worse(limit: Limit, pair: Pair) -> float:
     a, b = pair.a.metrics.get(limit.metric), pair.b.metrics.get(limit.metric)
     if a is None or b is None:
         return -math.inf
-    way = BETTER[limit.metric]
-    if way == "zero":
+    metric = by_name()[limit.metric]
+    if not limit.relative:
+        return metric.worse_by(a, b)
+    if metric.better == "zero":
         a, b = abs(a), abs(b)
-    change = percent(limit.metric, a, b) if limit.relative else b - a
-    return -change if way == "higher" else change
+    change = percent(limit.metric, a, b)
+    return -change if metric.better == "higher" else change

@@ -4,35 +4,20 @@ from __future__ import annotations
 
 import math
 
-from workbench.study.results.labels import metric_label
+from workbench.metrics import by_name
 
-# By unit: less than this is nothing on any of these machines, whatever per cent it is of.
-_LEAST = {
-    "N m": 0.1,
-    "N m/s": 1.0,
-    "%": 0.01,
-    "rad/s": 1e-3,
-    "rad": 1e-3,
-    "m": 1e-4,
-    "m/s²": 1e-3,
-    "m/s³": 1e-2,
-    "N": 1.0,
-    "J": 1.0,
-    "kW": 0.01,
-    "s": 1e-3,
-}
-_OTHER = 1e-3
-_COUNTS = ("slack_events", "moves")
+_UNDECLARED = 1e-3  # of a column that is no declared metric, such as an older version's
 _DIGITS = 5
 
 
 def least(metric: str) -> float:
-    """The smallest noticeable size of a metric, in its unit."""
-    return 1.0 if metric in _COUNTS else _LEAST.get(metric_label(metric).unit, _OTHER)
+    """The smallest visible difference of a metric, in its unit."""
+    declared = by_name().get(metric)
+    return _UNDECLARED if declared is None else declared.visible
 
 
 def percent(metric: str, a: float, b: float) -> float:
-    """b against a in per cent of a: 0 where they differ by nothing noticeable from an a that is nothing itself,
+    """b against a in per cent of a: 0 where they differ by nothing visible from an a that is nothing itself,
     infinite where only a is nothing."""
     if abs(a) >= least(metric):
         return 100.0 * (b - a) / abs(a)
@@ -40,7 +25,7 @@ def percent(metric: str, a: float, b: float) -> float:
 
 
 def plain(metric: str, value: float, *, sign: bool = False, digits: int = _DIGITS) -> str:
-    """A value of a metric without an exponent, to so many digits and no finer than what is noticeable."""
+    """A value of a metric without an exponent, to so many digits and no finer than what is visible."""
     if not math.isfinite(value):
         return "–"
     finest = -math.floor(math.log10(least(metric)) + 1e-9)

@@ -30,15 +30,15 @@ def rank_correlations(rows: Sequence[Row], columns: Sequence[str], metric: str) 
     if len(good) < 3:
         return []
     wanted = _ranks(np.array([row[metric] for row in good]))
-    found = []
+    correlations = []
     for column in columns:
         values = [row.assigned.get(column) for row in good]
         if any(value is None or isinstance(value, str) for value in values):
             continue
         drawn = _ranks(np.array(values, dtype=float))
         if np.ptp(drawn) > 0.0 and np.ptp(wanted) > 0.0:
-            found.append(Correlation(column, float(np.corrcoef(drawn, wanted)[0, 1])))
-    return sorted(found, key=lambda each: -abs(each.value))
+            correlations.append(Correlation(column, float(np.corrcoef(drawn, wanted)[0, 1])))
+    return sorted(correlations, key=lambda field: -abs(field.value))
 
 
 def _ranks(values: Array) -> Array:

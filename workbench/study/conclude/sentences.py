@@ -1,182 +1,140 @@
-"""Conclusions of a study that sweeps or draws, as plain sentences computed from its rows."""
+"""The conclusions of a study as plain sentences, computed from its rows."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import math
+from collections.abc import Sequence
 
-import numpy as np
-
-from workbench.study.conclude.pareto import Front, fronts
-from workbench.study.conclude.rank import rank_correlations
-from workbench.study.results.labels import metric_label, shown
+from workbench.references import BASELINE, planned_kinds
+from workbench.study.conclude.variation_sentences import against_baseline, effects, knees, scatter, span, sweeps_limits
 from workbench.study.results.row import Row
 from workbench.study.variations.varying import Axis, drawn_columns, said, swept_axes
 
-PEAK, ERROR = "peak_torque_motor_nm", "speed_error_max_rad_s"
-NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
-MOST_FRONTS = 3
+MOST_FAILED = 5
+ASTRAY_M = 0.05
 
 
-def span(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
-    """Between which runs the torque peak and the speed error lie."""
-    if not good:
-        return []
-    found = []
-    for metric in (PEAK, ERROR):
-        low, high = (choose(good, key=lambda row: row[metric]) for choose in (min, max))
-        what = metric_label(metric)
-        found.append(
-            f"Over {len(good)} runs the {what.words} goes from {low[metric]:.3g} {what.unit} ({said(low, axes)}) "
-            f"to {high[metric]:.3g} {what.unit} ({said(high, axes)})."
-        )
-    return found
+def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
+    """Conclusions computed from the rows; the first is the answer to the study's question.
+
+    torque_limit_nm: the largest torque of one motor.
+    """
+    good = [row for row in rows if row.ok]
+    axes = swept_axes(rows)
+    first = _varied_runs(good, axes) if any(row.assigned for row in rows) else _comparison(good)
+    return [*first, *_limits(good, torque_limit_nm, axes), *_slack(good, axes), *_astray(good, axes), *_failures(rows)]
 
 
-def effects(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
-    """What each axis does at the heaviest payload, of all runs at a value the worst."""
-    if not good:
-        return []
-    heaviest = max(row.payload_kg for row in good)
-    here = [row for row in good if row.payload_kg == heaviest]
-    return [text for axis in axes for text in _effect(axis, here, heaviest)]
+def _varied_runs(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+    if drawn_columns(good):
+        return [*scatter(good), *against_baseline(good, axes)] if not axes else [*span(good, axes), *scatter(good)]
+    paid = [*knees(good, axes)] if sweeps_limits(good) else []
+    return [*span(good, axes), *paid, *effects(good, axes), *against_baseline(good, axes)]
 
 
-def _effect(axis: Axis, rows: Sequence[Row], payload_kg: float) -> Iterator[str]:
-    groups = {point: [row for row in rows if axis.at(row) == point] for point in axis.points}
-    groups = {point: members for point, members in groups.items() if members}
-    if len(groups) < 2:
-        return
-    points = list(groups)
-    where = f"at {payload_kg:g} kg" + (", the worst runs," if max(map(len, groups.values())) > 1 else "")
-    parts, same = [], []
-    for metric, worst, scale, unit in _JUDGED:
-        if not all(metric in row.metrics for row in rows):
+def _comparison(good: Sequence[Row]) -> list[str]:
+    """Each planned kind of reference against the baseline, at the heaviest payload that has both."""
+    by_case = {(row.payload_kg, row.reference): row for row in good}
+    for payload in sorted({row.payload_kg for row in good}, reverse=True):
+        base = by_case.get((payload, BASELINE))
+        if base is None:
             continue
-        values = [scale * worst(row[metric] for row in groups[point]) for point in points]
-        if max(values) - min(values) > NO_CHANGE * max(map(abs, values)):
-            parts.append(f"the {metric_label(metric).words} {_course(axis, points, values, unit)}")
-        else:
-            same.append(metric_label(metric).words)
-    if not parts:
-        yield f"{axis.words.capitalize()} makes no difference at {payload_kg:g} kg to {listed(same)}."
-        return
-    start = f"{axis.words.capitalize()} from {axis.short(points[0])} to {axis.short(points[-1])}"
-    yield f"{start if axis.numeric else axis.words.capitalize()}: {where} {listed(parts)}."
+        texts: list[str] = []
+        for name, kind in planned_kinds().items():
+            row = by_case.get((payload, name))
+            if row is None or name == BASELINE:
+                continue
+            if kind.same_time_as:
+                start = "In" if texts else f"At {payload:g} kg, in"
+                texts.append(f"{start} the {kind.same_time_as}'s own time {kind.words} {_effect(row, base)}.")
+                continue
+            longer = (row["move_time_s"] - base["move_time_s"]) / row["moves"]
+            time = f"{abs(longer):.2g} s {'longer' if longer >= 0.0 else 'less'} per move"
+            texts.append(f"At {payload:g} kg {kind.words} takes {time}, {_effect(row, base)}.")
+        if texts:
+            return texts
+    if not good:
+        return []
+    worst = max(good, key=lambda row: row["peak_torque_motor_nm"])
+    return [
+        f"The largest torque peak is {worst['peak_torque_motor_nm']:.0f} N m per motor "
+        f"({worst['peak_torque_percent']:.0f} % of nominal), with {worst.reference} at {worst.payload_kg:g} kg."
+    ]
 
 
-_JUDGED: tuple[tuple[str, Callable[[Iterable[float]], float], float, str], ...] = (
-    (PEAK, max, 1.0, "N m"),
-    (ERROR, max, 1.0, "rad/s"),
-    ("min_wire_tension_n", min, 1e-3, "kN"),
-    ("wire_tension_swing_n", max, 1e-3, "kN"),
-)
-
-
-def listed(parts: Sequence[str]) -> str:
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
-
-
-def _course(axis: Axis, points: Sequence[tuple[float | str, ...]], values: Sequence[float], unit: str) -> str:
-    """From end to end, with the extreme between them where there is one; of words each."""
-    if not axis.numeric:
-        return "is " + ", ".join(f"{v:.3g} {unit} with {shown(p[0])}" for p, v in zip(points, values, strict=True))
-    ends = sorted((values[0], values[-1]))
-    text = f"goes from {values[0]:.3g} to {values[-1]:.3g} {unit}"
-    reach = max(abs(value) for value in values) * NO_CHANGE
-    low, high = int(np.argmin(values)), int(np.argmax(values))
-    if values[low] < ends[0] - reach:
-        return f"{text}, with its least, {values[low]:.3g} {unit}, at {axis.short(points[low])}"
-    if values[high] > ends[1] + reach:
-        return f"{text}, with its most, {values[high]:.3g} {unit}, at {axis.short(points[high])}"
-    return text
-
-
-def sweeps_limits(rows: Sequence[Row]) -> bool:
-    """Whether move time is paid for: acceleration or jerk is swept."""
-    return any(".limits." in column for axis in swept_axes(rows) for column in axis.columns)
-
-
-def knees(good: Sequence[Row], axes: Sequence[Axis], second: str = PEAK) -> list[str]:
-    """Where the fronts of move time against torque turn, and what the ends of them cost."""
-    found = []
-    for front in fronts(good, second):
-        if front.knee is not None:
-            found.append(_knee(front, axes))
-    return found[-MOST_FRONTS:]
-
-
-def _knee(front: Front, axes: Sequence[Axis]) -> str:
-    knee, fast, slow = front.knee, front.rows[0], front.rows[-1]
-    assert knee is not None
-    what = metric_label(front.costs[1])
-    cost = {id(row): row[front.costs[1]] for row in (knee, fast, slow)}
-    longer = knee["move_time_s"] - fast["move_time_s"]
-    off = 100.0 * (1.0 - cost[id(knee)] / cost[id(fast)])
-    setting = ", ".join(axis.say(axis.at(knee)) for axis in axes)
+def _effect(row: Row, base: Row) -> str:
+    peak = _change(row["peak_torque_above_static_nm"], base["peak_torque_above_static_nm"])
+    error = _change(row["speed_error_max_rad_s"], base["speed_error_max_rad_s"])
     return (
-        f"At {front.payload_kg:g} kg the knee of move time against {what.words} is {knee.reference} with {setting}: "
-        f"{knee['move_time_s']:.1f} s and {cost[id(knee)]:.0f} {what.unit}. Against the fastest run, "
-        f"{fast['move_time_s']:.1f} s and {cost[id(fast)]:.0f} {what.unit}, it costs "
-        f"{longer / knee['moves']:.2g} s per move and takes {off:.0f} % off; the gentlest needs "
-        f"{slow['move_time_s']:.1f} s for {cost[id(slow)]:.0f} {what.unit}."
+        f"{_verb(peak)} the torque peak above static "
+        f"({base['peak_torque_above_static_nm']:.0f} → {row['peak_torque_above_static_nm']:.0f} N m) and "
+        f"{_verb(error)} the largest speed error"
     )
 
 
-def scatter(good: Sequence[Row]) -> list[str]:
-    """Of a sample: the spread of the torque peak for each payload and reference, and what it hangs on."""
-    found = []
-    groups: dict[tuple[float, str], list[Row]] = {}
-    for row in good:
-        groups.setdefault((row.payload_kg, row.reference), []).append(row)
-    columns = drawn_columns(good)
-    for (payload, reference), rows in groups.items():
-        if len(rows) < 3:
-            continue
-        peak = [row[PEAK] for row in rows]
-        low, middle, high = np.quantile(peak, (0.05, 0.5, 0.95))
-        found.append(
-            f"Over {len(rows)} runs at {payload:g} kg with {reference} the torque peak per motor is {middle:.0f} N m "
-            f"in the median, {low:.0f} to {high:.0f} N m in nine of ten, {max(peak):.0f} N m at most"
-            + _hangs_on(rows, columns)
-            + "."
-        )
-    return found
+def _change(value: float, base: float) -> float:
+    return 100.0 * (value - base) / base if base else math.nan
 
 
-def _hangs_on(rows: Sequence[Row], columns: Sequence[str]) -> str:
-    ranked = [each for each in rank_correlations(rows, columns, PEAK) if abs(each.value) >= 0.2][:3]
-    if not ranked:
-        return ""
-    return "; it goes with " + ", ".join(f"{each.label.words} (rank correlation {each.value:+.2f})" for each in ranked)
+def _verb(percent: float) -> str:
+    if math.isnan(percent):
+        return "cannot be compared in"
+    if abs(percent) < 0.5:
+        return "changes nothing in"
+    return f"takes {-percent:.0f} % off" if percent < 0.0 else f"adds {percent:.0f} % to"
 
 
-def jerk_limited(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
-    """Jerk-limited against trapezoid at equal settings, over all points that have both; the heaviest payload."""
-    by_case = {(row.payload_kg, row.reference, *_settings(row, axes)): row for row in good}
-    for payload in sorted({row.payload_kg for row in good}, reverse=True):
-        pairs = [
-            (row, by_case[payload, "ruckig", *_settings(row, axes)])
-            for row in good
-            if row.payload_kg == payload
-            and row.reference == "trapezoid"
-            and (payload, "ruckig", *_settings(row, axes)) in by_case
-        ]
-        if pairs:
-            longer = [(b["move_time_s"] - a["move_time_s"]) / b["moves"] for a, b in pairs]
-            above = "peak_torque_above_static_nm"
-            off = [100.0 * (1.0 - b[above] / a[above]) for a, b in pairs]
-            return [
-                f"At {payload:g} kg jerk-limited (ruckig) costs {_range(longer, '.2g')} s per move against the "
-                f"trapezoid at the same settings, and takes {_range(off, '.0f')} % off the torque peak above static."
-            ]
-    return []
+def _limits(good: Sequence[Row], torque_limit_nm: float, axes: Sequence[Axis]) -> list[str]:
+    if any("drive." in column or "motor." in column for row in good[:1] for column in row.assigned):
+        return []  # each run has a limit of its own
+    at_limit = [row for row in good if row["peak_torque_motor_nm"] >= torque_limit_nm * (1.0 - 1e-9)]
+    if not at_limit:
+        return []
+    return [f"The torque limit of {torque_limit_nm:.0f} N m per motor is reached{_which(at_limit, good, axes)}."]
 
 
-def _settings(row: Row, axes: Sequence[Axis]) -> tuple[object, ...]:
-    drawn = row.run_id.rpartition("_s")[2] if any(name.startswith("sample.") for name in row.assigned) else ""
-    return (*(axis.at(row) for axis in axes), drawn)
+def _slack(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+    slack = [row for row in good if row["slack_time_s"] > 0.0]
+    if not slack:
+        return []
+    longest = max(slack, key=lambda row: row["slack_time_s"])
+    return [
+        f"The wire goes slack{_which(slack, good, axes)}; longest {longest['slack_time_s']:.2g} s in "
+        f"{longest['slack_events']:.0f} {'event' if longest['slack_events'] == 1 else 'events'} "
+        f"({_name(longest, axes)}). "
+        "It tightens again with a jerk."
+    ]
 
 
-def _range(values: Sequence[float], form: str) -> str:
-    low, high = f"{min(values):{form}}", f"{max(values):{form}}"
-    return low if low == high else f"{low} to {high}"
+def _astray(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+    """Runs that do not end where they should."""
+    astray = [row for row in good if abs(row["position_error_end_m"]) > ASTRAY_M]
+    if not astray:
+        return []
+    worst = max(astray, key=lambda row: abs(row["position_error_end_m"]))
+    error = worst["position_error_end_m"]
+    return [
+        f"The carriage does not end where its reference does{_which(astray, good, axes)}; farthest off "
+        f"{_name(worst, axes)}, {abs(error):.2f} m {'above' if error > 0.0 else 'below'} it."
+    ]
+
+
+def _failures(rows: Sequence[Row]) -> list[str]:
+    failed = [row for row in rows if not row.ok]
+    said = [f"{row.run_id} failed: {row.reason}." for row in failed[:MOST_FAILED]]
+    if len(failed) > len(said):
+        said.append(f"{len(failed) - len(said)} more of {len(rows)} runs failed; the index says why.")
+    return said
+
+
+def _which(rows: Sequence[Row], good: Sequence[Row], axes: Sequence[Axis]) -> str:
+    """`: a, b, c` of a few runs; of many how many, and the first."""
+    names = [_name(row, axes) for row in rows]
+    sign = "; " if rows[0].assigned else ", "
+    if len(names) <= (3 if rows[0].assigned else 6):
+        return f": {sign.join(names)}"
+    return f" in {len(names)} of {len(good)} runs, the first {names[0]}"
+
+
+def _name(row: Row, axes: Sequence[Axis]) -> str:
+    return said(row, axes) if row.assigned else row.run_id

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from workbench.errors import InputError
-from workbench.metrics import HOIST_OBSERVER
+from workbench.metrics import RunFacts, columns, run_metrics
 from workbench.references import Plan, motor_speed_rad_s
 from workbench.run import Array, Run
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop, torque_limit_nm
-from workbench.study.results.row import METRICS, Row
+from workbench.study.results.row import Row
 from workbench.study.variations.run_spec import RunSpec
-
-_KNOWN_BEFORE = ("move_time_s", "moves", "hold_torque_nm", "acceleration_limit_m_s2")
 
 
 def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tuple[Row, Run | None]]:
@@ -77,22 +75,23 @@ def _sampled(plan: Plan, sample_time_s: float, duration_s: float, ratio: float, 
 
 
 def _finished(spec: RunSpec, plan: Plan, result: LoopResult) -> Row:
-    windows = plan.move_windows
-    own = {
-        "position_error_end_m": result.end_position_m - plan.end_position_m,
-        "move_time_s": sum(end - start for start, end in windows),
-        "moves": float(len(windows)),
-        "hold_torque_nm": result.hold_torque_nm,
-        "acceleration_limit_m_s2": plan.acceleration_m_s2,
-    }
+    facts = RunFacts(
+        move_windows=plan.move_windows,
+        acceleration_m_s2=plan.acceleration_m_s2,
+        hold_torque_nm=result.hold_torque_nm,
+        end_position_m=result.end_position_m,
+        reference_end_m=plan.end_position_m,
+    )
+    own = {metric.name: float(metric.value(facts)) for metric in run_metrics()}
     reason = "" if result.outcome is Outcome.COMPLETED else _reason(spec, result)
     return _row(spec, result.metrics | own, reason)
 
 
 def _row(spec: RunSpec, measured: dict[str, float], reason: str) -> Row:
-    """A failed run's figures are those of a run that did not take place: none, but for what is known before."""
-    always = (metric.name for metric in HOIST_OBSERVER.metrics if not metric.optional)
-    names = dict.fromkeys((*METRICS, *always, *measured, *_KNOWN_BEFORE))
+    """The row of a run. A failed run has no metrics but those that are known before it runs."""
+    run = {metric.name: metric for metric in run_metrics()}
+    optional = [name for name in measured if name not in run]
+    names = dict.fromkeys((*(name for name in columns() if name not in run or run[name].fixed), *optional, *run))
     return Row(
         run_id=spec.run_id,
         scenario=spec.scenario,
@@ -100,7 +99,10 @@ def _row(spec: RunSpec, measured: dict[str, float], reason: str) -> Row:
         reason=reason,
         payload_kg=spec.payload_kg,
         reference=spec.reference,
-        metrics={name: measured.get(name) if not reason or name in _KNOWN_BEFORE else None for name in names},
+        metrics={
+            name: measured.get(name) if not reason or (name in run and run[name].known_before) else None
+            for name in names
+        },
         assigned=spec.assigned,
     )
 

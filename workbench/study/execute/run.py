@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 from workbench.machine import Hoist
 from workbench.run import Run
 from workbench.study.execute.chunk import run_specs
-from workbench.study.results.row import METRICS, Row
+from workbench.study.results.row import Row
 from workbench.study.scenario.load import Study
-
-__all__ = ["METRICS", "Row", "StudyResult", "motor_torque_limit_nm", "run_study"]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from workbench.errors import InputError
+from workbench.metrics import fixed_columns
 from workbench.study.results import arrow
-from workbench.study.results.row import METRICS, Row
+from workbench.study.results.row import Row
 
 INDEX = "index.parquet"
 _OWN = ("run_id", "scenario", "status", "reason", "payload_kg", "reference")
@@ -25,7 +26,7 @@ def index_table(rows: Sequence[Row]) -> Any:
     assigned = [name for name in _names(row.assigned for row in rows) if name not in columns]
     for name in assigned:
         columns[name] = _mixed([row.assigned.get(name) for row in rows])
-    for name in _names([dict.fromkeys(METRICS), *(row.metrics for row in rows)]):
+    for name in _names([dict.fromkeys(fixed_columns()), *(row.metrics for row in rows)]):
         columns[name] = arrow.numbers([row.metrics.get(name) for row in rows])
     return arrow.table(columns).replace_schema_metadata({_ASSIGNED: json.dumps(assigned)})
 
@@ -83,11 +84,11 @@ def rows_of(table: Any) -> list[Row]:
 
 def _names(records: Iterable[Mapping[str, Any]]) -> dict[str, None]:
     """All names, in the order in which they first occur."""
-    found: dict[str, None] = {}
+    names: dict[str, None] = {}
     for record in records:
-        if record.keys() - found.keys():
-            found |= dict.fromkeys(record)
-    return found
+        if record.keys() - names.keys():
+            names |= dict.fromkeys(record)
+    return names
 
 
 def _mixed(values: Sequence[float | str | None]) -> Any:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from workbench.metrics import by_name
+
 _UNITS = {
     "nm_s_per_rad": "N m s/rad",
     "nm_per_rad": "N m/rad",
@@ -28,23 +30,6 @@ _UNITS = {
     "j": "J",
     "m": "m",
     "s": "s",
-}
-_METRICS = {
-    "peak_torque_motor_nm": "torque peak per motor",
-    "peak_torque_percent": "torque peak of nominal",
-    "peak_torque_above_static_nm": "torque peak above static",
-    "rms_torque_motor_nm": "RMS torque per motor",
-    "thermal_load_percent": "thermal load",
-    "speed_error_rms_rad_s": "RMS speed error",
-    "speed_error_max_rad_s": "largest speed error",
-    "position_error_end_m": "position error at the end",
-    "position_error_max_m": "largest position error",
-    "min_wire_tension_n": "smallest wire tension",
-    "max_wire_tension_n": "largest wire tension",
-    "wire_tension_swing_n": "wire tension swing",
-    "slack_time_s": "slack time",
-    "move_time_s": "move time",
-    "i2t_s": "I²t",
 }
 # Blocks of the machine whose values need no more words.
 _SILENT = ("sensors", "motor", "bearing", "gearbox")
@@ -82,14 +67,17 @@ def field_label(column: str) -> Label:
 
 
 def drawn_in(name: str) -> tuple[Label, float]:
-    """A metric as figures draw it, forces in kN: its label, and what its values are multiplied by."""
-    label = metric_label(name)
-    return (Label(label.words, "kN"), 1e-3) if label.unit == "N" else (label, 1.0)
+    """A metric as figures draw it: its label with the unit shown, and what its values are multiplied by."""
+    metric = by_name().get(name)
+    return (metric_label(name), 1.0) if metric is None else (Label(metric.label, metric.shown_unit), metric.scale)
 
 
 def metric_label(name: str) -> Label:
-    words, unit = _parted(name)
-    return Label(_METRICS.get(name, words), unit)
+    """A metric's label and unit; of a column that is no declared metric, such as an older version's, from its name."""
+    metric = by_name().get(name)
+    if metric is None:
+        return Label(*_parted(name))
+    return Label(metric.label, "" if metric.unit == "–" else metric.unit)
 
 
 def _parted(name: str) -> tuple[str, str]:

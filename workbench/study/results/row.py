@@ -5,29 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-# Metrics that must stand in every index, in this order; what a loop reports beside them follows.
-METRICS = (
-    "peak_torque_motor_nm",
-    "peak_torque_percent",
-    "peak_torque_above_static_nm",
-    "rms_torque_motor_nm",
-    "speed_error_rms_rad_s",
-    "speed_error_max_rad_s",
-    "position_error_end_m",
-    "min_wire_tension_n",
-    "max_wire_tension_n",
-    "slack_time_s",
-    "move_time_s",
-    "energy_motoring_j",
-    "energy_regenerated_j",
-)
+from workbench.errors import InputError, nearest
 
 
 @dataclass(frozen=True)
 class Row:
-    """What a run was, how it went, its metrics under the names of the format.
+    """What a run was, how it went, its metrics by column name.
 
-    assigned: what a sweep or a sample has set in this run, by the field's place in the scenario.
+    `row["peak_torque_percent"]` is a metric's value, NaN where the run has none; InputError with the nearest
+    name for a metric that the row does not have. assigned: what a sweep or a sample has set in this run, by
+    the field's place in the scenario.
     """
 
     run_id: str
@@ -40,7 +27,15 @@ class Row:
     assigned: Mapping[str, float | str] = field(default_factory=dict)
 
     def __getitem__(self, metric: str) -> float:
-        value = self.metrics[metric]
+        try:
+            value = self.metrics[metric]
+        except KeyError:
+            raise InputError(f"no metric '{metric}'; {nearest(metric, self.metrics)}", place=self.run_id) from None
+        return float("nan") if value is None else value
+
+    def get(self, metric: str) -> float:
+        """A metric's value, NaN where the run or an older version of the program has none."""
+        value = self.metrics.get(metric)
         return float("nan") if value is None else value
 
     @property

@@ -3,34 +3,52 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
     Discriminator,
     Field,
+    GetJsonSchemaHandler,
     JsonValue,
     Tag,
     create_model,
     field_validator,
     model_validator,
 )
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from workbench.control import Events, PiSettings
-from workbench.errors import InputError, nearest
+from workbench.errors import InputError
 from workbench.machine.hoist import Drive
 from workbench.machine.record import Finite, NotNegative, Positive, Record
-from workbench.references import KINDS, Step
+from workbench.references import ReferenceKind, Step, planned_kind, planned_kinds, recorded_kinds, usual_kinds
 from workbench.study.variations.axes import SampleBlock, SweepBlock
 
-RECORDED_KINDS = ("recorded", "s_curve")
+
+class _Names:
+    """Adds the names of the known kinds to the JSON schema, as they are when the schema is made."""
+
+    def __init__(self, kinds: Callable[[], Mapping[str, ReferenceKind]]) -> None:
+        self.kinds = kinds
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return handler(core) | {"enum": list(self.kinds())}
 
 
-def _known_reference(name: str) -> str:
-    if name not in KINDS:
-        hint = "; it takes a block with campaign and run" if name in RECORDED_KINDS else f"; {nearest(name, KINDS)}"
-        raise ValueError(f"unknown reference '{name}'{hint}" if name not in RECORDED_KINDS else f"'{name}'{hint}")
+def _known_planned(name: str) -> str:
+    try:
+        return planned_kind(name).name
+    except InputError as error:
+        raise ValueError(error.problem) from error
+
+
+def _known_recorded(name: str) -> str:
+    if name not in recorded_kinds():
+        known = " or ".join(f"'{kind}'" for kind in recorded_kinds())
+        raise ValueError(f"'{name}', expected {known}")
     return name
 
 
@@ -95,7 +113,7 @@ class RecordedBlock(Record):
     name: as the results call it; the kind when missing.
     """
 
-    kind: Literal["recorded", "s_curve"]
+    kind: Annotated[str, AfterValidator(_known_recorded), _Names(recorded_kinds)]
     campaign: Annotated[str, Field(min_length=1)]
     run: Annotated[str, Field(min_length=1)]
     smoothing_s: Annotated[float, Field(ge=0.001, le=60.0, strict=True, allow_inf_nan=False)] | None = None
@@ -103,8 +121,10 @@ class RecordedBlock(Record):
 
     @model_validator(mode="after")
     def _whole(self) -> RecordedBlock:
-        if (self.kind == "s_curve") != (self.smoothing_s is not None):
-            raise ValueError("smoothing_s belongs to kind s_curve, and to that one only")
+        smoothed = [name for name, kind in recorded_kinds().items() if kind.smoothed]
+        if (self.kind in smoothed) != (self.smoothing_s is not None):
+            only = "that one" if len(smoothed) == 1 else "those"
+            raise ValueError(f"smoothing_s belongs to kind {', '.join(smoothed)}, and to {only} only")
         return self
 
     @property
@@ -116,9 +136,9 @@ def _word_or_block(value: Any) -> str:
     return "recorded" if isinstance(value, dict | RecordedBlock) else "kind"
 
 
-PlannedKind = Annotated[str, AfterValidator(_known_reference)]
+PlannedName = Annotated[str, AfterValidator(_known_planned), _Names(planned_kinds)]
 Reference = Annotated[
-    Annotated[PlannedKind, Tag("kind")] | Annotated[RecordedBlock, Tag("recorded")],
+    Annotated[PlannedName, Tag("kind")] | Annotated[RecordedBlock, Tag("recorded")],
     Discriminator(_word_or_block),
 ]
 
@@ -167,7 +187,7 @@ class Scenario(Record):
     start_position_m: Finite | None = None
     moves: Annotated[tuple[MoveBlock, ...], Field(max_length=1000)] = ()
     limits: LimitsBlock = LimitsBlock()
-    references: Annotated[tuple[Reference, ...], Field(json_schema_extra=SOME)] = tuple(KINDS)
+    references: Annotated[tuple[Reference, ...], Field(json_schema_extra=SOME, default_factory=usual_kinds)]
     controller: PiSettings
     events: Events = Events()
     effects: dict[str, dict[str, Finite]] = Field(default_factory=dict)
@@ -190,18 +210,18 @@ class Scenario(Record):
     @field_validator("references")
     @classmethod
     def _references_differ(cls, references: tuple[str | RecordedBlock, ...]) -> tuple[str | RecordedBlock, ...]:
-        _once([each if isinstance(each, str) else each.label for each in references], "reference")
+        _once([reference if isinstance(reference, str) else reference.label for reference in references], "reference")
         return references
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """The references' names, as results carry them."""
-        return tuple(each if isinstance(each, str) else each.label for each in self.references)
+        return tuple(item if isinstance(item, str) else item.label for item in self.references)
 
     @property
     def planned_kinds(self) -> tuple[str, ...]:
         """Those that are planned from moves and limits."""
-        return tuple(each for each in self.references if isinstance(each, str))
+        return tuple(item for item in self.references if isinstance(item, str))
 
 
 def check_payload_kg(payload_kg: float) -> None:

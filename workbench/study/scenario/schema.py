@@ -15,9 +15,11 @@ def json_schema(kind: str) -> dict[str, Any]:
 
 
 def _scenario() -> dict[str, Any]:
+    from workbench.references import usual_kinds
     from workbench.study.scenario.record import Scenario
 
     schema = Scenario.model_json_schema()
+    schema["properties"]["references"]["default"] = list(usual_kinds())
     # A file that extends another has what it needs from there; blocks are then filled from both.
     needed = schema.pop("required")
     schema["if"] = {"required": ["extends"]}

@@ -12,28 +12,11 @@ from workbench.dashboard.widgets import SAME, chart, plain, text
 from workbench.figures.study import MOST_COLUMNS, overview
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.style import label
+from workbench.metrics import Metric, View, shown_in
 from workbench.run import Run
-from workbench.study.compare.compare import BETTER
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.row import Row
 from workbench.study.scenario.standalone import alone_text
-
-# What stands in the table, in this order: metric -> (in words, unit, what its values are multiplied by).
-METRICS: Mapping[str, tuple[str, str, float]] = {
-    "peak_torque_motor_nm": ("Torque peak per motor", "N m", 1.0),
-    "rms_torque_motor_nm": ("RMS torque per motor", "N m", 1.0),
-    "thermal_load_percent": ("Thermal load of a motor", "%", 1.0),
-    "speed_error_max_rad_s": ("Largest speed error, motor side", "rad/s", 1.0),
-    "speed_error_rms_rad_s": ("RMS speed error, motor side", "rad/s", 1.0),
-    "position_error_max_m": ("Largest position error, carriage side", "mm", 1e3),
-    "settling_time_s": ("Settling time after the last move", "s", 1.0),
-    "move_time_s": ("Time in motion", "s", 1.0),
-    "min_wire_tension_n": ("Smallest wire tension", "kN", 1e-3),
-    "wire_tension_swing_n": ("Swing of wire tension", "kN", 1e-3),
-    "slack_time_s": ("Time with slack wire", "s", 1.0),
-    "peak_power_motoring_kw": ("Largest power, both motors", "kW", 1.0),
-    "energy_motoring_j": ("Work of the motors", "kJ", 1e-3),
-}
 
 
 def show() -> None:
@@ -113,11 +96,12 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
     rows = [_row(each, kind, payload) for each in columns]
     table: dict[str, list[str]] = {"": [], plain(baseline.name): []}
     table |= {plain(each.name): [] for each in columns[1:]}
-    for metric, (words, unit, scale) in METRICS.items():
-        if not all(row.metrics.get(metric) is not None for row in rows):
+    for metric in shown_in(View.COMPARE):
+        if not all(row.metrics.get(metric.name) is not None for row in rows):
             continue
-        values = [scale * row[metric] for row in rows]
-        table[""].append(plain(f"{words} ({unit})"))
+        values = [metric.scale * row[metric.name] for row in rows]
+        unit = metric.shown_unit
+        table[""].append(plain(f"{metric.title} ({unit})" if unit else metric.title))
         for each, value in zip(columns, values, strict=True):
             cell = text(value)
             if each.name != baseline.name:
@@ -127,14 +111,17 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
     st.caption(f"{label(kind).capitalize()}, {payload:g} kg. In brackets the difference to {plain(baseline.name)}.")
 
 
-def difference(value: float, base: float, metric: str) -> str:
-    """The difference in brackets, green where it is better and red where it is worse."""
+def difference(value: float, base: float, metric: Metric) -> str:
+    """The difference in brackets, green where it is better and red where it is worse; `=` for one too small to see.
+
+    value, base: in the unit that is shown.
+    """
     by = value - base
-    if not math.isfinite(by) or (abs(by) <= SAME * max(abs(base), abs(value)) and text(value) == text(base)):
+    rounding = abs(by) <= SAME * max(abs(base), abs(value)) and text(value) == text(base)
+    if not math.isfinite(by) or rounding or abs(by) < metric.visible * metric.scale:
         return " (=)"
-    better = BETTER.get(metric)
-    gain = {"lower": -by, "higher": by, "zero": abs(base) - abs(value)}.get(better or "", 0.0)
-    colour = "green" if gain > 0.0 else "red" if gain < 0.0 else "gray"
+    worse = metric.worse_by(base, value) if metric.better is not None else 0.0
+    colour = "red" if worse > 0.0 else "green" if worse < 0.0 else "gray"
     return f" :{colour}[({text(by, 2, sign=True)})]"
 
 

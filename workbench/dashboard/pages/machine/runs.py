@@ -12,13 +12,19 @@ from workbench.dashboard.pages.compare.kept import kept
 from workbench.errors import InputError
 from workbench.machine import Hoist
 from workbench.machine.files import machine_text
-from workbench.references import Limits, Step, allowed_carriage_speed_m_s, motor_speed_rad_s, plan_motion
+from workbench.references import (
+    Limits,
+    Step,
+    allowed_carriage_speed_m_s,
+    motor_speed_rad_s,
+    plan_motion,
+    planned_kinds,
+)
 from workbench.reports.loop.case import usual_controller
 from workbench.run import Run
 from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
 
 QUICK, STUDY, MEASURED = "a quick move", "a run kept from Study", "a run of the campaign"
-REFERENCES = ("trapezoid", "ruckig")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +68,7 @@ def _of_study() -> Shown:
 def _quick() -> Shown:
     machine = chosen_machine("machine machine")
     payload = st.slider("Payload (kg)", 0, 12000, 4500, 250, key="machine payload")
-    reference = st.radio("Reference", REFERENCES, key="machine reference", horizontal=True)
+    reference = st.radio("Reference", list(planned_kinds()), key="machine reference", horizontal=True)
     ramp = st.slider("Ramp time (s)", 0.3, 3.0, 1.2, 0.1, key="machine ramp", help="From rest to full speed.")
     return Shown(
         f"{reference}, {payload:g} kg", machine, _moved(machine_text(machine), payload, reference, ramp, machine)

@@ -12,6 +12,7 @@ from workbench.control import PiSettings
 from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2
 from workbench.errors import InputError
 from workbench.machine import Hoist
+from workbench.references import BASELINE
 from workbench.study.scenario.record import LimitsBlock, MoveBlock, Scenario
 from workbench.study.scenario.standalone import changed
 
@@ -89,7 +90,7 @@ def desk_of(scenario: Scenario, machine: Hoist) -> Desk:
     controls = Controls(
         name=scenario.name,
         payloads_kg=tuple(scenario.payloads_kg),
-        references=tuple(kind for kind in scenario.kinds if kind != "trapezoid"),
+        references=tuple(kind for kind in scenario.kinds if kind != BASELINE),
         start_position_m=scenario.start_position_m,
         height_m=shape[0] if shape else first.height_m,
         dwell_s=shape[1] if shape else first.dwell_s,
@@ -138,7 +139,7 @@ def scenario_of(desk: Desk, machine: Hoist) -> Scenario:
     changes: dict[str, Any] = {
         "name": c.name,
         "payloads_kg": tuple(sorted(c.payloads_kg)),
-        "references": ("trapezoid", *c.references),
+        "references": (BASELINE, *c.references),
         "start_position_m": c.start_position_m,
         "limits": dict(zip(LIMITS, c.hoisting, strict=True)),
         "controller": desk.base.controller.model_dump()

@@ -25,13 +25,12 @@ from workbench.dashboard.widgets import problem, text
 from workbench.errors import InputError
 from workbench.figures.style import label
 from workbench.machine import Hoist, default_hoist
-from workbench.references import allowed_carriage_speed_m_s
+from workbench.references import BASELINE, allowed_carriage_speed_m_s, planned_kinds
 from workbench.study.scenario.standalone import read_alone
 from workbench.yaml_strict import Document, load
 
 DESK, LOADED = "study desk", "study file"
 PAYLOADS = (0.0, 1500.0, 3000.0, 4500.0, 6000.0, 7500.0, 9000.0)
-REFERENCES = ("ruckig", "ruckig_equal_time")
 LEAST_MOVE_M = 0.5
 ROOM_M = 1.0  # to move in, that the start leaves
 
@@ -136,11 +135,12 @@ def _kg(payload: float | str) -> str:
 
 
 def _references(c: Controls) -> tuple[str, ...]:
+    others = {name: kind for name, kind in planned_kinds().items() if name != BASELINE}
     chosen = st.pills(
-        "Against the trapezoid", REFERENCES, selection_mode="multi", key=_kept("references", list(c.references)),
-        format_func=label, help="The same limits and a jerk limit; or ramps raised until it takes as long.",
+        f"Against the {BASELINE}", list(others), selection_mode="multi", key=_kept("references", list(c.references)),
+        format_func=label, help="\n".join(f"- {kind.label}: {kind.definition}" for kind in others.values()),
     )  # fmt: skip
-    return tuple(kind for kind in REFERENCES if kind in chosen)
+    return tuple(name for name in others if name in chosen)
 
 
 def _motion(c: Controls, machine: Hoist) -> Controls:

@@ -12,22 +12,24 @@ from workbench.dashboard.pages.compare.kept import is_kept, keep
 from workbench.dashboard.pages.study.controls import scenario_of
 from workbench.dashboard.pages.study.form import controls
 from workbench.dashboard.pages.study.runs import beside_payloads, beside_ramps, results, told
-from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain
+from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain
 from workbench.figures.pareto import pareto
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.style import label
 from workbench.machine import Hoist
+from workbench.metrics import Metric, View, shown_in
+from workbench.references import BASELINE
 from workbench.study.conclude.pareto import fronts
-from workbench.study.conclude.summary import sentences
+from workbench.study.conclude.sentences import sentences
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
 from workbench.study.results.row import Row
 from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import alone_text
 from workbench.study.variations.varying import swept_axes
 
-BASELINE = "trapezoid"
 PEAK = "peak_torque_motor_nm"
+MOST_CARDS = 4  # numbers side by side
 
 
 def show() -> None:
@@ -75,27 +77,16 @@ def _numbers(result: StudyResult) -> None:
     both = {who: {row.payload_kg for row in rows if row.ok and row.reference == who} for who in (kind, BASELINE)}
     common = both[kind] & both[BASELINE]
     fair = [row for row in rows if row.payload_kg in (common or both[kind])]
-    worst = {
-        who: {name: _worst([row for row in fair if row.reference == who], name, how) for name, how in _DECIDING.items()}
-        for who in (kind, BASELINE)
-    }
-    said = [
-        ("Torque peak per motor", PEAK, 1.0, "N m", "lower"),
-        ("Largest speed error", "speed_error_max_rad_s", 1.0, "rad/s", "lower"),
-        ("Time in motion", "move_time_s", 1.0, "s", "lower"),
-        ("Smallest wire tension", "min_wire_tension_n", 1e-3, "kN", "higher"),
-    ]
-    numbers(
-        [
-            Number(
-                name, scale * worst[kind][metric], unit,
-                None if kind == BASELINE or not common else scale * (worst[kind][metric] - worst[BASELINE][metric]),
-                "lower" if better == "lower" else "higher",
-                help=f"{label(kind)}; the worst of the payloads",
-            )
-            for name, metric, scale, unit, better in said
-        ]
-    )  # fmt: skip
+    metrics = [m for m in shown_in(View.CARDS) if all(row.metrics.get(m.name) is not None for row in fair if row.ok)]
+    cards = []
+    for metric in metrics:
+        mine, base = (_worst([row for row in fair if row.reference == who], metric) for who in (kind, BASELINE))
+        delta = None if kind == BASELINE or not common else metric.scale * (mine - base)
+        better: Better = "higher" if metric.better == "higher" else "lower"
+        said = f"{label(kind)}; the worst of the payloads"
+        cards.append(Number(metric.heading, metric.scale * mine, metric.shown_unit, delta, better, help=said))
+    for start in range(0, len(cards), MOST_CARDS):
+        numbers(cards[start : start + MOST_CARDS])
     failed = [row for row in rows if not row.ok]
     if failed:
         first = f"{failed[0].payload_kg:g} kg, {label(failed[0].reference)}: {failed[0].reason}"
@@ -106,12 +97,9 @@ def _numbers(result: StudyResult) -> None:
     st.caption(f"{said_first} {plain(' '.join(sentences(good, motor_torque_limit_nm(result.study.machine))))}")
 
 
-_DECIDING = {PEAK: max, "speed_error_max_rad_s": max, "move_time_s": max, "min_wire_tension_n": min}
-
-
-def _worst(rows: Sequence[Row], metric: str, how: object) -> float:
-    values = [row[metric] for row in rows if row.ok]
-    return float("nan") if not values else (min(values) if how is min else max(values))
+def _worst(rows: Sequence[Row], metric: Metric) -> float:
+    values = [row[metric.name] for row in rows if row.ok]
+    return float(metric.worst(values)) if values else float("nan")
 
 
 def _good(result: StudyResult) -> list[tuple[str, Row]]:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import streamlit as st
 
 from workbench.machine import Hoist
+from workbench.metrics import columns
 from workbench.study.conclude.side_studies import over_payload, over_ramps
 from workbench.study.execute.run import StudyResult, run_study
 from workbench.study.results.row import Row
@@ -48,7 +49,8 @@ def beside_ramps(scenario: Scenario, machine: Hoist) -> Sequence[Row]:
 
 
 def _values(study: Study) -> tuple[str, str]:
-    return study.scenario_hash, study.machine_hash
+    """What the runs depend on: scenario with metrics, and machine."""
+    return f"{study.scenario_hash} {' '.join(columns())}", study.machine_hash
 
 
 # A resource rather than data: the records are frozen, so that nobody need have a copy.

@@ -1,0 +1,203 @@
+"""A metric that is declared is shown everywhere: one is added here, and looked for in every place."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tests.metrics.test_metrics import P, trace
+from tests.support.commands import Commands
+from tests.support.dashboard_app import page
+from tests.support.scenario_text import write
+from workbench.cli import cli
+from workbench.dashboard.pages.study.controls import START
+from workbench.errors import InputError
+from workbench.machine import default_hoist
+from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
+from workbench.metrics.metric import largest
+from workbench.reports.metric_docs import metrics_page
+from workbench.reports.study.figures import figures_of
+from workbench.study.conclude import tables
+from workbench.study.conclude.sentences import sentences
+from workbench.study.results.finished import read_finished
+from workbench.study.results.row import Row
+from workbench.study.scenario.load import plan_study
+
+SCENARIO = """\
+format: 1
+name: declared
+payloads_kg: [0, 9000]
+start_position_m: 4.0
+moves: [{by_m: 1.5}, {dwell_s: 0.5}, {to_m: 4.0}]
+limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
+references: [ruckig]
+controller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
+outputs: {signals: none}
+"""
+SWEEP = "sweep: {controller.kp_nm_s_per_rad: [15, 31]}\n"
+SAMPLE = "sample: {count: 32, values: {machine.carriage.mass_kg: {distribution: uniform, low: 7000, high: 9000}}}\n"
+# Numbers of its own, from sums that the compiled loop keeps already.
+DRUM = LoopMetric(
+    name="peak_drum_torque_nm", unit="N m", label="drum torque peak", better="lower", visible=10.0,
+    definition="largest torque of the drum, one motor's torque times the ratio", shown_in="kN m", scale=1e-3,
+    sums=find("peak_torque_motor_nm").sums, finish=lambda sums, p, duration: sums[0] * p.ratio,  # type: ignore[attr-defined]
+)  # fmt: skip
+LONGEST = RunMetric(
+    name="longest_move_s", unit="s", label="longest move", better="lower", visible=1e-3,
+    definition="time of the longest move of the reference", known_before=True,
+    value=lambda run: max(end - start for start, end in run.move_windows),
+)  # fmt: skip
+RATIO = default_hoist().gearbox.ratio
+
+
+@pytest.fixture(scope="module")
+def declared() -> Iterator[None]:
+    add(DRUM, LONGEST)
+    yield
+    forget_added()
+
+
+@pytest.fixture(scope="module")
+def folders(declared: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Results of a plain study, of one with a weaker controller, of a sweep and of a sample."""
+    folder = tmp_path_factory.mktemp("declared")
+    texts = {
+        "plain": SCENARIO,
+        "weaker": SCENARIO.replace("kp_nm_s_per_rad: 31.0", "kp_nm_s_per_rad: 15.0"),
+        "sweep": SCENARIO + SWEEP,
+        "sample": SCENARIO + SAMPLE,
+    }
+    for name, text in texts.items():
+        file = write(folder, text, f"{name}.yaml")
+        done = CliRunner().invoke(cli, ["study", str(file), "--out", str(folder / name)], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+        (folder / f"{name}.txt").write_text(done.output)
+    return {name: folder / name for name in texts}
+
+
+def test_it_is_a_column_of_the_index_with_its_own_numbers(folders: dict[str, Path]) -> None:
+    for row in read_finished(folders["plain"]).rows:
+        assert row["peak_drum_torque_nm"] == pytest.approx(RATIO * row["peak_torque_motor_nm"])
+        assert row["longest_move_s"] == pytest.approx(row["move_time_s"] / 2.0)
+    assert columns()[-1] == "longest_move_s" and "peak_drum_torque_nm" in columns()
+
+
+def test_it_is_a_column_of_the_printed_table_with_its_own_head_unit_and_digits(folders: dict[str, Path]) -> None:
+    rows = read_finished(folders["plain"]).rows
+    head, lines = tables.run_head(rows), tables.run_table(rows)
+    at = head.index("drum torque\npeak\nkN m")
+    assert [line[at] for line in lines] == [f"{row['peak_drum_torque_nm'] / 1000.0:.2f}" for row in rows]
+    assert "drum torque" in (folders["plain"].with_suffix(".txt")).read_text()
+    assert "longest move" in tables.run_caption(rows)
+
+
+def test_many_runs_have_its_quantiles_and_its_worst_run(folders: dict[str, Path]) -> None:
+    assert "drum torque\npeak\nkN m" in tables.quantile_head()
+    ends = tables.extremes_table(read_finished(folders["sample"]).rows, [])
+    assert "worst drum torque peak" in [line[0] for line in ends]
+
+
+def test_sentences_say_what_a_sweep_does_to_it(folders: dict[str, Path]) -> None:
+    said = " ".join(sentences(read_finished(folders["sweep"]).rows, 768.0))
+    assert "the drum torque peak goes from" in said and "kN m" in said
+
+
+def test_figures_draw_it_over_a_sweep_and_in_the_scatter(folders: dict[str, Path]) -> None:
+    for name in ("sweep", "sample"):
+        drawn = " ".join(figure.to_json() for figure, _ in figures_of(read_finished(folders[name])))
+        assert "drum torque peak" in drawn, name
+
+
+def test_the_report_has_it(folders: dict[str, Path], tmp_path: Path) -> None:
+    page_file = tmp_path / "report.html"
+    done = CliRunner().invoke(cli, ["report", str(folders["plain"]), "--out", str(page_file)], catch_exceptions=False)
+    assert done.exit_code == 0
+    assert "drum torque" in page_file.read_text(encoding="utf-8")
+
+
+def test_compare_shows_it_knows_which_way_is_worse_and_takes_limits(
+    folders: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["compare", folders["plain"], folders["weaker"], "--json", tmp_path / "c.json"]
+    done = Commands(capsys)(*words, "--max-regression", "peak_drum_torque=1")
+    said = json.loads((tmp_path / "c.json").read_text())
+    change = said["metrics"]["peak_drum_torque_nm"]
+    assert change["max_delta"] == pytest.approx(RATIO * said["metrics"]["peak_torque_motor_nm"]["max_delta"])
+    assert "peak_drum_torque_nm" in done.out
+    assert said["regressions"] and all(run["b"] > run["a"] + 1.0 for run in said["regressions"])
+    assert done.status == 1
+
+
+def test_the_docs_define_it(declared: None) -> None:
+    assert "| `peak_drum_torque_nm` | N m | lower | 10 | largest torque of the drum" in metrics_page()
+    assert "| `longest_move_s` | s | lower | 0.001 | time of the longest move" in metrics_page()
+
+
+def test_the_dashboard_shows_it_on_study_and_compare(declared: None) -> None:
+    from streamlit.testing.v1 import AppTest
+
+    app = page("Study").run()
+    assert not app.exception
+    assert {"Drum torque peak", "Longest move"} <= {number.label for number in app.metric}
+    source = (
+        "import streamlit as st\nfrom workbench.dashboard.shell import run_page\n"
+        "run_page(st.session_state.get('page', 'Study'))\n"
+    )
+    both = AppTest.from_string(source, default_timeout=60.0).run()
+    both.button(key="study keep").click().run()
+    both.session_state["page"] = "Compare"
+    both.run()
+    assert not both.exception
+    words = {str(cell).replace("\\", "") for cell in both.table[0].value.iloc[:, 0]}
+    assert {"Drum torque peak (kN m)", "Longest move (s)"} <= words
+
+
+def test_a_log_is_measured_by_it(declared: None) -> None:
+    assert measure(trace(), P)["peak_drum_torque_nm"] == pytest.approx(300.0 * P.ratio)
+
+
+def test_a_study_with_it_is_another_study(declared: None) -> None:
+    with_it = plan_study(START, default_hoist()).fingerprint
+    forget_added()
+    without = plan_study(START, default_hoist()).fingerprint
+    add(DRUM, LONGEST)
+    assert with_it != without
+
+
+def test_a_name_is_taken_once(declared: None) -> None:
+    with pytest.raises(InputError, match=r"the metric name 'peak_drum_torque_nm' is taken"):
+        add(DRUM)
+
+
+def test_a_metric_that_is_shown_nowhere_stands_in_the_index_only() -> None:
+    everywhere = {metric.name for view in View for metric in shown_in(view)}
+    assert "rail_margin_m" not in everywhere and "rail_margin_m" in columns()
+
+
+def test_a_misspelt_metric_of_a_row_is_answered_with_the_nearest_one() -> None:
+    row = Row("r1", "s", "ok", "", 0.0, "ruckig", {"peak_torque_percent": 1.0, "move_time_s": None})
+    with pytest.raises(InputError, match=r"r1: no metric 'peak_torque'; did you mean 'peak_torque_percent'\?"):
+        row["peak_torque"]
+    assert np.isnan(row["move_time_s"]) and np.isnan(row.get("no_such_metric"))
+
+
+def test_an_unknown_metric_is_answered_with_the_nearest_one() -> None:
+    with pytest.raises(InputError, match=r"unknown metric 'slack_tim'; did you mean 'slack_time_s'\?"):
+        find("slack_tim")
+
+
+def test_sums_of_a_declaration_run_on_a_trace() -> None:
+    from workbench.metrics.metric import Observer, as_summed
+
+    fastest = LoopMetric(
+        name="fastest_rad_s", unit="rad/s", label="largest motor speed", better=None, visible=1e-3,
+        definition="largest speed of the motor", finish=as_summed(0), sums=largest(lambda s, p: s["speed_motor_rad_s"]),
+    )  # fmt: skip
+    assert measure(trace(speed_motor_rad_s=np.linspace(1.0, 7.0, 100)), P, Observer([fastest], ())) == {
+        "fastest_rad_s": 7.0
+    }

@@ -1,0 +1,206 @@
+"""A kind of reference that is declared is known everywhere: one is added here, and looked for in every place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.dashboard_app import page
+from tests.support.scenario_text import study_of
+from workbench.cli import cli
+from workbench.errors import InputError
+from workbench.figures.style import label, line
+from workbench.references import (
+    Limits,
+    Move,
+    PlannedKind,
+    RecordedKind,
+    Shape,
+    add,
+    by_name,
+    forget_added,
+    motion_time_s,
+    move_shape,
+    move_time_s,
+    plan_motion,
+    planned,
+    planned_kind,
+    planned_kinds,
+    usual_kinds,
+)
+from workbench.references.limits import Step
+from workbench.references.time_optimal import shortest_move, shortest_ramp
+from workbench.reports.reference_docs import references_page
+from workbench.reports.study.words import conclusions
+from workbench.study.conclude.sentences import sentences
+from workbench.study.results.finished import read_finished
+from workbench.study.scenario.schema import json_schema
+
+LIMITS = Limits(0.7, 0.5, 1.0)
+RAIL = (0.0, 25.0)
+
+
+@planned(
+    label="half acceleration",
+    words="the trapezoid at half its acceleration",
+    definition="a trapezoid under half of the acceleration limit",
+    ramp=lambda ramp: shortest_ramp(ramp.speed_m_s, ramp.next_speed_m_s, _halved(ramp.limits)),
+    needs_jerk=False,
+    colour="#CC79A7",
+    dash="4px,2px",
+)
+def half_acceleration(move: Move) -> Shape:
+    return shortest_move(move.distance_m, _halved(move.limits))
+
+
+def _halved(limits: Limits) -> Limits:
+    return Limits(limits.speed_m_s, 0.5 * limits.acceleration_m_s2)
+
+
+@pytest.fixture
+def declared() -> Iterator[PlannedKind]:
+    add(half_acceleration)
+    yield half_acceleration
+    forget_added()
+
+
+@pytest.mark.usefixtures("declared")
+def test_its_own_duration_counts_and_not_the_trapezoids() -> None:
+    slower = 12.0 / 0.7 + 0.7 / 0.25
+    assert move_time_s(planned_kind("half_acceleration"), 12.0, LIMITS) == pytest.approx(slower)
+    steps = [Step(by_m=12.0), Step(dwell_s=1.0), Step(by_m=-12.0)]
+    assert motion_time_s(["trapezoid", "half_acceleration"], steps, 4.0, LIMITS, RAIL) == pytest.approx(1 + 2 * slower)
+    plan = plan_motion("half_acceleration", steps, 4.0, LIMITS, RAIL)
+    assert plan.duration_s == pytest.approx(1.0 + 2.0 * slower)
+    assert np.abs(plan.sample(0.01).acceleration_m_s2).max() == pytest.approx(0.25)
+
+
+@pytest.mark.usefixtures("declared")
+def test_its_own_ramp_makes_its_jogs() -> None:
+    plan = plan_motion("half_acceleration", [Step(speed_m_s=0.5, for_s=4.0), Step(speed_m_s=0.0, for_s=3.0)], 4.0,
+                       LIMITS, RAIL)  # fmt: skip
+    assert np.abs(plan.sample(0.01).acceleration_m_s2).max() == pytest.approx(0.25)
+
+
+@pytest.mark.usefixtures("declared")
+def test_a_scenario_runs_it_and_all_that_shows_a_study_shows_it(tmp_path: Path) -> None:
+    study = study_of(tmp_path, "", "references: [trapezoid, ruckig]", "references: [trapezoid, half_acceleration]")
+    assert study.plans["half_acceleration"].duration_s > study.plans["trapezoid"].duration_s
+    assert study.duration_s == study.plans["half_acceleration"].duration_s
+    out, report = tmp_path / "out", tmp_path / "report.html"
+    done = CliRunner().invoke(
+        cli, ["study", str(tmp_path / "scenario.yaml"), "--out", str(out)], catch_exceptions=False
+    )
+    assert done.exit_code == 0, done.output
+    result = read_finished(out)
+    rows = {(row.payload_kg, row.reference): row for row in result.rows}
+    longer = (rows[9000.0, "half_acceleration"]["move_time_s"] - rows[9000.0, "trapezoid"]["move_time_s"]) / 2.0
+    assert longer == pytest.approx(0.7 / 0.3 - 0.7 / 0.6)
+    said = f"At 9000 kg the trapezoid at half its acceleration takes {longer:.2g} s longer per move"
+    assert said in " ".join(sentences(result.rows, 768.0)) and "half_acceleration" in done.output
+    assert "The trapezoid at half its acceleration costs" in " ".join(conclusions(result))
+    CliRunner().invoke(cli, ["report", str(out), "--out", str(report)], catch_exceptions=False)
+    for file in (out / "study.html", report):
+        text = file.read_text(encoding="utf-8")
+        assert "half acceleration" in text and "#CC79A7" in text, file.name
+
+
+@pytest.mark.usefixtures("declared")
+def test_its_name_is_suggested_and_its_label_and_line_are_its_own(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"unknown reference 'half_accelration'; did you mean 'half_acceleration'\?"):
+        study_of(tmp_path, "", "[trapezoid, ruckig]", "[trapezoid, half_accelration]")
+    assert label("half_acceleration") == "half acceleration"
+    assert (line("half_acceleration")["color"], line("half_acceleration")["dash"]) == ("#CC79A7", "4px,2px")
+
+
+@pytest.mark.usefixtures("declared")
+def test_the_schema_and_the_docs_name_it() -> None:
+    assert '"half_acceleration"' in str(json_schema("scenario")).replace("'", '"')
+    assert "| `half_acceleration` | half acceleration | a trapezoid under half" in references_page()
+
+
+@pytest.mark.usefixtures("declared")
+def test_the_dashboard_offers_it() -> None:
+    app = page("Study").run()
+    assert not app.exception
+    choice = next(group for group in app.button_group if group.label == "Against the trapezoid")
+    assert "half acceleration" in [str(option) for option in choice.options]
+
+
+@pytest.mark.usefixtures("declared")
+def test_a_scenario_with_it_is_another_study_where_it_is_declared_otherwise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts = "", "[trapezoid, ruckig]", "[trapezoid, half_acceleration]"
+    first = study_of(tmp_path, *texts).fingerprint
+    monkeypatch.setattr("workbench.references.registry._digest", lambda kind: "other")
+    assert study_of(tmp_path, *texts).fingerprint != first
+
+
+def test_a_scenario_that_names_no_references_runs_the_usual_ones_only(declared: PlannedKind, tmp_path: Path) -> None:
+    assert usual_kinds() == ("trapezoid", "ruckig", "ruckig_equal_time")
+    study = study_of(tmp_path, "", "references: [trapezoid, ruckig]\n", "")
+    assert study.scenario.kinds == usual_kinds()
+    assert json_schema("scenario")["properties"]["references"]["default"] == list(usual_kinds())
+
+
+def test_a_kind_may_take_the_time_of_any_other(declared: PlannedKind) -> None:
+    quick = Limits(LIMITS.speed_m_s, 1.5 * LIMITS.acceleration_m_s2)
+    add(replace(declared, name="quick", move=lambda move: shortest_move(move.distance_m, quick)))
+    as_long = replace(planned_kind("ruckig_equal_time"), name="as_long_as_quick", same_time_as="quick")
+    wanted = 12.0 / 0.7 + 0.7 / 0.75
+    assert move_shape(as_long, 12.0, LIMITS).duration_s == pytest.approx(wanted, abs=1e-9)
+    assert move_time_s(as_long, 12.0, LIMITS) == pytest.approx(wanted, abs=1e-9)
+
+
+def test_a_recorded_kind_is_declared_in_the_same_way(tmp_path: Path) -> None:
+    add(RecordedKind(name="averaged", label="averaged", definition="a run, averaged", smoothed=True))
+    try:
+        text = "[{kind: averaged, campaign: none, run: a}]"
+        with pytest.raises(InputError, match="smoothing_s belongs to kind s_curve, averaged, and to those only"):
+            study_of(tmp_path, "", "[trapezoid, ruckig]", text)
+    finally:
+        forget_added()
+
+
+def test_a_name_is_taken_once() -> None:
+    with pytest.raises(InputError, match="the reference name 'ruckig' is taken"):
+        add(planned_kind("ruckig"))
+
+
+@pytest.mark.parametrize("name", sorted(by_name()))
+def test_every_kind_has_a_label_a_definition_and_a_docs_line(name: str) -> None:
+    kind = by_name()[name]
+    assert kind.label and len(kind.definition.split()) > 3
+    assert f"| `{name}` | {kind.label} |" in references_page()
+
+
+def test_the_docs_are_made_from_the_declarations() -> None:
+    file = Path(__file__).resolve().parents[2] / "docs" / "references.md"
+    said = "run: python -m workbench.reports.reference_docs > docs/references.md"
+    assert file.read_text(encoding="utf-8") == references_page(), said
+
+
+@pytest.mark.parametrize("name", sorted(planned_kinds()))
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.05, 20.0), st.floats(0.1, 2.0), st.floats(0.1, 2.0), st.floats(0.2, 5.0))
+def test_a_kinds_duration_is_that_of_its_shape(
+    name: str, distance_m: float, speed: float, acceleration: float, jerk: float
+) -> None:
+    kind, limits = planned_kinds()[name], Limits(speed, acceleration, jerk)
+    took = move_shape(kind, distance_m, limits).duration_s
+    assert math.isclose(move_time_s(kind, distance_m, limits), took, rel_tol=1e-9, abs_tol=1e-8)
+
+
+@pytest.mark.parametrize("name", sorted(name for name, kind in planned_kinds().items() if kind.needs_jerk))
+def test_a_kind_that_needs_a_jerk_limit_says_so(name: str) -> None:
+    with pytest.raises(InputError, match=f"jerk_m_s3: '{name}' needs a finite jerk limit"):
+        move_time_s(planned_kind(name), 1.0, Limits(0.7, 0.5))

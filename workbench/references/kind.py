@@ -1,0 +1,105 @@
+"""How a kind of reference is declared.
+
+A kind that is planned is a function from a move to its shape, under `@planned(...)`:
+
+    @planned(
+        label="trapezoid", words="the trapezoid", definition="constant acceleration, speed and deceleration",
+        ramp=ramp_of_a_trapezoid, needs_jerk=False, colour="#D55E00",
+    )
+    def trapezoid(move: Move) -> Shape:
+        return shortest_move(move.distance_m, move.limits.without_jerk_limit())
+
+Its name is the function's. Scenario files, their schema, errors, studies, sentences, tables, figures, the dashboard
+and docs/references.md read the declaration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from workbench.errors import InputError
+from workbench.references.limits import Limits
+from workbench.references.shape import Shape
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move from rest to rest, to be planned.
+
+    distance_m: up positive. time_s: what the kind named by `same_time_as` takes for it; NaN without one.
+    """
+
+    distance_m: float
+    limits: Limits
+    time_s: float = math.nan
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A change from one steady speed to another, to be planned: part of a jog. Up positive.
+
+    time_s: what the kind named by `same_time_as` takes for it; NaN without one.
+    """
+
+    speed_m_s: float
+    next_speed_m_s: float
+    limits: Limits
+    time_s: float = math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceKind:
+    """What every kind of reference declares.
+
+    name: in scenario files and results. label: in legends and choices. definition: in docs/references.md.
+    colour, dash: of its lines in figures, "" for a spare colour; the palette is that of Okabe and Ito.
+    """
+
+    name: str
+    label: str
+    definition: str
+    colour: str = ""
+    dash: str = "solid"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedKind(ReferenceKind):
+    """A kind that is planned from moves and limits.
+
+    move: the shape of a move from rest to rest. ramp: the shape of a change of speed, which a jog holds afterwards.
+    duration: what a move takes (s) without its shape, where that is cheaper. same_time_as: the kind whose duration
+    the functions get as `time_s`, "" for none. needs_jerk: a finite jerk limit is asked for. words: the subject of
+    a sentence that compares it with the baseline. usual: a scenario that names no references runs it.
+    """
+
+    words: str
+    move: Callable[[Move], Shape] = field(repr=False)
+    ramp: Callable[[Ramp], Shape] = field(repr=False)
+    duration: Callable[[Move], float] | None = field(default=None, repr=False)
+    same_time_as: str = ""
+    needs_jerk: bool = True
+    usual: bool = False
+
+    def check(self, limits: Limits) -> None:
+        """InputError where a jerk limit is missing."""
+        if self.needs_jerk and math.isinf(limits.jerk_m_s3):
+            raise InputError(f"'{self.name}' needs a finite jerk limit; without one use 'trapezoid'", place="jerk_m_s3")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedKind(ReferenceKind):
+    """A kind that follows a campaign's run. smoothed: the recorded speed is averaged over `smoothing_s`."""
+
+    smoothed: bool = False
+
+
+def planned(**declared: Any) -> Callable[[Callable[[Move], Shape]], PlannedKind]:
+    """Declare the function below as a kind of reference; the keywords are `PlannedKind`'s."""
+
+    def declare(move: Callable[[Move], Shape]) -> PlannedKind:
+        return PlannedKind(**({"name": move.__name__} | declared), move=move)
+
+    return declare

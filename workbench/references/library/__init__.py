@@ -1,0 +1,1 @@
+"""The kinds of references that ship, each declared once."""
