@@ -21,6 +21,7 @@ LAYERS = [
     ("trace",),
     ("machine",),
     ("plants",),
+    ("kinds",),
     ("engine",),
     ("logs", "control", "references", "metrics"),
     ("effects",),
@@ -39,7 +40,7 @@ LAYERS = [
 LEVEL = {name: level for level, row in enumerate(LAYERS) for name in row}
 
 # The physics' floor stays quick to import and knows no screens.
-FLOOR = ("errors", "yaml_strict", "run", "trace", "machine", "plants", "engine")
+FLOOR = ("errors", "yaml_strict", "run", "trace", "machine", "plants", "kinds", "engine")
 TOO_HEAVY_FOR_THE_FLOOR = {"scipy", "control", "streamlit", "plotly", "pandas", "matplotlib"}
 TOO_HEAVY_FOR_HELP = ["numpy", "numba", "scipy", "pydantic", "plotly", "pyarrow", "control", "pandas", "streamlit"]
 

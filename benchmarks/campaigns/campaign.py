@@ -14,30 +14,31 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from benchmarks.campaigns.content import Content, RunPlan, travel_m
-from benchmarks.campaigns.kernel import simulate
-from benchmarks.campaigns.profiles import reference
-from benchmarks.campaigns.sensors import Sensors, log_columns
-from benchmarks.campaigns.truth import Truth, true_truth
+from benchmarks.campaigns.content import Content
+from benchmarks.campaigns.kind import RunPlan
+from benchmarks.campaigns.sensors import Columns, Sensors, Window, sampled
 from workbench.machine import save_machine
 
 Array = npt.NDArray[np.float64]
-CURRENT_NOISE = 1.6e-4  # of the largest torque, each millisecond
-ENCODER_NOISE_RAD_S = 0.01  # of the drive's own speed signal
 
 
 @dataclass(frozen=True)
 class Label:
-    """What a campaign holds: keys of the practice labels first, then the truth under the workbench's names."""
+    """What a campaign holds: keys of the practice labels first, then the truth under the workbench's names.
+
+    events: of brief events the run, from_s, to_s and subsystem of each.
+    """
 
     effects: tuple[str, ...]
-    events: tuple[str, ...]
+    events: tuple[dict[str, Any], ...]
     values: dict[str, float]
     where: tuple[dict[str, str], ...]
     alike: tuple[str, ...]
     signals: str
     parameters: dict[str, dict[str, float]]
+    case: str
     kind: str
+    family: str
     machine: str
     seed: tuple[int, ...]
     truth: dict[str, float]
@@ -50,70 +51,57 @@ class Label:
 
 @dataclass(frozen=True)
 class Built:
-    """A true machine: what the kernel takes, its sensors, and true over stated payload."""
+    """A true machine: what the kernel takes, and its sensors."""
 
-    truth: Truth
+    truth: Any
     sensors: Sensors
-    payload_scale: float
-
-
-def built(content: Content, seeds: Sequence[int]) -> Built:
-    """The true machine: nominal within its tolerances, then what ails it."""
-    rng, tol, motor = np.random.default_rng([*seeds, 4]), content.machine.tolerances, content.machine.motor
-    truth = true_truth(content.machine, rng)
-    sensors = Sensors(
-        gain=1.0 + tol.torque_gain * rng.normal(),
-        offset_nm=tol.torque_offset_nm * rng.normal(),
-        # Both practice machines, of 250 and 480 N m, show the same.
-        torque_noise_nm=1.95 * min(1.0, motor.nominal_torque_nm / 250.0) * max(1.0, motor.nominal_torque_nm / 500.0),
-    )
-    scale = 1.0 + tol.payload * rng.normal()
-    for cause in content.causes:
-        put = dict(cause.truth)
-        scale = put.pop("mp_scale", scale)
-        truth = truth._replace(
-            J_m=truth.J_m + put.pop("Jg", 0.0),
-            m_c=truth.m_c + put.pop("dm_c", 0.0),
-            rho=truth.rho + put.pop("rho_extra", 0.0),
-        )
-        truth = truth._replace(**put)
-        sensors = replace(sensors, **dict(cause.log))
-    return Built(truth, sensors, scale)
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """A run's record, (n, COLUMNS) of the kernel, and its speed reference, a row each millisecond."""
+    """A run's record, (n, columns of the kernel), its speed reference, (n,), and when an event works in it."""
 
     plan: RunPlan
-    truth: Truth
+    truth: Any
     record: Array
     reference: Array
+    window: Window | None
+
+
+def built(content: Content, seeds: Sequence[int]) -> Built:
+    """The true machine: nominal within its tolerances, with what its family has beside, then what ails it."""
+    kind, rng = content.kind, np.random.default_rng([*seeds, 4])
+    truth = kind.truth(content.drawn, content.family, rng)
+    sensors = kind.sensors(rng, content.drawn, content.family, content.logging)
+    for cause in content.causes:
+        truth = kind.ailing(truth, cause)
+        changed: dict[str, Any] = dict(cause.log)
+        sensors = replace(sensors, **changed)
+    return Built(truth, sensors)
 
 
 def simulated(content: Content, machine: Built, number: int, seeds: Sequence[int]) -> Simulated:
     """Run `number` of the campaign. Its streams do not depend on what ails the machine."""
-    plan, nominal = content.runs[number], content.machine
+    kind, plan = content.kind, content.runs[number]
     of_run, of_causes = (np.random.default_rng([*seeds, k, number]) for k in (5, 6))
-    speed = reference(
-        plan.profile,
-        of_run,
-        duration_s=content.duration_s,
-        speed_rad_s=nominal.motor.nominal_speed_rad_s,
-        room_rad=travel_m(nominal, content.duration_s) / nominal.lift_m_per_rad,
-    )
-    # The last motion left some of the friction in the bristles; most operators let it go before they log.
-    left = of_run.uniform(-0.8, 0.8) * (of_run.random() < 0.3)
-    truth = machine.truth._replace(
-        m_p=machine.payload_scale * plan.payload_kg,
-        x_0=plan.start_position_m,
-        start_time_s=plan.start_time_s,
-        z_0=left * machine.truth.bristles,
-        **{name: of_causes.uniform(*span) for cause in content.causes for name, span in cause.per_run.items()},
-    )
-    current = of_run.normal(scale=CURRENT_NOISE * truth.T_max, size=len(speed))
-    encoder = of_run.normal(scale=ENCODER_NOISE_RAD_S, size=len(speed))
-    return Simulated(plan, truth, simulate(truth, speed, current, encoder), speed)
+    speed, pulses = kind.excitation(of_run, plan, content.drawn)
+    drawn = {name: of_causes.uniform(*span) for cause in content.causes for name, span in cause.per_run.items()}
+    truth = kind.in_run(machine.truth, plan, of_run)._replace(**drawn)
+    window = _window(content, number, speed)
+    if window:
+        truth = truth._replace(event_t=window.from_s, event_s=window.length_s)
+    record = kind.move(of_run, content.drawn, truth, content.family, speed, pulses)
+    return Simulated(plan, truth, record, speed, window)
+
+
+def _window(content: Content, number: int, reference: Array) -> Window | None:
+    """When the event of this run works: it begins while the reference moves."""
+    for event in (cause.event for cause in content.causes if cause.event):
+        if number == int(event.run * len(content.runs)):
+            moving = np.flatnonzero(reference != 0.0)
+            begins = float(moving[int(event.moment * len(moving))]) * content.kind.record_s
+            return Window(begins, min(event.length_s, 0.1 * content.runs[number].duration_s))
+    return None
 
 
 def make_campaign(folder: Path, seed: int | Sequence[int], content: Content) -> Label:
@@ -123,65 +111,81 @@ def make_campaign(folder: Path, seed: int | Sequence[int], content: Content) -> 
     part = folder.with_name(f".{folder.name}.part-{os.getpid()}")
     shutil.rmtree(part, ignore_errors=True)
     (part / "runs").mkdir(parents=True)
-    save_nominal(content, part / "machine.yaml")
+    save_nominal(content.machine, part / "machine.yaml")
     of_log, walk = (np.random.default_rng([*seeds, k]) for k in (7, 8))
     entries: list[dict[str, Any]] = []
+    events: list[dict[str, Any]] = []
     wander = 0.0
     for number, plan in enumerate(content.runs):
         run = simulated(content, machine, number, seeds)
-        columns, wander = log_columns(
-            run.record,
-            run.reference,
-            machine.sensors,
-            of_log,
-            walk,
-            rate_hz=content.rate_hz,
-            wander_nm=wander,
-            full=content.full_signals,
-            sum_only=content.sum_only,
-            with_reference=content.with_reference,
-        )
+        columns, wander = log_columns(content, machine.sensors, run, of_log, walk, wander)
         file = f"runs/{plan.name}.csv"
         (part / file).write_text(csv_text(columns), encoding="utf-8")
-        said = {"payload_kg": plan.payload_kg, "start_position_m": plan.start_position_m}
-        entries.append({"name": plan.name, "file": file, **said, "start_time_s": plan.start_time_s})
+        entries.append({"name": plan.name, "file": file, **content.kind.said(plan), "start_time_s": plan.start_time_s})
+        if run.window:
+            begins, ends = run.window.from_s, run.window.from_s + run.window.length_s
+            place = next(cause.subsystem for cause in content.causes if cause.event)
+            events.append({"run": plan.name, "from_s": rounded(begins), "to_s": rounded(ends), "subsystem": place})
     (part / "runs.yaml").write_text(yaml.safe_dump({"runs": entries}, sort_keys=False), encoding="utf-8")
-    label = label_of(content, machine, seeds)
+    label = label_of(content, machine, seeds, tuple(events))
     os.replace(part, folder)
     return label
 
 
-def save_nominal(content: Content, path: Path) -> None:
-    """machine.yaml as an engineer would have it: no drive, rail or sensor blocks, which nobody measured."""
-    save_machine(content.machine, path)
+def log_columns(
+    content: Content, sensors: Sensors, run: Simulated, rng: np.random.Generator, walk: np.random.Generator,
+    wander: float,
+) -> tuple[Columns, float]:  # fmt: skip
+    """Columns of the run's log by signal name, each with its digits, and where the input's sensor has wandered to."""
+    kind, logging = content.kind, content.logging
+    samples, wander = sampled(
+        run.record[:, kind.input], run.record[:, kind.speed], kind.motion(run.record), kind.record_s, sensors, rng,
+        walk, rate_hz=logging.rate_hz, uneven=logging.uneven, wander=wander, window=run.window,
+    )  # fmt: skip
+    columns = kind.columns(samples, run.record, run.reference, sensors, rng, content.drawn, run.plan, logging)
+    return columns, wander
+
+
+def save_nominal(machine: Any, path: Path) -> None:
+    """machine.yaml as an engineer would have it: tolerances where they are stated; no drive, rail or sensor blocks,
+    which nobody measured."""
+    save_machine(machine, path)
     data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    for key in ("format", "kind", "drive", "rail", "sensors"):
+    gone = ["format", "drive", "rail", "sensors", "effects", "identified", "measured_correction"]
+    gone += ["kind"] if data.get("kind") == "hoist" else []
+    for key in gone:
         data.pop(key, None)
+    if "kind" in data and not ("tolerances" in machine.model_fields_set and machine.tolerances.model_fields_set):
+        data.pop("tolerances", None)
     path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
 
 
-def label_of(content: Content, machine: Built, seeds: Sequence[int]) -> Label:
+def label_of(content: Content, machine: Built, seeds: Sequence[int], events: tuple[dict[str, Any], ...]) -> Label:
     causes = content.causes
-    alike = () if content.full_signals else tuple(a for c in causes for a in c.alike if a not in {c.name})
+    alike = () if "tension" in content.logging.logs else tuple(
+        other for cause in causes for other in cause.alike if other != cause.name
+    )  # fmt: skip
     return Label(
         effects=tuple(cause.name for cause in causes),
-        events=(),
+        events=events,
         values={name: rounded(value) for cause in causes for name, value in cause.values.items()},
         where=tuple({"subsystem": cause.subsystem, "regime": cause.regime} for cause in causes),
         alike=alike,
-        signals="full" if content.full_signals else "basic",
+        signals="+".join(content.logging.logs),
         parameters={
             name: {key: rounded(value) for key, value in numbers.items()}
             for cause in causes
             for name, numbers in cause.library.items()
         },
-        kind=content.kind,
+        case=content.case,
+        kind=content.kind.name,
+        family=content.family.name,
         machine=content.machine.name,
         seed=tuple(seeds),
         truth={
             **{name: rounded(value) for name, value in machine.truth._asdict().items()},
-            **{f"sensor_{name}": value for name, value in asdict(machine.sensors).items()},
-            "payload_scale": machine.payload_scale,
+            **{f"sensor_{name}": rounded(float(value)) for name, value in asdict(machine.sensors).items()},
+            "rate_hz": content.logging.rate_hz,
         },
     )
 
@@ -190,7 +194,7 @@ def rounded(value: float) -> float:
     return float(f"{value:.7g}")
 
 
-def csv_text(columns: dict[str, tuple[Array, int]]) -> str:
+def csv_text(columns: Columns) -> str:
     header = ",".join(columns)
     texts = [np.char.mod(f"%.{digits}f", values) for values, digits in columns.values()]
     return header + "\n" + "\n".join(map(",".join, zip(*texts, strict=True))) + "\n"

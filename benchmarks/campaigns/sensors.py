@@ -1,104 +1,137 @@
-"""From a run's record to the columns of its log: what sensors and logger make of the truth."""
+"""From a run's record to samples of its log: what sensors and logger of either kind make of the truth."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-
-from benchmarks.campaigns.kernel import HEIGHT, RECORD_S, SPEED, TENSION, TORQUE
+from scipy.signal import lfilter
 
 Array = npt.NDArray[np.float64]
+Columns = dict[str, tuple[Array, int]]
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """A machine's sensors. Noise, one standard deviation a sample: as measured on the practice logs."""
+    """Input: the motors' torque or the force. Noise: one standard deviation a sample.
 
+    The log shows gain · true + offset, with gain_forward more of it forward and less backward (turned over within
+    speed_turn), and bend · true · |true|; low-passed with filter_s, wandering by walk_per_sqrt_s, held within
+    dead_band. While an event lasts, a glitch adds to it, and the encoder loses slip (relative) of the way. Motion is
+    shown delay_s + late_s late: late_s for channels of one log that rarely agree. count: the encoder's step; encoder:
+    the logged speed is the difference of its counts over the drive's step, averaged over window_s. jitter_s: samples
+    are taken that much beside their stamps.
+    """
+
+    input_noise: float
+    speed_noise: float
+    speed_turn: float
+    count: float
+    encoder: bool = False
+    window_s: float = 0.0
+    jitter_s: float = 0.0
+    late_s: float = 0.0
     gain: float = 1.0
-    offset_nm: float = 0.0
+    offset: float = 0.0
     filter_s: float = 0.0
     delay_s: float = 0.0
-    gain_hoisting: float = 0.0
-    walk_nm_per_sqrt_s: float = 0.0
-    dead_band_nm: float = 0.0
-    bend_per_nm: float = 0.0
-    torque_noise_nm: float = 1.95  # of one motor; scaled with small and with large motors
-    speed_noise_rad_s: float = 0.029
-    position_noise_m: float = 0.0005
-    tension_noise_n: float = 117.0
-    tension_step_n: float = 10.0
-    share_std: float = 0.008  # by which a motor's share of the torque is off one half, drawn each run
+    gain_forward: float = 0.0
+    walk_per_sqrt_s: float = 0.0
+    dead_band: float = 0.0
+    bend: float = 0.0
+    glitch: float = 0.0
+    slip: float = 0.0
 
 
-def log_columns(
-    record: Array,
-    reference: Array,
-    sensors: Sensors,
-    rng: np.random.Generator,
-    walk: np.random.Generator,
-    *,
-    rate_hz: float,
-    wander_nm: float = 0.0,
-    full: bool = False,
-    sum_only: bool = False,
-    with_reference: bool = True,
-) -> tuple[dict[str, tuple[Array, int]], float]:
-    """Columns by signal name, each with its number of digits, and where the torque sensor has wandered to.
+@dataclass(frozen=True)
+class Window:
+    """When an event works in one run, s; nothing works outside."""
 
-    record: (n, COLUMNS) of the kernel, a row each millisecond. walk: the stream that the torque sensor wanders
-    by. wander_nm: where it stood before.
+    from_s: float
+    length_s: float
+
+    def pulse(self, time_s: Array) -> Array:
+        """A smooth rise and fall, 0 to 1, over the window."""
+        u: Array = (time_s - self.from_s) / self.length_s
+        out: Array = np.where((u > 0.0) & (u < 1.0), 0.5 * (1.0 - np.cos(2.0 * math.pi * u)), 0.0)
+        return out
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Samples of one run's log, (n,) each: stamps, s; the record's rows at the stamps; input before noise; speed; and
+    position of the encoder before its steps."""
+
+    time_s: Array
+    rows: npt.NDArray[np.int64]
+    input: Array
+    speed: Array
+    position: Array
+
+
+def shown_input(
+    true: Array, speed: Array, step_s: float, s: Sensors, walk: np.random.Generator, wander: float,
+    window: Window | None = None,
+) -> tuple[Array, float]:  # fmt: skip
+    """Input as its sensor shows it, before noise, and where the sensor has wandered to from `wander`.
+
+    true, speed: (n,), each step_s. walk: the stream that it wanders by.
     """
-    every = round(1.0 / rate_hz / RECORD_S)
-    time = np.arange(len(record), dtype=np.float64) * RECORD_S
-    torque, wander_nm = shown_torque(record, sensors, walk, wander_nm)
-    speed = np.interp(time - sensors.delay_s, time, record[:, SPEED])
-    rows = slice(None, None, every)
-    n = len(record[rows])
-    torque = dead_band(torque[rows], sensors.dead_band_nm)
-    share = 0.5 + sensors.share_std * rng.normal()
-    noise = rng.normal(scale=sensors.torque_noise_nm, size=(2, n))
-    first, second = share * torque + noise[0], (1.0 - share) * torque + noise[1]
-    columns: dict[str, tuple[Array, int]] = {"time_s": (time[rows], 3 if every % 10 else 2)}
-    if sum_only:
-        columns["torque_motor_nm"] = (first + second, 1)
-    else:
-        columns |= {"torque_motor1_nm": (first, 1), "torque_motor2_nm": (second, 1)}
-    columns["speed_motor_rad_s"] = (speed[rows] + rng.normal(scale=sensors.speed_noise_rad_s, size=n), 2)
-    if with_reference:
-        columns["speed_reference_rad_s"] = (reference[rows], 3)
-    if full:
-        height = record[rows, HEIGHT] + rng.normal(scale=sensors.position_noise_m, size=n)
-        tension = record[rows, TENSION] + rng.normal(scale=sensors.tension_noise_n, size=n)
-        columns["position_carriage_m"] = (height, 4)
-        columns["tension_dead_line_n"] = (sensors.tension_step_n * np.round(tension / sensors.tension_step_n), 0)
-    return columns, wander_nm
+    shown: Array = s.gain * true + s.offset
+    shown = shown * (1.0 + s.gain_forward * np.tanh(speed / s.speed_turn)) + s.bend * true * np.abs(true)
+    if window is not None and s.glitch:
+        shown = shown + s.glitch * window.pulse(np.arange(len(true), dtype=np.float64) * step_s)
+    if s.walk_per_sqrt_s > 0.0:
+        wandering = wander + np.cumsum(walk.normal(scale=s.walk_per_sqrt_s * math.sqrt(step_s), size=len(true)))
+        shown, wander = shown + wandering, float(wandering[-1])
+    if s.filter_s > 0.0:  # first order, exact for an input held between samples; long settled at the start
+        left = math.exp(-step_s / s.filter_s)
+        shown = np.asarray(lfilter([1.0 - left], [1.0, -left], shown, zi=[left * shown[0]])[0])
+    return shown, wander
 
 
-def shown_torque(record: Array, s: Sensors, walk: np.random.Generator, wander_nm: float) -> tuple[Array, float]:
-    """The sum of torques as the sensor shows it, before noise."""
-    true = record[:, TORQUE]
-    shown: Array = s.gain * true + s.offset_nm
-    shown = shown * (1.0 + s.gain_hoisting * np.tanh(record[:, SPEED])) + s.bend_per_nm * true * np.abs(true)
-    if s.walk_nm_per_sqrt_s > 0.0:
-        steps = walk.normal(scale=s.walk_nm_per_sqrt_s * np.sqrt(RECORD_S), size=len(true))
-        wandering = wander_nm + np.cumsum(steps)
-        shown, wander_nm = shown + wandering, float(wandering[-1])
-    if s.filter_s > 0.0:
-        shown = _low_passed(shown, s.filter_s)
-    return shown, wander_nm
+def encoder_speed(position: Array, step_s: float, count: float, window_s: float) -> Array:
+    """Speed as a drive has it: the difference of counted position over each step, averaged over the last window_s."""
+    counted = count * np.floor(position / count)
+    speed = np.diff(counted, prepend=counted[:1]) / step_s
+    width = max(1, round(window_s / step_s))
+    return np.asarray(lfilter(np.full(width, 1.0 / width), [1.0], speed))
 
 
-def _low_passed(values: Array, tau_s: float) -> Array:
-    """First order, exact for an input held between samples; long settled at the start."""
-    left = np.exp(-RECORD_S / tau_s)
-    out = np.empty_like(values)
-    state = values[0]
-    for k, value in enumerate(values):
-        state = value + left * (state - value)
-        out[k] = state
-    return out
+def sampled(
+    true: Array, speed: Array, position: Array, step_s: float, s: Sensors, rng: np.random.Generator,
+    walk: np.random.Generator, *, rate_hz: float, uneven: bool = False, wander: float = 0.0,
+    window: Window | None = None,
+) -> tuple[Sampled, float]:  # fmt: skip
+    """Samples of one run, and where the input's sensor has wandered to.
+
+    true, speed, position: (n,) of input and motion, each step_s.
+    """
+    time = np.arange(len(true), dtype=np.float64) * step_s
+    shown, wander = shown_input(true, speed, step_s, s, walk, wander, window)
+    rows = logged_rows(len(true), rate_hz, step_s, uneven, rng)
+    taken = time[rows] + (rng.normal(scale=s.jitter_s, size=len(rows)) if s.jitter_s > 0.0 else 0.0)
+    motion_s = taken - s.late_s - s.delay_s
+    if window is not None and s.slip:
+        lost = s.slip * window.pulse(time) * speed
+        speed, position = speed - lost, position - np.cumsum(lost) * step_s
+    quick = encoder_speed(position, step_s, s.count, s.window_s) if s.encoder else speed
+    seen = np.interp(motion_s, time, quick)
+    if s.speed_noise > 0.0 and not s.encoder:
+        seen = seen + rng.normal(scale=s.speed_noise, size=len(rows))
+    held = dead_band(np.interp(taken, time, shown), s.dead_band)
+    return Sampled(time[rows], rows, held, seen, np.interp(motion_s, time, position)), wander
+
+
+def logged_rows(n: int, rate_hz: float, step_s: float, uneven: bool, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+    """Rows of the record that the log has; uneven: up to a fifth of a step early or late."""
+    every = round(1.0 / rate_hz / step_s)
+    rows = np.arange(0, n, every)
+    if uneven:
+        rows[1:-1] += rng.integers(-(every // 5), every // 5 + 1, size=len(rows) - 2)
+    return rows
 
 
 def dead_band(values: Array, band: float) -> Array:
@@ -112,3 +145,8 @@ def dead_band(values: Array, band: float) -> Array:
             held = value
         out[k] = held
     return out
+
+
+def digits(smallest: float) -> int:
+    """Behind the point, so that `smallest` is still written."""
+    return max(0, math.ceil(-math.log10(smallest)))

@@ -1,4 +1,4 @@
-"""How large an effect is: the torque that it changes in each second of each run, known since the truth is."""
+"""How large an effect is: the input that it changes in each second of each run, known since the truth is."""
 
 from __future__ import annotations
 
@@ -10,40 +10,41 @@ import numpy.typing as npt
 
 from benchmarks.campaigns.campaign import Built, Simulated, built, simulated
 from benchmarks.campaigns.content import Content
-from benchmarks.campaigns.kernel import RECORD_S
-from benchmarks.campaigns.sensors import shown_torque
+from benchmarks.campaigns.kind import Kind
+from benchmarks.campaigns.sensors import shown_input
 
 Array = npt.NDArray[np.float64]
-SMOOTH_S = 0.25  # twice: about 1.3 Hz at −3 dB, below the carriage's swing on its wire
+BOX = 0.32  # two boxes of this over f lose 3 dB at f
 
 
 @dataclass(frozen=True)
 class Change:
-    """rms_nm: of the motors' torque, noise apart, low-passed, while the reference moves, over all runs.
+    """rms_nm: of the input, noise apart, low-passed, while the reference moves, over all runs; N on a linear axis.
     by_second_nm: run -> its rms in each second, standing included."""
 
     rms_nm: float
     by_second_nm: dict[str, list[float]]
 
 
-def torque_change(content: Content, seed: int | Sequence[int]) -> Change:
+def input_change(content: Content, seed: int | Sequence[int]) -> Change:
     """With the causes less without them, all else alike: the same machine, runs and noise of the drive.
 
-    A late speed is counted as the torque's change over that delay. What a refit within the tolerances would
-    take up is still in it.
+    A late speed is counted as the input's change over that delay, a speed that is shown too low as the torque of the
+    inertia that its change would take. What a refit within the tolerances would take up
+    is still in it; so is what the machine then does differently.
     """
     seeds = (seed,) if isinstance(seed, int) else tuple(seed)
-    well = replace(content, causes=())
+    well, kind = replace(content, causes=()), content.kind
     ill_machine, well_machine = built(content, seeds), built(well, seeds)
+    width = max(1, round(BOX / kind.band_hz(content.logging.rate_hz) / kind.record_s))
     wander = 0.0
     walk = np.random.default_rng([*seeds, 8])
     pairs = []
     for number, plan in enumerate(content.runs):
-        ill = simulated(content, ill_machine, number, seeds)
-        sound = simulated(well, well_machine, number, seeds)
-        shown, wander = _shown(ill, ill_machine, walk, wander)
-        pairs.append((plan.name, shown - _shown(sound, well_machine, walk, 0.0)[0], ill.reference != 0.0))
-    return change_of(pairs, round(SMOOTH_S / RECORD_S), RECORD_S)
+        ill, sound = simulated(content, ill_machine, number, seeds), simulated(well, well_machine, number, seeds)
+        shown, wander = _shown(kind, ill, ill_machine, walk, wander)
+        pairs.append((plan.name, shown - _shown(kind, sound, well_machine, walk, 0.0)[0], ill.reference != 0.0))
+    return change_of(pairs, width, kind.record_s)
 
 
 def change_of(runs: Sequence[tuple[str, Array, npt.NDArray[np.bool_]]], width: int, step_s: float) -> Change:
@@ -59,10 +60,16 @@ def change_of(runs: Sequence[tuple[str, Array, npt.NDArray[np.bool_]]], width: i
     return Change(float(f"{np.sqrt(squares / max(count, 1)):.4g}"), by_second)
 
 
-def _shown(run: Simulated, machine: Built, walk: np.random.Generator, wander: float) -> tuple[Array, float]:
-    torque, wander = shown_torque(run.record, machine.sensors, walk, wander)
-    time = np.arange(len(torque)) * RECORD_S
-    return np.interp(time + machine.sensors.delay_s, time, torque), wander
+def _shown(kind: Kind, run: Simulated, machine: Built, walk: np.random.Generator, wander: float) -> tuple[Array, float]:
+    speed = run.record[:, kind.speed]
+    shown, wander = shown_input(
+        run.record[:, kind.input], speed, kind.record_s, machine.sensors, walk, wander, run.window
+    )
+    time = np.arange(len(shown), dtype=np.float64) * kind.record_s
+    if run.window is not None and machine.sensors.slip:
+        missed = machine.sensors.slip * run.window.pulse(time) * speed
+        shown = shown + kind.inertia(run.truth) * np.gradient(missed, kind.record_s)
+    return np.interp(time + machine.sensors.delay_s, time, shown), wander
 
 
 def _smooth(values: Array, width: int) -> Array:

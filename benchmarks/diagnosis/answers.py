@@ -21,8 +21,10 @@ class Answer:
     """A campaign's label, and the diagnosis' answer beside what it weighed.
 
     word: the verdict, or "refused" where it took the runs for unfit; `warnings` says why.
-    weighed: a row for each hypothesis: names, merit, earned. misfit: clear, slow, and the tolerances' pull
-    of the best hypothesis. estimates: effect -> name -> (value, standard error).
+    weighed: a row for each hypothesis: names, merit, and how it fits. counted: names and merit of those that took part
+    in the ranking, no names for what speaks for an unknown cause. evidence: what speaks for one besides. estimates:
+    effect -> name -> (value, standard error). places: subsystem and probability. explained: share of the gap's energy.
+    left: rms, percent_of_input, relevant. The last three are empty where the diagnosis says nothing of them.
     """
 
     folder: str
@@ -33,6 +35,7 @@ class Answer:
     alike: tuple[str, ...]
     ranking: list[tuple[str, list[str], float]]
     weighed: list[dict[str, Any]]
+    counted: list[tuple[list[str], float]]
     evidence: dict[str, float]
     estimates: dict[str, dict[str, Any]]
     before: float
@@ -43,25 +46,26 @@ class Answer:
     windows: list[tuple[str, float, float]]
     cpu_s: float
     wall_s: float
-    warnings: tuple[str, ...] = field(default=())
+    kind: str = ""
+    places: list[tuple[str, float]] = field(default_factory=list)
+    explained: float | None = None
+    left: dict[str, Any] | None = None
+    warnings: tuple[str, ...] = ()
 
 
 def answer(folder: Path, label: Path, withheld: Sequence[str] = (), most_effects: int = 2) -> Answer:
     """Diagnose one campaign; `withheld` effects are taken out of the library first, and laws that hold them."""
     campaign = read_campaign(folder)
     kind = plant_of(campaign.machine).kind
-    gone = set(withheld) | {
-        each.id
-        for each in chosen_effects(campaign, None)
-        if any(same_but_freer(each.id, one, kind) for one in withheld)
-    }
-    listed = [each.id for each in chosen_effects(campaign, None) if each.id not in gone]
+    names = [effect.id for effect in chosen_effects(campaign, None)]
+    gone = {name for name in names if any(name == one or same_but_freer(name, one, kind) for one in withheld)}
+    listed = [name for name in names if name not in gone]
     cpu, wall = time.process_time(), time.monotonic()
     try:
-        found = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
+        diagnosis = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
     except InputError as error:
         return _refused(folder, label, tuple(withheld), str(error), time.process_time() - cpu, time.monotonic() - wall)
-    return _kept(found, folder, label, tuple(withheld), time.process_time() - cpu, time.monotonic() - wall)
+    return _kept(diagnosis, folder, label, tuple(withheld), time.process_time() - cpu, time.monotonic() - wall)
 
 
 def _refused(folder: Path, label: Path, withheld: tuple[str, ...], why: str, cpu: float, wall: float) -> Answer:
@@ -69,8 +73,8 @@ def _refused(folder: Path, label: Path, withheld: tuple[str, ...], why: str, cpu
     told.pop("truth", None)
     return Answer(
         folder=folder.name, withheld=withheld, label=told, word="refused", names=(), alike=(),
-        ranking=[("refused", [], 1.0)], weighed=[], evidence={}, estimates={}, before=0.0, after=0.0, noise=0.0,
-        subsystem="", regime="", windows=[], cpu_s=cpu, wall_s=wall, warnings=(why,),
+        ranking=[("refused", [], 1.0)], weighed=[], counted=[], evidence={}, estimates={}, before=0.0, after=0.0,
+        noise=0.0, subsystem="", regime="", windows=[], cpu_s=cpu, wall_s=wall, warnings=(why,),
     )  # fmt: skip
 
 
@@ -85,18 +89,8 @@ def _kept(d: Diagnosis, folder: Path, label: Path, withheld: tuple[str, ...], cp
         names=d.verdict.effects,
         alike=d.verdict.alike,
         ranking=[(row.verdict, list(row.effects), row.probability) for row in d.verdict.ranking[:8]],
-        weighed=[
-            {
-                "names": [] if w.rival else list(w.names),
-                "merit": w.merit,
-                "earned": w.earned,
-                "fit": list(w.names),
-                "chi2": w.fit.chi2,
-                "prior": w.fit.prior,
-                "parameters": len(w.fit.z) - len(d.found.base.z),
-            }
-            for w in d.judged.weighed
-        ],
+        weighed=[_weighed(w, len(d.found.base.z)) for w in d.judged.weighed],
+        counted=[(list(names), merit) for names, merit in _counted(d.judged)],
         evidence=dict(d.judged.evidence),
         estimates={
             name: {e.name: (e.value, e.std_error) for e in rows}
@@ -110,8 +104,35 @@ def _kept(d: Diagnosis, folder: Path, label: Path, withheld: tuple[str, ...], cp
         windows=[(w.run, w.from_s, w.to_s) for w in d.where.windows] if d.where else [],
         cpu_s=cpu,
         wall_s=wall,
-        warnings=d.warnings,
+        kind=str(told.get("kind") or plant_of(d.campaign.machine).kind.partition("-")[0]),
+        places=[(place.subsystem, place.probability) for place in getattr(d, "places", ())],
+        explained=_said(d, "explained"),
+        left=None if (left := _said(d, "left")) is None else asdict(left),
+        warnings=tuple(map(str, d.warnings)),
     )
+
+
+def _said(d: Diagnosis, name: str) -> Any:
+    """A later part of the diagnosis, of itself or of its verdict; None before it has one."""
+    return getattr(d, name, getattr(d.verdict, name, None))
+
+
+def _counted(judged: Any) -> list[tuple[tuple[str, ...], float]]:
+    """Names and merits as they were ranked; what speaks for an unknown cause has no names."""
+    own = getattr(judged, "counted", None)
+    return list(own) if own is not None else [(() if w.rival else w.names, w.merit) for w in judged.weighed]
+
+
+def _weighed(w: Any, base: int) -> dict[str, Any]:
+    """base: number of the machine's own parameters in every fit."""
+    return {
+        "names": [] if w.rival else list(w.names),
+        "merit": w.merit,
+        "fit": list(w.names),
+        "chi2": w.fit.chi2,
+        "prior": w.fit.prior,
+        "parameters": len(w.fit.z) - base,
+    }
 
 
 def save(kept: Answer, file: Path) -> None:
@@ -122,5 +143,6 @@ def save(kept: Answer, file: Path) -> None:
 
 
 def load(folder: Path) -> list[dict[str, Any]]:
-    """All answers of a folder, in the order of their names."""
-    return [json.loads(file.read_text(encoding="utf-8")) for file in sorted(folder.glob("*.json"))]
+    """All answers of a folder, in the order of their names; `source` is the folder's name."""
+    files = sorted(folder.glob("*.json"))
+    return [{"source": folder.name, **json.loads(file.read_text(encoding="utf-8"))} for file in files]

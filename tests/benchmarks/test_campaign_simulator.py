@@ -12,12 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from benchmarks.campaigns.campaign import built, make_campaign, simulated
-from benchmarks.campaigns.content import KINDS, draw
-from benchmarks.campaigns.kernel import (
+from benchmarks.campaigns.__main__ import main
+from benchmarks.campaigns.campaign import built, log_columns, make_campaign, simulated
+from benchmarks.campaigns.content import CASES, MIXED, draw
+from benchmarks.campaigns.families import FAMILIES
+from benchmarks.campaigns.hoist.kernel import (
     CARRIAGE_SPEED,
     DRUM,
+    FRICTION,
     HEIGHT,
     RECORD_S,
     SHAFT,
@@ -26,21 +30,24 @@ from benchmarks.campaigns.kernel import (
     TORQUE,
     simulate,
 )
-from benchmarks.campaigns.listed import LISTED, NEARLY_INVISIBLE, USUAL, scales_of
-from benchmarks.campaigns.machines import drawn_machine, practice_machine
+from benchmarks.campaigns.hoist.listed import LISTED, NEARLY_INVISIBLE, USUAL, scales_of
+from benchmarks.campaigns.hoist.machines import drawn_hoist, practice_machine
+from benchmarks.campaigns.hoist.profiles import reference
+from benchmarks.campaigns.hoist.truth import nominal_truth
+from benchmarks.campaigns.hoist.unlisted import EVENTS, IN_THE_LIBRARY, UNLISTED
 from benchmarks.campaigns.many import make, orders
-from benchmarks.campaigns.profiles import reference
-from benchmarks.campaigns.sensors import Sensors, log_columns, shown_torque
-from benchmarks.campaigns.size import torque_change
-from benchmarks.campaigns.truth import nominal_truth
-from benchmarks.campaigns.unlisted import IN_THE_LIBRARY, UNLISTED
+from benchmarks.campaigns.sensors import Sensors, Window, shown_input
+from benchmarks.campaigns.size import input_change
+from benchmarks.campaigns.standstill import LAWS as STANDSTILL_LAWS
+from benchmarks.campaigns.standstill import bend, drawn_standstill
 from workbench import effects
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "benchmarks" / "campaigns"
-MACHINE, FULL_KG = practice_machine(0)
+MACHINE, FULL_KG = practice_machine(0).machine, practice_machine(0).full_kg
+FAMILY_NAMES = [name for name, family in FAMILIES.items() if family.kind == "hoist"]
 ARM = MACHINE.winch.drum_diameter_m / 2.0 / MACHINE.gearbox.ratio  # N m at the motor per N of fall 1
 LONG_S = 49.76
 
@@ -264,58 +271,67 @@ def test_friction_only_takes_energy():
     assert 0.9 * nominal < work - less - gained < 1.5 * nominal
 
 
+def shown(record, window=None, **changed):
+    """Torque as a sensor without noise shows it, and where the sensor has wandered to."""
+    sensors = Sensors(input_noise=0.0, speed_noise=0.0, speed_turn=1.0, count=1e-4, **changed)
+    walk = np.random.default_rng(1)
+    return shown_input(record[:, TORQUE], record[:, SPEED], RECORD_S, sensors, walk, 0.0, window)
+
+
 @pytest.mark.parametrize(
     ("sensors", "law"),
     [
-        (Sensors(gain=1.07), lambda T, w: 1.07 * T),
-        (Sensors(offset_nm=-30.0), lambda T, w: T - 30.0),
-        (Sensors(gain_hoisting=0.05), lambda T, w: T * (1.0 + 0.05 * np.tanh(w))),
-        (Sensors(bend_per_nm=1e-4), lambda T, w: T + 1e-4 * T**2),
+        ({"gain": 1.07}, lambda T, w: 1.07 * T),
+        ({"offset": -30.0}, lambda T, w: T - 30.0),
+        ({"gain_forward": 0.05}, lambda T, w: T * (1.0 + 0.05 * np.tanh(w))),
+        ({"bend": 1e-4}, lambda T, w: T + 1e-4 * T**2),
     ],
 )
 def test_the_logged_torque_is_what_its_sensor_makes_of_the_true_one(sensors, law):
     _, record, _ = plain_run("fast")
-    shown, _ = shown_torque(record, sensors, np.random.default_rng(1), 0.0)
-    assert shown == pytest.approx(law(record[:, TORQUE], record[:, SPEED]), rel=1e-12)
+    logged, _ = shown(record, **sensors)
+    assert logged == pytest.approx(law(record[:, TORQUE], record[:, SPEED]), rel=1e-12)
 
 
 def test_a_filtered_torque_lags_by_its_time_constant():
     _, record, _ = plain_run("fast")
-    shown, _ = shown_torque(record, Sensors(filter_s=0.2), np.random.default_rng(1), 0.0)
-    assert shown + 0.2 * np.gradient(shown, RECORD_S) == pytest.approx(record[:, TORQUE], abs=3.0)
-    assert np.std(shown - record[:, TORQUE]) > 3.0
+    late, _ = shown(record, filter_s=0.2)
+    assert late + 0.2 * np.gradient(late, RECORD_S) == pytest.approx(record[:, TORQUE], abs=3.0)
+    assert np.std(late - record[:, TORQUE]) > 3.0
 
 
 def test_noise_and_digits_are_those_of_the_recorded_logs(campaigns):
-    content = draw(3, "none", machines="practice")
-    run = simulated(content, built(content, (3,)), 0, (3,))
-    columns, _ = log_columns(
-        run.record, run.reference, Sensors(), np.random.default_rng(1), np.random.default_rng(2), rate_hz=100.0
-    )
+    content = draw(3, "hoist_practice", "none")
+    content = dataclasses.replace(content, drawn=practice_machine(0))
+    columns = logged(content, 3, 0)
     recorded = np.genfromtxt(campaigns / "20" / "runs" / "half_fast.csv", delimiter=",", names=True)
     for name in ("torque_motor1_nm", "torque_motor2_nm", "speed_motor_rad_s"):
         ours, theirs = (np.std(np.diff(np.diff(np.round(x, 2)))) for x in (columns[name][0], recorded[name]))
         assert ours == pytest.approx(theirs, rel=0.05), name
 
 
-@pytest.mark.parametrize("name", ["foreign_body", "torque_walk", "soft_payload", "dead_band"])
-def test_an_unlisted_cause_shows_in_the_log(name):
-    content = draw(12, "unknown", names=[name], machines="practice")
-    if name == "dead_band":  # it acts on the samples of the log
-        held, _ = _logged(content)
-        free, _ = _logged(dataclasses.replace(content, causes=()))
-        band = content.causes[0].log["dead_band_nm"]
-        assert 0.2 * band < np.std(held - free) < band
-    else:
-        assert torque_change(content, 12).rms_nm > 1.0
-
-
-def _logged(content):
-    run = simulated(content, built(content, (12,)), 2, (12,))
-    sensors = built(content, (12,)).sensors
+def logged(content, seed, number):
+    machine = built(content, (seed,))
+    run = simulated(content, machine, number, (seed,))
     streams = np.random.default_rng(1), np.random.default_rng(2)
-    columns, wander = log_columns(run.record, run.reference, sensors, *streams, rate_hz=100.0)
-    return columns["torque_motor1_nm"][0] + columns["torque_motor2_nm"][0], wander
+    return log_columns(content, machine.sensors, run, *streams, 0.0)[0]
+
+
+@pytest.mark.parametrize("name", [name for name in UNLISTED if name not in IN_THE_LIBRARY])
+def test_an_unlisted_cause_shows_in_the_log(name):
+    content = draw(12, "hoist_practice", "unknown", [name])
+    content = dataclasses.replace(content, runs=content.runs[2:3])
+    if name == "dead_band":  # it acts on the samples of the log
+        held, free = (
+            sum(logged(each, 12, 0)[f"torque_motor{k}_nm"][0] for k in (1, 2))
+            for each in (content, dataclasses.replace(content, causes=()))
+        )
+        band = content.causes[0].log["dead_band"]
+        assert 0.2 * band < np.std(held - free) < band
+        return
+    change = input_change(content, 12)
+    strongest = max(max(seconds) for seconds in change.by_second_nm.values())
+    assert strongest > 1.5 if name in EVENTS else change.rms_nm > 0.8
 
 
 @pytest.mark.parametrize("name", [*LISTED, *IN_THE_LIBRARY])
@@ -335,12 +351,12 @@ def test_every_effect_of_the_formats_list_can_be_drawn():
 
 
 def test_a_campaign_is_read_without_a_remark_and_its_label_says_what_is_in_it(tmp_path):
-    content = draw((5, 1), "singles", names=["friction_viscous"])
+    content = draw((5, 1), "hoist_middle", "singles", ["friction_viscous"])
     label = make_campaign(tmp_path / "one", (5, 1), content)
     campaign = read_campaign(tmp_path / "one")
     assert campaign.machine == content.machine
     assert [(run.name, run.payload_kg, run.start_position_m) for run in campaign.runs] == [
-        (plan.name, plan.payload_kg, plan.start_position_m) for plan in content.runs
+        (plan.name, plan.payload_kg, plan.start) for plan in content.runs
     ]
     assert all(run.notes == () for run in campaign.runs)
     said = json.loads(label.text())
@@ -350,7 +366,8 @@ def test_a_campaign_is_read_without_a_remark_and_its_label_says_what_is_in_it(tm
 
 
 def test_a_seed_makes_the_same_campaign_to_the_byte_and_another_seed_another(tmp_path):
-    content = dataclasses.replace(draw(9, "pairs"), runs=draw(9).runs[:2])
+    content = draw(9, "hoist_middle", "pairs")
+    content = dataclasses.replace(content, runs=content.runs[:2])
     for name, seed in (("a", 9), ("b", 9), ("c", 10)):
         make_campaign(tmp_path / name, seed, content)
     a, b, c = (
@@ -360,68 +377,196 @@ def test_a_seed_makes_the_same_campaign_to_the_byte_and_another_seed_another(tmp
     assert a != c
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_seeds_machine_and_runs_do_not_depend_on_what_ails_it(kind):
-    content, well = draw(21, kind), draw(21, "none")
-    assert (content.machine, content.runs, content.rate_hz) == (well.machine, well.runs, well.rate_hz)
-    assert len(content.causes) == {"none": 0, "pairs": 2}.get(kind, 1)
-    if kind == "pairs":
+@pytest.mark.parametrize("case", CASES)
+def test_a_seeds_machine_and_runs_do_not_depend_on_what_ails_it(case):
+    content, well = draw(21, "hoist_middle", case), draw(21, "hoist_middle", "none")
+    assert (content.machine, content.runs, content.logging) == (well.machine, well.runs, well.logging)
+    assert len(content.causes) == {"none": 0, "pairs": 2}.get(case, 1)
+    if case == "pairs":
         assert len({cause.subsystem for cause in content.causes}) == 2
 
 
-def test_all_profiles_stay_within_the_rails_on_every_drawn_machine():
-    for seed in range(40):
-        content = draw(seed)
-        low = min(plan.start_position_m for plan in content.runs) - 0.32 * content.machine.wire.segment_length_m
-        assert low > 0.0
-    content = draw(30, "none", machines="drawn")
-    for number in range(len(content.runs)):
+@pytest.mark.parametrize("family", FAMILY_NAMES)
+def test_all_profiles_stay_within_the_rails_on_every_drawn_machine(family):
+    for seed in range(12):
+        content = draw(seed, family)
+        wire_m = content.machine.wire.segment_length_m
+        assert min(plan.start for plan in content.runs) - 0.32 * wire_m > 0.0
+    content = draw(30, family, "none")
+    for number in range(min(len(content.runs), 3)):
         height = simulated(content, built(content, (30,)), number, (30,)).record[:, HEIGHT]
         assert 0.0 < np.min(height) < np.max(height) < 0.6 * content.machine.wire.segment_length_m
 
 
-def test_drawn_machines_lift_their_payload_within_the_motors_nominal_torque():
-    for seed in range(50):
-        machine, full_kg = drawn_machine(np.random.default_rng(seed))
-        holding = (machine.carriage.mass_kg + full_kg) * 9.81 * machine.winch.drum_diameter_m / 4.0
+def test_a_run_of_ten_minutes_goes_on_moving_and_comes_back():
+    room_rad = 5.5 / MACHINE.lift_m_per_rad
+    for profile in ("fast", "slow", "steps"):
+        rng = np.random.default_rng(2)
+        speed = reference(profile, rng, duration_s=600.0, speed_rad_s=157.1, room_rad=room_rad)
+        height = np.cumsum(speed) * RECORD_S * MACHINE.lift_m_per_rad
+        assert np.mean(speed[-120_000:] != 0.0) > 0.5
+        assert np.min(height) > -5.6
+        assert np.max(height) < 0.6
+
+
+def test_a_run_of_ten_seconds_moves_both_ways():
+    speed = reference("fast", np.random.default_rng(2), duration_s=10.0, speed_rad_s=157.1, room_rad=800.0)
+    assert np.min(speed) < -10.0
+    assert np.max(speed) > 10.0
+
+
+@pytest.mark.parametrize("family", FAMILY_NAMES)
+def test_drawn_machines_lift_their_payload_within_the_motors_nominal_torque(family):
+    low, high = FAMILIES[family].sizes
+    for seed in range(12):
+        drawn = drawn_hoist(np.random.default_rng(seed), FAMILIES[family])
+        machine = drawn.machine
+        holding = (machine.carriage.mass_kg + drawn.full_kg) * 9.81 * machine.winch.drum_diameter_m / 4.0
         assert 0.55 < holding / machine.gearbox.ratio / (2.0 * machine.motor.nominal_torque_nm) < 0.95
-        assert 2000.0 <= machine.carriage.mass_kg <= 15000.0
+        assert 0.95 * low <= machine.carriage.mass_kg <= 1.05 * high
 
 
 @pytest.mark.parametrize("seed", [103, 105])
 def test_a_drawn_machine_without_a_gap_is_identified_down_to_the_noise(tmp_path, seed):
     """The workbench's plant and this simulator share no code: that they agree says both are right."""
-    content = draw(seed, "none", machines="drawn")
+    content = draw(seed, "hoist_small", "none")
+    content = dataclasses.replace(content, runs=content.runs[:4])
     make_campaign(tmp_path / "none", seed, content)
     fit = identify(read_campaign(tmp_path / "none")).fit
     assert fit.residual_rms < 1.25 * fit.noise_rms
 
 
 def test_an_ailing_machine_is_not(tmp_path):
-    content = draw(103, "singles", names=["friction_position_dependent"], machines="drawn")
+    content = draw(103, "hoist_small", "singles", ["friction_position_dependent"])
+    content = dataclasses.replace(content, runs=content.runs[:4])
     make_campaign(tmp_path / "bump", 103, content)
     fit = identify(read_campaign(tmp_path / "bump")).fit
     assert fit.residual_rms > 2.0 * fit.noise_rms
 
 
-def test_orders_hold_each_effect_as_often_as_the_others(tmp_path):
-    wanted = orders(tmp_path, 132, seed=4)
-    kinds = [order.kind for order in wanted]
-    assert {kind: kinds.count(kind) for kind in KINDS} == {"singles": 88, "none": 22, "pairs": 13, "unknown": 9}
-    singles = [order.names[0] for order in wanted if order.kind == "singles"]
-    assert {name: singles.count(name) for name in USUAL} == dict.fromkeys(USUAL, 4)
-    assert wanted == orders(tmp_path, 132, seed=4)
+def test_orders_hold_each_family_and_each_effect_as_often_as_the_others(tmp_path):
+    families = ("hoist_small", "hoist_large")
+    wanted = orders(tmp_path, 4, families, count=132)
+    cases = [order.case for order in wanted]
+    assert {case: cases.count(case) for case in CASES} == {"singles": 88, "none": 22, "pairs": 13, "unknown": 9}
+    assert sum(MIXED.values()) == pytest.approx(1.0)
+    for family in families:
+        singles = [order.names[0] for order in wanted if order.case == "singles" and order.family == family]
+        assert {name: singles.count(name) for name in USUAL} == dict.fromkeys(USUAL, 2)
+    assert wanted == orders(tmp_path, 4, families, count=132)
+
+
+def test_a_third_of_the_unlisted_causes_ordered_are_events(tmp_path):
+    wanted = orders(tmp_path, 4, ["hoist_small"], counts={"unknown": 12})
+    assert sum(order.names[0] in EVENTS for order in wanted) == 4
+    assert len({order.names for order in wanted}) == 12
 
 
 def test_what_is_there_stays_and_what_broke_off_is_made_again(tmp_path):
-    order = orders(tmp_path, 1, seed=2, kind="none")[0]
-    assert make(order) == "001 none: no gap"
+    order = orders(tmp_path, 2, ["hoist_small"], counts={"none": 1})[0]
+    assert make(order) == "001 hoist_small none: no gap"
     assert make(order) == "001 is there"
     before = (order.folder / "runs.yaml").read_bytes()
     order.label.unlink()
     (order.folder / "runs.yaml").unlink()
-    assert make(order) == "001 none: no gap"
+    assert make(order) == "001 hoist_small none: no gap"
     assert (order.folder / "runs.yaml").read_bytes() == before
+
+
+def test_a_glitch_shows_while_its_event_lasts_and_not_otherwise():
+    _, record, _ = plain_run("fast")
+    window = Window(10.0, 2.0)
+    changed = shown(record, window, glitch=20.0)[0] - record[:, TORQUE]
+    time = np.arange(len(record)) * RECORD_S
+    assert np.max(np.abs(changed[(time < 10.0) | (time > 12.0)])) == 0.0
+    assert changed[round(11.0 / RECORD_S)] == pytest.approx(20.0)
+    assert np.sum(changed) * RECORD_S == pytest.approx(20.0, rel=1e-3)  # half of size times length
+
+
+# place -> the torque at the motor of 100 N m there, or of a force of so much on the carriage.
+AT_MOTOR = {
+    "event_motor": lambda r: np.full(len(r), 100.0),
+    "event_drum": lambda r: np.full(len(r), 100.0),
+    "event_brake": lambda r: 100.0 * sign(r),
+    "event_guide": lambda r: 100.0 * sign(r),
+    "event_payload": lambda r: np.full(len(r), 100.0),
+}
+
+
+@pytest.mark.parametrize("name", AT_MOTOR)
+def test_an_event_takes_its_torque_at_its_place_while_it_lasts(name):
+    size = 100.0 / (0.5 * ARM) if name in ("event_guide", "event_payload") else 100.0
+    change, _, record, _ = change_of("fast", {name: size, "event_t": 6.0, "event_s": 4.0})
+    time = np.arange(len(record)) * RECORD_S
+    expected = AT_MOTOR[name](record) * Window(6.0, 4.0).pulse(time)
+    assert np.sqrt(np.mean((change - expected)[(time > 5.5) & (time < 10.5)] ** 2)) < 8.0
+    assert np.max(np.abs(change[time < 5.9])) < 1e-9
+    assert np.max(np.abs(change[time > 13.0])) < 3.0
+
+
+def test_a_jolt_of_the_platform_weighs_all_that_hangs():
+    change, p, record, _ = change_of("fast", {"event_platform": 0.5, "event_t": 6.0, "event_s": 4.0})
+    time = np.arange(len(record)) * RECORD_S
+    expected = 0.5 * ((p.m_c + p.m_p) * 0.5 * ARM) * Window(6.0, 4.0).pulse(time)
+    during = (time > 6.5) & (time < 9.5)
+    assert np.corrcoef(change[during], expected[during])[0, 1] > 0.98
+    assert np.max(change) == pytest.approx(np.max(expected), rel=0.1)
+
+
+def test_events_are_in_one_run_and_the_label_says_where_and_when(tmp_path):
+    content = draw((7, 2), "hoist_small", "unknown", ["event_guide"])
+    label = make_campaign(tmp_path / "once", (7, 2), content)
+    (event,) = label.events
+    assert event["subsystem"] == "guide" == label.where[0]["subsystem"]
+    assert label.where[0]["regime"] == "event"
+    seconds = input_change(content, (7, 2)).by_second_nm
+    assert [name for name, size in seconds.items() if max(size) > 0.5] == [event["run"]]
+    assert int(event["from_s"]) - 1 <= int(np.argmax(seconds[event["run"]])) <= int(event["to_s"]) + 1
+
+
+# Laws near standstill
+
+
+@pytest.mark.parametrize("law", STANDSTILL_LAWS)
+def test_a_law_near_standstill_is_coulombs_at_speed_and_rises_by_its_peak_before(law):
+    drawn = drawn_standstill((law,), np.random.default_rng(3))
+    assert (drawn.peak > 0.0) == (law in ("smooth_peak", "lugre", "creeping"))
+    peak_m_s = 20.0 * drawn.peak_speed  # wide, so that the run's slow starts pass through it
+    numbers = {"bristles": drawn.bristles, "peak": drawn.peak, "peak_m_s": peak_m_s, "relax_s": drawn.relax_s}
+    p, record, speed = plain_run("slow", bristle_m=2e-4, bristle_tau=0.01, **numbers)
+    v, up = np.abs(record[:, CARRIAGE_SPEED]), record[:, CARRIAGE_SPEED] > 0.0
+    relative = np.abs(record[:, FRICTION]) / np.where(up, p.F_up, p.F_dn)
+    moving = (v > 0.005) & (starts(speed) > 0.3)
+    expected = 1.0 + drawn.peak * np.exp(-((v / peak_m_s) ** 2))
+    assert np.sum(moving) > 5.0 / RECORD_S
+    assert np.median(np.abs(relative - expected)[moving]) < 0.005
+    assert np.max(relative[moving]) < 1.05 + drawn.peak
+
+
+@pytest.mark.parametrize("relax_s", [0.0, 20.0])
+def test_bristles_reach_their_level_and_give_way_only_where_they_creep(relax_s):
+    z, h = 0.0, 1e-4
+    for _ in range(20_000):  # 2 s at 5 mm/s over bristles of 0.5 mm
+        z = bend(z, 0.005, 5e-4, 1.06, relax_s, h)
+    assert z == pytest.approx(1.06, rel=0.01)
+    for _ in range(100_000):  # 10 s at rest
+        z = bend(z, 0.0, 5e-4, 1.06, relax_s, h)
+    assert z == pytest.approx(1.06 * (math.exp(-10.0 / relax_s) if relax_s else 1.0), rel=0.01)
+
+
+def test_the_command_makes_campaigns_of_the_families_that_it_is_given(tmp_path):
+    given = ["--out", str(tmp_path), "--count", "1", "--seed", "3", "--family", "axis_std", "--case", "none"]
+    result = CliRunner().invoke(main, [*given, "--processes", "1"])
+    assert result.output == "001 axis_std none: no gap\n"
+    assert json.loads((tmp_path / "labels" / "001.json").read_text())["family"] == "axis_std"
+    refused = CliRunner().invoke(main, [*given[:-3], "hoist_huge"])
+    assert refused.exit_code == 2
+    assert "hoist_huge" in refused.output
+
+
+def test_the_readme_names_each_family_as_it_is():
+    text = (PACKAGE / "README.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| ((?:hoist|axis)_\w+) \|", text, re.M)[: len(FAMILIES)] == list(FAMILIES)
 
 
 def test_the_simulator_shares_nothing_with_the_plant_but_the_machines_records():

@@ -283,7 +283,7 @@ def test_a_measured_run_of_the_validated_campaign_can_be_shown(chosen, tmp_path)
 def test_an_axis_has_no_drawing_and_says_so(chosen, tmp_path):
     runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
     app = chosen(write_campaign(tmp_path / "axis", axis_columns(), runs=runs, machine=AXIS))
-    assert errors(app) == ["machine.yaml: kind: is an axis; this drawing is of a hoist"]
+    assert errors(app) == ["machine.yaml: kind: is a machine of kind 'axis'; this drawing is of kind 'hoist'"]
 
 
 def test_the_drawing_can_be_made_large():

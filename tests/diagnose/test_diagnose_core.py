@@ -15,6 +15,7 @@ from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs
 from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.fits import Projection, fit_knobs, linear_gain, start_of
 from workbench.diagnose.hypotheses.knobs import (
     GAIN,
@@ -382,8 +383,12 @@ class Straight:
 
     columns: Array
     measured: Array
-    share: float = 0.5
     calls: int = 0
+
+    @property
+    def errors(self) -> ErrorModel:
+        n = len(self.measured)
+        return ErrorModel(np.full(n, 0.2 * math.sqrt(2.0)), np.zeros(n), np.append(0.0, np.ones(n - 1)))
 
     def evaluate(self, knobs: Sequence[Knob], z: Array, only: Sequence[int] | None = None) -> tuple[Array, Array]:
         self.calls += 1
@@ -405,9 +410,8 @@ def test_a_fit_ends_at_the_least_of_data_and_tolerances_within_bounds(seed: int,
     random = np.random.default_rng(seed)
     knobs = [Value(f"x{k}", 0.0, 1.0, -0.3, 0.4, std=(0.5 if k < 2 else math.inf)) for k in range(4)]
     problem = Straight(random.normal(size=(30, 4)), random.normal(size=30))
-    sigma = 0.2
-    found = fit_knobs(problem, ("made",), knobs, np.full(4, 0.1), sigma, base=base)  # type: ignore[arg-type]
-    weight = math.sqrt(problem.share) / sigma
+    weight = 1.0 / problem.errors.white[0]
+    found = fit_knobs(problem, ("made",), knobs, np.full(4, 0.1), base=base)  # type: ignore[arg-type]
     rows = np.vstack([weight * problem.columns, np.diag([2.0, 2.0, 0.0, 0.0])])
     exact = lsq_linear(rows, np.concatenate([weight * problem.measured, np.zeros(4)]), (-0.3, 0.4), method="bvls")
     assert found.settled
@@ -427,10 +431,11 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     ranges = ranges_of(effect, hoist.machine, hoist.runs)
     true = dict(zip([r.symbol for r in ranges], (4000.0, 8.2, 0.45), strict=True))
     problem = made_by(hoist, {**setting_of(knobs, truth), **true})
+    problem.errors = replace(problem.errors, white=np.full(problem.samples, 0.1), discrepancy=np.zeros(problem.samples))
     begin = dict(zip([r.symbol for r in ranges], (2500.0, 8.6, 0.7), strict=True))
     more, start = effect_knobs(effect, ranges, begin)
     z = np.concatenate([np.zeros(len(knobs)), start])
-    found = fit_knobs(problem, (effect.id,), [*knobs, *more], z, 0.1, 60, base=len(knobs))
+    found = fit_knobs(problem, (effect.id,), [*knobs, *more], z, 60, base=len(knobs))
     assert found.rms(problem.inputs) < 0.005 * rms(problem.residuals([{}])[0])
     for symbol, value in true.items():
         assert found.setting[symbol] == pytest.approx(value, rel=0.002), symbol
@@ -450,10 +455,10 @@ def test_a_fit_begins_where_the_linear_one_ended(hoist: Problem, name: str):
 
 def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: Problem):
     knobs = list(base_knobs(hoist.machine, hoist.runs).values())
-    base = fit_knobs(hoist, (), knobs, np.zeros(len(knobs)), hoist.noise)
-    projection = Projection.of(hoist, base, base.sigma)
+    base = fit_knobs(hoist, (), knobs, np.zeros(len(knobs)))
+    projection = Projection.of(hoist, base)
     assert np.max(np.abs(projection.rows.T @ projection.clean(np.ones((hoist.samples, 1))))) < 1e-8
     assert np.linalg.norm(projection.rows.T @ projection.residual) < 1e-8
     # At the best point of the base nothing is gained by it either: what is projected out was nothing.
-    stacked = math.sqrt(hoist.share) / base.sigma * base.residual
+    stacked = hoist.errors.whiten(base.residual)
     assert projection.residual @ projection.residual == pytest.approx(stacked @ stacked + base.prior, rel=1e-3)

@@ -10,10 +10,9 @@ import pytest
 from tests.support.found_campaign import simulated_found
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Value
-from workbench.diagnose.hypotheses.score import LEAST
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.isolation.lines import Line
-from workbench.diagnose.isolation.next_run import APART, Offer, choose, next_run, separation
+from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, choose, next_run, separation
 from workbench.diagnose.isolation.planned import Planned, menu, seen_in
 from workbench.run import Run
 
@@ -38,7 +37,7 @@ def line(level: float, slope: float, own: bool = False) -> Line:
 
 def fitted(z: float = 0.0) -> Fitted:
     knob = Value("x", 0.0, 1.0, std=1.0)
-    return Fitted(("e",), (knob,), np.array([z]), np.zeros(ROWS), np.zeros((ROWS, 1)), 1.0, 0.0, z * z, 1, True)
+    return Fitted(("e",), (knob,), np.array([z]), np.zeros(ROWS), np.zeros((ROWS, 1)), 0.0, z * z, 1, True)
 
 
 def test_predictions_that_no_base_parameter_brings_together_are_apart_by_their_distance():

@@ -14,6 +14,7 @@ import pytest
 
 from tests.support.noisy_runs import hoist_runs, with_effects
 from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
 from workbench.diagnose.hypotheses.knobs import Knob, Value, effect_knobs
 from workbench.diagnose.hypotheses.problem import Problem
@@ -23,8 +24,9 @@ from workbench.effects import find, ranges_of
 from workbench.machine import default_hoist
 
 ROWS = 400
-LINEAR = cast(Problem, SimpleNamespace(share=0.8))
-SIGMA = 0.7
+SIGMA, SHARE = 0.7, 0.8
+WHITE = ErrorModel(np.full(ROWS, SIGMA / math.sqrt(SHARE)), np.zeros(ROWS), np.append(0.0, np.ones(ROWS - 1)))
+LINEAR = cast(Problem, SimpleNamespace(errors=WHITE))
 KNOWN = (20.0, 5.0, 1.0, 0.3, 0.05, 0.0, 8.0)  # how well the rows know each; the last is an effect's, without tolerance
 
 
@@ -34,13 +36,13 @@ def linear(random: np.random.Generator, off: float = 1.0) -> Fitted:
     columns = random.normal(size=(ROWS, len(KNOWN))) * KNOWN / math.sqrt(ROWS)
     held = np.array([1.0] * 6 + [0.0])
     truth = np.append(off * random.normal(size=6), 4.0)
-    measured = columns @ truth + random.normal(scale=SIGMA / math.sqrt(LINEAR.share), size=ROWS)
-    weight2 = LINEAR.share / SIGMA**2
+    measured = columns @ truth + random.normal(scale=SIGMA / math.sqrt(SHARE), size=ROWS)
+    weight2 = SHARE / SIGMA**2
     z = np.linalg.solve(weight2 * columns.T @ columns + np.diag(held), weight2 * columns.T @ measured)
     residual = measured - columns @ z
     knobs: list[Knob] = [Value(f"p{k}", 0.0, 1.0, std=1.0 if h else math.inf) for k, h in enumerate(held)]
     chi2 = weight2 * float(residual @ residual)
-    return Fitted(("e",), tuple(knobs), z, residual, -columns, SIGMA, chi2, float(z[:6] @ z[:6]), 1, True)
+    return Fitted(("e",), tuple(knobs), z, residual, -columns, chi2, float(z[:6] @ z[:6]), 1, True)
 
 
 def test_honest_tolerances_are_stretched_by_chance_alone_however_few_of_them_the_data_determine():
@@ -80,7 +82,7 @@ def test_what_an_inexact_effect_may_bend_is_no_stretch():
 @pytest.mark.parametrize("allowed", [0.5, 20.0, 300.0])
 def test_parameters_nearer_to_nominal_cost_the_chi2_that_is_allowed(allowed: float):
     fit = linear(np.random.default_rng(9), off=4.0)
-    weight2, hold = LINEAR.share / SIGMA**2, np.array([1.0] * 6 + [0.0])
+    weight2, hold = SHARE / SIGMA**2, np.array([1.0] * 6 + [0.0])
     data, pull = weight2 * fit.jacobian.T @ fit.jacobian, weight2 * fit.jacobian.T @ fit.residual
     z = fit.z + _nearer(data, pull, fit.z, hold, np.sqrt(np.diag(data) + hold), allowed)
     residual = fit.residual + fit.jacobian @ (z - fit.z)
@@ -103,7 +105,7 @@ def answered(
         ranges = ranges_of(effect, problem.machine, problem.runs)
         more, start = effect_knobs(effect, ranges, {r.symbol: begin[r.name] for r in ranges})
         knobs, z = [*knobs, *more], [*z, *start]
-    return problem, fit_knobs(problem, named, knobs, np.array(z), problem.noise, 60)
+    return problem, fit_knobs(problem, named, knobs, np.array(z), 60)
 
 
 @pytest.mark.parametrize(
@@ -118,8 +120,9 @@ def test_a_stand_in_that_leaves_no_residual_stretches_the_tolerances(
 ):
     problem, own = answered({true: amount}, [true], dict.fromkeys(amount, begin))
     same, wrong = answered({true: amount}, [instead], other)
+    floor = math.hypot(problem.noise, float(np.sqrt(np.mean(problem.errors.discrepancy**2))))
     assert own.rms(problem.inputs) < 1.1 * problem.noise
-    assert wrong.rms(same.inputs) < 1.1 * same.noise
+    assert wrong.rms(same.inputs) < 1.1 * floor
     assert stretch(problem, own) < 1.0
     assert stretch(same, wrong) > 3.0
 

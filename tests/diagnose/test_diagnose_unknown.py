@@ -16,9 +16,10 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.unexplained.table_driven import with_table
 from workbench.diagnose.unexplained.table_fit import telling_points
-from workbench.diagnose.unexplained.tables import TURN, Variable, columns_of, hats_of, points_of, rides_of, variables_of
+from workbench.diagnose.unexplained.tables import TURN, columns_of, hats_of, points_of, rides_of, variables_of
 from workbench.diagnose.unexplained.unknown import Explained, explain, explained_machine, with_unknown
 from workbench.diagnose.unexplained.words import span
+from workbench.kinds import kind_of
 from workbench.logs import read_campaign
 from workbench.machine import Hoist, LinearAxis, load_machine, save_machine
 from workbench.run import Array, Run
@@ -163,7 +164,7 @@ def test_a_fit_with_effects_is_refused(rail: Case):
 def test_the_stiff_machines_columns_are_what_the_driven_one_gains(rail: Case):
     """A force over the height: the wire changes little of it below the band."""
     problem, _, _ = rail
-    variable = Variable("position_carriage_m", "guide")
+    variable = next(table for table in kind_of(problem.machine).tables if table.over == "position_carriage_m")
     rides = rides_of(problem, {})
     at = points_of(problem, rides, variable)
     forward, backward = 500.0 + 100.0 * at, 2000.0 - 150.0 * at

@@ -19,8 +19,8 @@ from tests.support.scenario_text import GOOD, write
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.control import PiSettings
 from workbench.effects import all_off, names, of
-from workbench.effects.correction import PLACE
 from workbench.errors import InputError
+from workbench.kinds import kind_of
 from workbench.machine import (
     Axis,
     Hoist,
@@ -158,7 +158,7 @@ def force(machine: Hoist | Axis, **signals: float) -> float:
     active = of(machine)
     plant = plant_of(machine)
     p = SimpleNamespace(**vars(plant.values(machine, 700.0)), **active.values_of(50.0))
-    return float(active.effects.at(PLACE[correction.acts_on], p, **signals))
+    return float(active.effects.at(kind_of(machine).ports[correction.acts_on].place, p, **signals))
 
 
 def signals_at(over: str, x: float, way: float) -> dict[str, float]:

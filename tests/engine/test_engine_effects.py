@@ -111,8 +111,9 @@ def test_every_place_is_tested():
 
 
 def test_an_effect_at_no_place_is_refused_with_the_list_of_places():
+    s, hold, p = hanging()
     with pytest.raises(ValueError, match=r"no place 'guide_force'.*guide_force_n"):
-        constant_at("guide_force", 1.0)
+        HOIST.rates(0.0, list(s[:3]), list(s[3:]), hold, p, constant_at("guide_force", 1.0))
 
 
 def test_effects_at_one_place_are_summed():

@@ -15,7 +15,8 @@ from workbench.identify.fit import Fit, fit
 from workbench.identify.identify import identify
 from workbench.identify.iteration import friction_levels
 from workbench.identify.models import BalanceModel, SpeedModel
-from workbench.identify.parameters import HOIST_DEFAULT, free_parameters
+from workbench.identify.parameters import free_parameters
+from workbench.kinds import HOIST as HOIST_KIND
 from workbench.logs import Campaign
 from workbench.machine import Hoist, LinearAxis, default_hoist, get_value, with_values
 from workbench.run import Run
@@ -117,17 +118,17 @@ def draws() -> list[Draw]:
 
 
 def test_every_default_parameter_is_drawn():
-    assert set(SPREAD) == set(HOIST_DEFAULT)
+    assert set(SPREAD) == set(HOIST_KIND.free)
 
 
-@pytest.mark.parametrize("key", HOIST_DEFAULT)
+@pytest.mark.parametrize("key", HOIST_KIND.free)
 def test_each_value_is_found_within_four_standard_errors(draws, key):
     assert [round(d.score(key), 1) for d in draws if abs(d.score(key)) > 4.0] == []
 
 
 def test_standard_errors_are_as_large_as_the_errors_are(draws):
     """120 errors over their standard errors: a standard normal has an rms of 1 +- 0.07."""
-    scores = np.array([d.score(key) for d in draws for key in HOIST_DEFAULT])
+    scores = np.array([d.score(key) for d in draws for key in HOIST_KIND.free])
     assert 0.7 < float(np.sqrt(np.mean(scores**2))) < 1.4
 
 

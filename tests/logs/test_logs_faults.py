@@ -419,7 +419,7 @@ def test_axis_without_force_is_refused_and_one_at_rest_said(tmp_path):
     )
     run = read_campaign(tmp_path).runs[0]
     assert run.start_position_m == 0.25
-    assert run.notes == ("the axis stands still throughout; this run says nothing of friction or inertia",)
+    assert run.notes == ("the machine stands still throughout; this run says nothing of friction or inertia",)
 
 
 def test_dead_velocity_beside_a_position_is_dropped_and_said(tmp_path):

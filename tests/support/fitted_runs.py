@@ -42,4 +42,4 @@ def fitted_to(
     more, start = effect_knobs(effect, ranges, {r.symbol: begin[r.name] for r in ranges})
     knobs = [*base_knobs(problem.machine, problem.runs).values(), *more]
     z = np.concatenate([np.zeros(len(knobs) - len(more)), start])
-    return problem, fit_knobs(problem, (name,), knobs, z, problem.noise, 60)
+    return problem, fit_knobs(problem, (name,), knobs, z, 60)

@@ -8,24 +8,24 @@ from contextlib import contextmanager
 
 import click
 
+from workbench.diagnose.progress import Progress, Stage
+from workbench.reports.diagnosis.progress import progress_words
+
 Show = Callable[[str, int, int], None]
 
 
 class Stages:
-    """Counts the stages of the command from 1; the last of those that the library counts is the report's.
+    """Counts the stages of the command from 1; the last one is the report's.
 
     writes: whether there is a report to write; without one there is a stage less.
     """
 
     def __init__(self, show: Show, writes: bool) -> None:
-        self.show, self.writes, self.total = show, writes, 0
+        self.show, self.total = show, len(Stage) if writes else len(Stage) - 1
 
-    def tell(self, sentence: str, done: int, total: int) -> None:
-        """Hears the diagnosis: how many stages are done, and of how many (0: unknown)."""
-        if total and done >= total:
-            return  # the diagnosis is over, the command is not
-        self.total = total if self.writes else max(total - 1, 0)
-        self.show(sentence, done + 1, self.total)
+    def tell(self, progress: Progress) -> None:
+        """Hears the diagnosis."""
+        self.show(progress_words(progress), progress.stage.value + 1, self.total)
 
     def writing(self, sentence: str) -> None:
         """The report is under way."""

@@ -18,6 +18,7 @@ from workbench.consequences.record import METRICS, Change, Choice, Consequences,
 from workbench.consequences.words import sentences_of
 from workbench.control import PiSettings
 from workbench.errors import InputError
+from workbench.kinds import STUDIED, kind_of, studied
 from workbench.machine import Axis, Hoist
 from workbench.references import motion_time_s
 from workbench.run import Run
@@ -28,9 +29,8 @@ from workbench.study.variations.run_spec import RunSpec
 
 MS_LIMIT = 1.4
 JUDGED = ("peak_torque_motor_nm", "speed_error_max_rad_s", "speed_error_rms_rad_s")
-NO_AXIS = (
-    "What changes in the control study is not said for an axis: studies, loop and tune are for machines of kind "
-    "'hoist'."
+NOT_STUDIED = (
+    f"What changes in the control study is not said for an {{}}: studies, loop and tune are for machines of {STUDIED}."
 )
 
 
@@ -50,15 +50,16 @@ def consequences_of(
     A run that fails is a row with its reason. InputError for effects that are unknown and for a payload or
     a controller that cannot be.
     """
-    if not (isinstance(nominal, Hoist) and isinstance(corrected, Hoist)):
-        return None, NO_AXIS
-    study = small_study(nominal, runs, payloads_kg=payloads_kg, controller=controller)
-    rows = _rows(study, nominal, corrected)
-    loops = tuple(_weakest_loop(machine, study) for machine in (nominal, corrected))
+    was, now = studied(nominal), studied(corrected)
+    if was is None or now is None:
+        return None, NOT_STUDIED.format(kind_of(nominal).noun)
+    study = small_study(was, runs, payloads_kg=payloads_kg, controller=controller)
+    rows = _rows(study, was, now)
+    loops = tuple(_weakest_loop(machine, study) for machine in (was, now))
     wanted = goal or Goal(_bandwidth(loops[0]), MS_LIMIT)
-    before, after, old = _gains(study, nominal, corrected, wanted)
+    before, after, old = _gains(study, was, now, wanted)
     found = Consequences(
-        effects=_new(nominal, corrected),
+        effects=_new(was, now),
         study=study,
         rows=rows,
         loop_before=loops[0],
@@ -70,7 +71,7 @@ def consequences_of(
         choices=_choices(rows),
         sentences=(),
     )
-    return replace(found, sentences=sentences_of(found, corrected)), ""
+    return replace(found, sentences=sentences_of(found, now)), ""
 
 
 def _new(nominal: Hoist, corrected: Hoist) -> tuple[str, ...]:

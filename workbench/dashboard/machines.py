@@ -13,6 +13,7 @@ import streamlit as st
 from workbench.dashboard import session
 from workbench.effects import check
 from workbench.errors import InputError
+from workbench.kinds import STUDIED, of_kind, studied
 from workbench.machine import Axis, Hoist, default_hoist, load_machine
 
 DEFAULT, UPLOADED = "default hoist", "upload a machine.yaml"
@@ -46,9 +47,12 @@ def _uploaded(key: str) -> Hoist | Axis:
 
 def chosen_machine(key: str) -> Hoist:
     """The hoist that the select box `key` names. InputError for a file that is not one."""
-    kept = {name: each for name, each in kept_machines().items() if isinstance(each, Hoist)}
+    kept = {name: machine for name, any_kind in kept_machines().items() if (machine := studied(any_kind)) is not None}
     choice = st.selectbox("Machine", [DEFAULT, *kept, UPLOADED], key=key)
-    machine = default_hoist() if choice == DEFAULT else _uploaded(key) if choice == UPLOADED else kept[choice]
-    if not isinstance(machine, Hoist):
-        raise InputError("is an axis, expected a hoist", file="machine.yaml", place="kind")
+    if choice != UPLOADED:
+        return default_hoist() if choice == DEFAULT else kept[choice]
+    read = _uploaded(key)
+    machine = studied(read)
+    if machine is None:
+        raise InputError(f"is {of_kind(read)}; expected {STUDIED}", file="machine.yaml", place="kind")
     return machine

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-import numpy as np
-
-from workbench.consequences import consequences_of
+from workbench.consequences import Consequences, consequences_of
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.problem import Problem
@@ -17,25 +14,23 @@ from workbench.diagnose.isolation.next_run import next_run
 from workbench.diagnose.location.gap import gap_of
 from workbench.diagnose.location.where import where_of
 from workbench.diagnose.machines import corrected_machine, of_first_run, refitted_machine
+from workbench.diagnose.progress import Progress, Stage, Tell
 from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.condition import condition
+from workbench.diagnose.readiness.information import informative_band
 from workbench.diagnose.readiness.motion_noise import motion_noise
-from workbench.diagnose.records import Diagnosis, Names, Verdict
+from workbench.diagnose.records import Diagnosis, Names, Verdict, VerdictWord
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, judge
-from workbench.diagnose.verdict.structure import floor_of, reducible, weigh_against
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 
-STAGES = 8
-ROUNDS = 3  # of an axis' search against its own floor
-SAME = 0.1  # two floors, relative
 BASELINES = ("tolerances", "nominal")
-Tell = Callable[[str, int, int], None]
 
 
 def diagnose(
@@ -54,16 +49,19 @@ def diagnose(
     baseline: "tolerances": the base parameters are refitted, each held by its tolerance; "nominal":
     they stay. candidates: ids of effects to weigh, None for the listed ones of the machine's kind.
     most_effects: at once, 1 or 2. study: whether to look at what changes in the control study.
-    tell(sentence, done, total) hears of each stage. The same seed
-    gives the same answer. InputError where the runs cannot be diagnosed.
+    tell: hears of each stage. The same seed gives the same answer. InputError where the runs cannot be diagnosed.
     """
-    say = tell or (lambda sentence, done, total: None)
-    say("reading the logs", 0, STAGES)
+    say = tell or (lambda progress: None)
+    say(Progress(Stage.READ))
     warnings = check_runs(campaign)
     effects = chosen_effects(campaign, candidates)
     problem = Problem(campaign.machine, campaign.runs, band_hz)
+    if band_hz is None and kind_of(campaign.machine).floor == "own":
+        band = informative_band(problem.bench, seed)
+        if band < problem.band_hz:
+            problem = Problem(campaign.machine, campaign.runs, band)
     shaking = motion_noise(problem, seed)
-    problem.noise = problem.sensor_noise = math.hypot(problem.noise, shaking)
+    problem = problem.noisier(shaking)
     state = condition(campaign, problem, shaking)
 
     others = [each for each in effects_for(problem.active.kind).values() if not each.listed]
@@ -72,27 +70,22 @@ def diagnose(
     if baseline == "nominal":
         keys = {key: knob for key, knob in keys.items() if knob.logarithmic}
     elif baseline != "tolerances":
-        raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="--baseline")
+        raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="baseline")
 
-    def search(again: bool = False) -> Search:
-        prefix = "against its own floor: " if again else ""
-        return Search(problem, effects, lambda sentence: say(prefix + sentence, 1, STAGES), rivals, keys)
-
-    found, judged = _answered(search, most_effects, seed)
-
-    problem.noise = judged.floor
-    say("the verdict", 2, STAGES)
+    found = Search(problem, effects, say, rivals, keys).run(most_effects)
+    say(Progress(Stage.JUDGE))
+    judged = judge(found)
     rows = candidate_rows(found, judged, keys)
-    say("where the gap lies", 3, STAGES)
+    say(Progress(Stage.LOCATE))
     gap = gap_of(problem, found, campaign)
     fit = found.fits[judged.names] if judged.names else None
     named = [each for each in effects if each.id in judged.names]
     where = where_of(problem, found.near, fit, named, seed) if judged.word != "no_gap" else None
-    say("what these runs can tell apart", 4, STAGES)
+    say(Progress(Stage.SEPARATE))
     apart = isolability(problem, found)
     also = alike(judged, problem.active.kind)
     more = next_run(problem, found, _open(judged, also))
-    say("how far the gap shrinks", 5, STAGES)
+    say(Progress(Stage.SHRINK))
     unknown = explain(problem, found.near) if judged.word == "unknown" else None
     if fit is not None:
         corrected = corrected_machine(problem, keys, fit)
@@ -102,12 +95,13 @@ def diagnose(
     else:
         corrected = refitted_machine(problem, keys, found.near)
     shrink = shrink_of(found, keys, judged.names, folds_of(found, judged.names, unknown), seed, unknown)
-    say("what changes in the control study", 6, STAGES)
+    say(Progress(Stage.CONSEQUENCES))
     refitted = refitted_machine(problem, keys, found.near)
-    changes, why_not = _consequences(campaign, refitted, corrected, judged) if study else (None, "Not asked for.")
-    say("done", STAGES, STAGES)
+    changes, why_not = _consequences(campaign, refitted, corrected, judged.word) if study else (None, "Not asked for.")
     sentence = sentence_of(judged, gap, shrink, also, corrected.measured_correction is not None)
-    verdict = Verdict(judged.word, judged.names, judged.ranking, also, sentence, judged.reasons)
+    verdict = Verdict(
+        judged.word, judged.names, judged.ranking, also, sentence, judged.reasons, judged.explained, judged.left
+    )
     return Diagnosis(
         campaign=campaign,
         seed=seed,
@@ -130,29 +124,6 @@ def diagnose(
     )
 
 
-def _answered(search: Callable[[bool], Search], most_effects: int, seed: int) -> tuple[Found, Judged]:
-    """The search and its verdict. An axis' floor is what it leaves itself: what that is, a first search tells."""
-    first = search(False)
-    problem = first.problem
-    if not isinstance(problem.machine, Axis):
-        found = first.run(most_effects)
-        return found, judge(found, seed)
-    base = first.base_fit()
-    # The gap itself hangs together: how its own floor does is not known before the search.
-    problem.noise = floor_of(problem, base, reducible(problem, base, seed))
-    found = first.run(most_effects)
-    judged = judge(found, seed)
-    for _ in range(ROUNDS):
-        before = problem.noise, problem.share
-        least = min([found.near, *found.fits.values()], key=lambda fit: fit.chi2)
-        weigh_against(problem, judged.held, judged.reducible, least)
-        if np.allclose(before, (problem.noise, problem.share), rtol=SAME):
-            break
-        found = search(True).run(most_effects)
-        judged = judge(found, seed)
-    return found, judged
-
-
 def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effect]:
     """The effects to weigh. InputError for a name that is none, with the nearest."""
     from workbench.plants import plant_of
@@ -162,7 +133,7 @@ def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effe
         return [each for each in known.values() if each.listed]
     for name in names:
         if name not in known:
-            raise InputError(f"unknown effect '{name}'; {nearest(name, known)}", place="--candidates")
+            raise InputError(f"unknown effect '{name}'; {nearest(name, known)}", place="candidates")
     return [known[name] for name in dict.fromkeys(names)]
 
 
@@ -174,11 +145,12 @@ def _open(judged: Judged, also: Names) -> list[Names]:
     return list(dict.fromkeys([*first, *rest]))
 
 
-def _consequences(campaign: Campaign, refitted: object, corrected: object, judged: Judged):  # type: ignore[no-untyped-def]
-    if judged.word == "no_gap":
+def _consequences(
+    campaign: Campaign, refitted: Hoist | Axis, corrected: Hoist | Axis, word: VerdictWord
+) -> tuple[Consequences | None, str]:
+    """What changes in the control study; or why nothing is said."""
+    if word == "no_gap":
         return None, "No gap: the study's conclusions stand as they are."
-    if not isinstance(refitted, Hoist) or not isinstance(corrected, Hoist):
-        return None, "There are no studies of an axis."
     return consequences_of(refitted, corrected, runs=campaign.runs)
 
 

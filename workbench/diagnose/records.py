@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import TYPE_CHECKING, Literal
 
 from workbench.logs import Campaign
@@ -17,6 +18,36 @@ if TYPE_CHECKING:
 
 Names = tuple[str, ...]
 VerdictWord = Literal["named", "no_gap", "unknown"]
+
+
+class ReasonKind(Enum):
+    """What speaks against the best named hypothesis."""
+
+    UNLISTED_EXPLAINS_MORE = "unlisted_explains_more"
+    LEAVES_MUCH = "leaves_much"
+    STRETCHES_TOLERANCES = "stretches_tolerances"
+    ON_A_BOUND = "on_a_bound"
+    UNDO_EACH_OTHER = "undo_each_other"
+
+
+@dataclass(frozen=True)
+class Reason:
+    """value: N m (N) left, or standard deviations; percent: of the input's rms; effects: those it is about."""
+
+    kind: ReasonKind
+    effects: Names = ()
+    value: float = 0.0
+    percent: float = 0.0
+
+
+@dataclass(frozen=True)
+class Left:
+    """What the answer leaves beyond noise and discrepancy: rms, N m (N); per cent of the input's rms; whether that
+    changes a conclusion of a study."""
+
+    rms: float
+    percent_of_input: float
+    relevant: bool
 
 
 @dataclass(frozen=True)
@@ -94,8 +125,33 @@ class Profile:
 
 
 @dataclass(frozen=True)
+class PlaceProbability:
+    """How likely the cause lies in a part of the machine, 0 to 1."""
+
+    subsystem: str
+    probability: float
+
+
+@dataclass(frozen=True)
+class Event:
+    """A brief stretch of one run, s on its own clock, that a force of one part of the machine accounts for.
+
+    energy: its share of the gap's. largest: the force's largest value, as input, N m (N)."""
+
+    run: str
+    from_s: float
+    to_s: float
+    subsystem: str
+    energy: float
+    largest: float
+
+
+@dataclass(frozen=True)
 class Where:
-    """Where the gap lies. share: of its energy in the windows and the regime. side: drive, carriage, or unsaid."""
+    """Where the gap lies. share: of its energy in the windows and the regime. side: drive, carriage, or unsaid.
+
+    places: the likeliest first, probabilities that sum to one. events: the brief stretches, where that is what it is.
+    """
 
     subsystem: str
     regime: str
@@ -106,6 +162,8 @@ class Where:
     energy_by_run: Mapping[str, float]
     side: str
     sentences: tuple[str, ...]
+    places: tuple[PlaceProbability, ...] = ()
+    events: tuple[Event, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -155,7 +213,9 @@ class Verdict:
     ranking: tuple[Hypothesis, ...]
     alike: Names
     sentence: str
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
+    explained: float = 0.0
+    left: Left = Left(0.0, 0.0, False)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from workbench.diagnose.machines import machine_of
 from workbench.diagnose.records import Names, Shrink
 from workbench.diagnose.unexplained.unknown import Explained
 from workbench.errors import InputError
-from workbench.machine import Axis, Hoist, LinearAxis
+from workbench.kinds import kind_of
+from workbench.machine import Axis, Hoist
 from workbench.simulate.replay import replay_runs
 
 DRAWS = 2000  # of the bootstrap
@@ -59,12 +60,11 @@ def shrink_of(
         sentences.append(
             "One run only: four blocks of it were held out in turn, which says less than other runs would."
         )
-    axis = isinstance(problem.machine, Axis)
     return Shrink(
         before=before,
         after=after,
         noise=problem.noise,
-        unit="N" if axis and isinstance(problem.machine, LinearAxis) else "N m",
+        unit=kind_of(problem.machine).drive.unit,
         band_hz=problem.band_hz,
         factor=before / max(after, 1e-12),
         ci95=_interval(folds, problem.inputs, seed),

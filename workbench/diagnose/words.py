@@ -33,9 +33,22 @@ def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: b
     text += (
         f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}, noise {shrink.noise:.2g}"
     )
+    text += f". It explains {_percent(judged.explained)} of the gap's energy"
+    if judged.left.rms > 0.0:
+        text += (
+            f"; {judged.left.rms:.2g} {unit} beyond noise stay, {judged.left.percent_of_input:.2g} % of the input, "
+            + ("enough to change a conclusion" if judged.left.relevant else "too little to change a conclusion")
+        )
     if also:
         text += f"; these runs cannot tell it from {', '.join(also)}"
     return text + "."
+
+
+def _percent(share: float) -> str:
+    """A share of the energy; nines say how little is left."""
+    if share >= 0.9999:
+        return "over 99.99 %"
+    return f"{100.0 * share:.2f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
 
 
 def chance(probability: float) -> str:

@@ -4,7 +4,7 @@
 plant; `names()` and `effects_for(kind)` say what there is; `load_effects(file)` adds a user's own.
 """
 
-from workbench.effects.active import RUN_SYMBOLS, Active, all_off, check, joined, of, ranges_of, searchable
+from workbench.effects.active import RUN_SYMBOLS, Active, all_off, check, joined, of, ranges_of, searchable, sizes_of
 from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
 from workbench.effects.registry import effects_for, find, forget_users, library_effects, load_effects, names
 from workbench.effects.series import (
@@ -16,7 +16,7 @@ from workbench.effects.series import (
     true_motion,
     true_run,
 )
-from workbench.effects.sizes import Sizes, sizes_of
+from workbench.kinds import Sizes
 
 __all__ = [
     "RUN_SYMBOLS",

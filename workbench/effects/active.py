@@ -16,9 +16,9 @@ import numpy as np
 
 from workbench.effects.correction import corrected
 from workbench.effects.declare import Effect, Ranged
-from workbench.effects.registry import effects_for, find, library_effects
-from workbench.effects.sizes import Sizes, sizes_of
+from workbench.effects.registry import effects_for, find, library_effects, library_for
 from workbench.errors import InputError, nearest
+from workbench.kinds import Sizes, kind_of
 from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS, Effects, Memory, plant_of
 from workbench.run import Run
@@ -127,7 +127,7 @@ def vanished(effect: Effect, sizes: Sizes) -> dict[str, float]:
 
 
 def _in_plants(kind: str) -> tuple[Effect, ...]:
-    return tuple(each for each in library_effects() if kind in each.kinds and not each.on_sensor)
+    return tuple(each for each in library_for(kind) if not each.on_sensor)
 
 
 def _with_users(kind: str) -> tuple[Effect, ...]:
@@ -182,11 +182,19 @@ def ranges_of(effect: Effect, machine: Hoist | Axis, runs: Sequence[Run] = ()) -
     return tuple(_where_it_went(each, machine, runs) for each in effect.ranges(sizes_of(machine, runs)))
 
 
+def sizes_of(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Sizes:
+    """A machine's sizes; one that says little about its own asks its runs, where there are any."""
+    return kind_of(machine).sizes(machine, runs)
+
+
 def _where_it_went(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ranged:
-    """An axis' zero may lie anywhere: a place along its way is looked for where its runs have been."""
-    if r.scan != "position" or not isinstance(machine, Axis):
+    """Where the log says where a machine is, its zero may lie anywhere: a place along its way is looked for where
+    its runs have been."""
+    kind = kind_of(machine)
+    if r.scan != "position" or not kind.moved.placed_by_log:
         return r
-    been = [run[machine.position_signal] for run in runs if machine.position_signal in run]
+    position = kind.plant.positions[kind.plant.placed]
+    been = [run[position] for run in runs if position in run]
     low, high = min(map(np.min, been), default=0.0), max(map(np.max, been), default=0.0)
     if not high > low:
         return r

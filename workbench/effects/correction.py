@@ -13,15 +13,16 @@ the machine has a table. Its number of points is rounded up to one of two, so fe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from workbench.kinds import KINDS, Port
 from workbench.machine import Axis, Hoist, MeasuredCorrection
-from workbench.plants import PLACES, Effects
-from workbench.trace.expr import Scalar, absolute, clip, floor, where
+from workbench.plants import Effects
+from workbench.trace.expr import Scalar, clip, floor, where
 
 if TYPE_CHECKING:
     from workbench.effects.active import Active
@@ -29,25 +30,6 @@ if TYPE_CHECKING:
 NAME = "measured_correction"
 SEGMENTS = (17, 33)  # between points; a periodic table has one more than points on a line
 TURN = 2.0 * math.pi
-PLACE: Mapping[str, str] = {"guide": "guide_force_n", "motor": "motor_torque_nm", "axis": "axis_force"}
-assert set(PLACE.values()) <= set(PLACES)
-
-# What the tables are over, out of the signals at the place and the plant's parameters.
-VARIABLES: Mapping[str, Callable[[Any, Any], Scalar]] = {
-    "speed_carriage_m_s": lambda s, p: absolute(s.v),
-    "speed_motor_rad_s": lambda s, p: absolute(s.w),
-    "position_carriage_m": lambda s, p: s.x,
-    "angle_motor_rad": lambda s, p: s.angle,
-    "angle_drum_rad": lambda s, p: s.angle / p.ratio,
-    "payload_kg": lambda s, p: p.m_p,
-    "velocity_m_s": lambda s, p: absolute(s.v),
-    "position_m": lambda s, p: s.x,
-    "speed_rad_s": lambda s, p: absolute(s.v),
-    "angle_rad": lambda s, p: s.x,
-    "angle_in_turn_rad": lambda s, p: s.x,
-    "time_s": lambda s, p: s.t,
-    "campaign_time_s": lambda s, p: s.t + p.start_time_s,
-}
 
 
 def corrected(active: Active, machine: Hoist | Axis) -> Active:
@@ -57,7 +39,7 @@ def corrected(active: Active, machine: Hoist | Axis) -> Active:
         return active
     from workbench.effects.active import joined
 
-    pieces = _pieces(correction.over, correction.acts_on, correction.periodic, _segments(correction))
+    pieces = _pieces(active.kind, correction.over, correction.acts_on, correction.periodic, _segments(correction))
     values = MappingProxyType({**active.values, **_numbers(correction)})
     return replace(active, effects=joined(active.effects, pieces), values=values)
 
@@ -74,33 +56,30 @@ def _symbols(segments: int) -> tuple[str, ...]:
 
 
 @cache
-def _pieces(over: str, acts_on: str, periodic: bool, segments: int) -> Effects:
+def _pieces(kind: str, over: str, acts_on: str, periodic: bool, segments: int) -> Effects:
     """One object for one kind of table: kernels are found by it."""
-    piece = partial(_force, over, acts_on, periodic, segments)
-    return Effects({PLACE[acts_on]: [piece]}, (*_symbols(segments), "start_time_s"))
+    port = KINDS[kind].ports[acts_on]
+    variable = next(table.of for table in KINDS[kind].tables if table.over == over)
+    piece = partial(_force, variable, port, periodic, segments)
+    return Effects({port.place: [piece]}, (*_symbols(segments), "start_time_s"))
 
 
-def _force(over: str, acts_on: str, periodic: bool, segments: int, s: Any, p: Any) -> Scalar:
+def _force(variable: Callable[[Any, Any], Scalar], port: Port, periodic: bool, segments: int, s: Any, p: Any) -> Scalar:
     """The sum over all segments of slope times the way gone in the segment."""
 
     def of(what: str) -> Scalar:
         return getattr(p, f"{NAME}__{what}")
 
-    x = VARIABLES[over](s, p)
+    x = variable(s, p)
     if periodic:
         x = x - TURN * floor((x - of("begins")) / TURN)
-    ahead = (s.w if acts_on == "motor" else s.v) > 0.0
+    ahead = getattr(s, port.speed) > 0.0
     held, friction = of("held"), where(ahead, of("forward"), of("backward"))
     for i in range(segments):
         gone = clip(x - of(f"at_{i}"), 0.0, of(f"width_{i}"))
         held = held + of(f"held_{i}") * gone
         friction = friction + where(ahead, of(f"forward_{i}"), of(f"backward_{i}")) * gone
-    return -(held + _sign(acts_on, s, p) * friction)
-
-
-def _sign(acts_on: str, s: Any, p: Any) -> Scalar:
-    """Linear around standstill and exact beyond: the switches of motor and axis are; the guide's never quite ends."""
-    return clip(p.slope * s.v, -1.0, 1.0) if acts_on == "guide" else s.switch
+    return -(held + port.sign(s, p) * friction)
 
 
 def _numbers(correction: MeasuredCorrection) -> dict[str, float]:

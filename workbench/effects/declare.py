@@ -31,8 +31,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from workbench.effects.parameter import DOMAINS, KINDS, Parameter, Ranged
-from workbench.effects.sizes import Sizes
 from workbench.errors import InputError
+from workbench.kinds import Sizes
 from workbench.plants import PLACES
 from workbench.trace.expr import Scalar
 
@@ -81,6 +81,10 @@ class Effect:
     def kinds(self) -> tuple[str, ...]:
         """The kinds of plant it is for."""
         return tuple(kind for kind in KINDS if _of_kind(self.place, kind) is not None)
+
+    def nearness(self, kind: str) -> int:
+        """How near its declaration is to a kind of plant: 0 under the kind's own name, more under a family's."""
+        return next(rank for rank, name in enumerate(KINDS[kind].family) if name in self.place)
 
     def place_on(self, kind: str) -> str:
         return str(_of_kind(self.place, kind))
@@ -215,5 +219,5 @@ def problems(made: Effect) -> list[str]:
 
 
 def _of_kind(by_kind: Mapping[str, str], kind: str) -> str | None:
-    """What stands for a kind of plant: under its own name, or under the machine's kind for both motions."""
-    return by_kind.get(kind, by_kind.get(kind.partition("-")[0]))
+    """What stands for a kind of plant: under its own name, or under that of a family it belongs to."""
+    return next((by_kind[name] for name in KINDS[kind].family if name in by_kind), None)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from workbench.effects.declare import Effect
-from workbench.effects.parameter import KINDS, Parameter, words
-from workbench.effects.registry import library_effects
+from workbench.effects.parameter import Parameter, words
+from workbench.effects.registry import library_effects, library_for
 
 HEAD = """# Effects
 
@@ -105,7 +105,8 @@ def page(effects: Sequence[Effect] | None = None) -> str:
 
 
 def _section(each: Effect, title: str) -> list[str]:
-    where = [(kind, each.place_on(kind), each.subsystem(kind)) for kind in KINDS if kind in each.kinds]
+    kinds = [kind for kind in each.kinds if each not in library_effects() or each in library_for(kind)]
+    where = [(kind, each.place_on(kind), each.subsystem(kind)) for kind in kinds]
     places = "; ".join(dict.fromkeys(f"{kind.partition('-')[0]}: {place} ({of})" for kind, place, of in where))
     traits = [
         "takes energy only" if each.dissipative else "",
@@ -127,7 +128,7 @@ def _section(each: Effect, title: str) -> list[str]:
         "",
         "| parameter | | unit of the numbers | bounds | scale | start | vanishes at |",
         "|---|---|---|---|---|---|---|",
-        *(_row(each, parameter) for parameter in each.parameters),
+        *(_row(each, parameter, kinds) for parameter in each.parameters),
         "",
     ]
 
@@ -136,11 +137,11 @@ def _read(each: Effect) -> list[str]:
     return [f"{name}: {meaning.format(**words('hoist'))}" for name, meaning in each.reads.items()]
 
 
-def _row(each: Effect, p: Parameter) -> str:
+def _row(each: Effect, p: Parameter, kinds: Sequence[str]) -> str:
     off = "–" if p.vanishes_at is None else f"{p.vanishes_at:g}"
     meaning = p.meaning + (", each run's own" if p.per_run else "")
     bounds = f"{p.lowest:.4g} … {p.highest:.4g}"
-    names = ", ".join(dict.fromkeys(f"`{p.named(kind)}`" for kind in each.kinds))
+    names = ", ".join(dict.fromkeys(f"`{p.named(kind)}`" for kind in kinds))
     return f"| {names} | {meaning} | {p.size} | {bounds} | {p.scale:g} | {p.start:g} | {off} |"
 
 

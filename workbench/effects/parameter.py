@@ -6,23 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-KINDS = ("hoist", "axis-linear", "axis-rotary")
-
-# What the placeholders in names and units stand for, by kind of plant.
-_WORDS: Mapping[str, Mapping[str, str]] = {
-    "hoist": {"n": "n", "m": "m", "input": "nm", "up": "hoisting", "dn": "lowering"},
-    "axis-linear": {"n": "n", "m": "m", "input": "n", "up": "forward", "dn": "backward"},
-    "axis-rotary": {"n": "nm", "m": "rad", "input": "nm", "up": "forward", "dn": "backward"},
-}
+from workbench.kinds import KINDS
 
 
 def words(kind: str) -> Mapping[str, str]:
     """What the placeholders in names stand for, on a kind of plant."""
-    return _WORDS[kind]
+    return KINDS[kind].words
 
 
 Domain = Literal["any", "not_negative", "positive"]
-Scan = Literal["", "position", "drum_angle", "phase", "frequency"]
+Scan = Literal["", "position", "drum_angle", "phase", "frequency", "waves"]
 DOMAINS: Mapping[str, tuple[Callable[[float], bool], str]] = {
     "any": (lambda value: True, "a number"),
     "not_negative": (lambda value: value >= 0.0, "at least 0"),
@@ -42,7 +35,7 @@ class Parameter:
     per_run: every run has its own. domain: what a value has to be at all.
     scan: how a search tries a shape (what has no vanishing value) before it refines it: as a
     place that the runs have passed (position, drum_angle), as a phase of the amplitude beside
-    it, as a frequency, as finely as the runs resolve it; "": `tries` (in `size`), or some
+    it, as a frequency, as waves along the way, as finely as the runs resolve it; "": `tries` (in `size`), or some
     values from lowest to highest.
     """
 
@@ -61,7 +54,7 @@ class Parameter:
     tries: tuple[float, ...] = ()
 
     def named(self, kind: str) -> str:
-        return self.name.format(**_WORDS[kind])
+        return self.name.format(**words(kind))
 
 
 @dataclass(frozen=True)

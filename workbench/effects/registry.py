@@ -41,6 +41,15 @@ def library_effects() -> tuple[Effect, ...]:
 
 
 @cache
+def library_for(kind: str) -> tuple[Effect, ...]:
+    """The package's effects for a kind of plant. Of two of one name, the one that is declared for the kind itself
+    goes before the one that is declared for a family it belongs to."""
+    suiting = [each for each in library_effects() if kind in each.kinds]
+    nearest_of = {each.id: each for each in sorted(suiting, key=lambda each: -each.nearness(kind))}
+    return tuple(each for each in suiting if nearest_of[each.id] is each)
+
+
+@cache
 def _of_entry_points() -> None:
     from importlib.metadata import entry_points
 
@@ -135,7 +144,7 @@ def users() -> Mapping[tuple[str, str], Effect]:
 
 def effects_for(kind: str) -> dict[str, Effect]:
     """id -> effect, for a kind of plant (hoist, axis-linear, axis-rotary)."""
-    own = {each.id: each for each in library_effects() if kind in each.kinds}
+    own = {each.id: each for each in library_for(kind)}
     return own | {name: each for (name, of), each in users().items() if of == kind}
 
 

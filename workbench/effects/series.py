@@ -9,6 +9,7 @@ from typing import Any
 
 from workbench.effects.active import Active
 from workbench.effects.declare import Effect
+from workbench.kinds import KINDS
 from workbench.plants import PLANTS, Plant
 from workbench.run import Array, Run
 
@@ -57,9 +58,9 @@ def _changed(run: Run, active: Active, of_input: Any, of_motion: Any, values: Ma
     if plant.input in signals:
         before = signals[plant.input]
         after = signals[plant.input] = of_input(active, run.time_s, before, values)
-        motors = [name for name in ("torque_motor1_nm", "torque_motor2_nm") if name in signals]
-        for motor in motors:  # the sum is what is off; it is shared evenly
-            signals[motor] = signals[motor] + (after - before) / len(motors)
+        parts = [name for name in KINDS[active.kind].drive.parts if name in signals]
+        for part in parts:  # the sum is what is off; it is shared evenly
+            signals[part] = signals[part] + (after - before) / len(parts)
     for name in driven_signals(plant):
         if name in signals:
             signals[name] = of_motion(active, run.time_s, signals[name], values)

@@ -10,6 +10,7 @@ from workbench.identify.fit import Fit, fit
 from workbench.identify.iteration import Levels, friction_levels
 from workbench.identify.models import BalanceModel
 from workbench.identify.parameters import free_parameters
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, with_values
 from workbench.simulate.driven import Bench
@@ -54,11 +55,8 @@ def identify(
 
 
 def _ties(machine: Hoist | Axis, keys: Sequence[str]) -> list[tuple[str, str]]:
-    """An axis' two Coulomb levels and its constant load show as two levels only: forward + load, backward - load."""
-    if isinstance(machine, Hoist):
-        return []
-    three = [machine.value_of[r] for r in ("coulomb_forward", "coulomb_backward", "gravity_constant")]
-    return [(three[0], three[1])] if all(key in keys for key in three) else []
+    """Pairs that are held alike, for the runs show two sums of the three values only; see `Kind.ties`."""
+    return [pair for pair, third in kind_of(machine).ties if all(key in keys for key in (*pair, third))]
 
 
 def record(campaign: Campaign, result: Fit, levels: Levels, band_hz: float, date: str) -> dict[str, object]:

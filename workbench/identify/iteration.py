@@ -7,9 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from workbench.machine import Axis, Hoist
-from workbench.plants.axis import friction as axis_friction
-from workbench.plants.hoist import guide_friction
+from workbench.kinds import Kind, kind_of
 from workbench.run import Array
 from workbench.simulate.driven import Balance, Bench, changed, sensor
 from workbench.simulate.lowpass import lowpass
@@ -41,7 +39,7 @@ def friction_levels(bench: Bench) -> Levels:
     profile; each level is the median ratio of the profile to its switching function over
     the moving samples of its direction.
     """
-    forward_symbol, backward_symbol = ("F_up", "F_dn") if isinstance(bench.machine, Hoist) else ("F_f", "F_b")
+    forward_symbol, backward_symbol = kind_of(bench.machine).friction.levels
     values = list(bench.base)
     forward = [float(getattr(values[0], forward_symbol))]
     backward = [float(getattr(values[0], backward_symbol))]
@@ -66,30 +64,28 @@ def _level(force: Array, switch: Array, before: float) -> float:
 def _profile(bench: Bench, balances: list[Balance], values: list[SimpleNamespace]) -> tuple[Array, Array, Array]:
     """Speed, Coulomb friction force and switching function at the moving samples of all runs."""
     gain, _ = sensor(bench.machine)
+    kind = kind_of(bench.machine)
     parts = []
     for b, p in zip(balances, values, strict=True):
-        speed, switch, coulomb = _friction(bench.machine, b, p)
+        speed, switch, coulomb = _friction(kind, b, p)
         smooth = lowpass(b.run.time_s, np.column_stack([speed, switch, coulomb]), b.band_hz)[b.moving]
-        force = smooth[:, 2] + b.residual[b.moving] / gain / _lever(bench.machine)
+        force = smooth[:, 2] + b.residual[b.moving] / gain / kind.lever_of(bench.machine)
         keep = np.abs(smooth[:, 1]) > 0.5
         parts.append(np.column_stack([smooth[:, 0], force, smooth[:, 1]])[keep])
     table = np.concatenate(parts)
     return table[:, 0], table[:, 1], table[:, 2]
 
 
-def _friction(machine: Hoist | Axis, b: Balance, p: SimpleNamespace) -> tuple[Array, Array, Array]:
+def _friction(kind: Kind, b: Balance, p: SimpleNamespace) -> tuple[Array, Array, Array]:
     """Speed at the friction, its switching function and its Coulomb force, as simulated."""
-    if isinstance(machine, Hoist):
-        v = b.states[:, 3]
-        unit = changed(p, {"F_up": 1.0, "F_dn": 1.0})
-        return v, guide_friction(v, unit), guide_friction(v, p)
-    v = b.motion.speed
-    unit = changed(p, {"F_f": 1.0, "F_b": 1.0, "B": 0.0})
-    return v, axis_friction(v, unit), axis_friction(v, changed(p, {"B": 0.0}))
+    law, v = kind.friction, friction_speed(kind, b)
+    unit = changed(p, {**dict.fromkeys(law.levels, 1.0), **law.off})
+    return v, law.law(v, unit), law.law(v, changed(p, law.off))
 
 
-def _lever(machine: Hoist | Axis) -> float:
-    """Torque at the motors that a force on the carriage takes, N m/N: two falls, drum and gear. 1 on an axis."""
-    if isinstance(machine, Hoist):
-        return machine.winch.drum_diameter_m / 4.0 / machine.gearbox.ratio
-    return 1.0
+def friction_speed(kind: Kind, b: Balance) -> Array:
+    """(n,) the speed at the friction: measured where it is the driven one, else simulated."""
+    others = (*kind.plant.positions[1:], *kind.plant.speeds[1:])
+    if kind.friction.speed in others:
+        return b.states[:, others.index(kind.friction.speed)]
+    return b.motion.speed

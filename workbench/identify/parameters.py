@@ -9,27 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.errors import InputError, nearest
+from workbench.kinds import Kind, kind_of
 from workbench.machine import Axis, Hoist, get_value
 from workbench.plants import plant_of
 from workbench.run import Run
 
-# What turns over at standstill is a property of the rollers that nobody knows: a factor of ten either way.
-SLOPE_LOG_STD = math.log(10.0)
-
-HOIST_DEFAULT = (
-    "guide.coulomb_hoisting_n",
-    "guide.coulomb_lowering_n",
-    "guide.atan_slope_s_per_m",
-    "motor.rotor_inertia_kg_m2",
-    "carriage.mass_kg",
-    "sensors.payload_scale",
-    "bearing.pin_friction_coefficient",
-    "wire.youngs_modulus_pa",
-    "sensors.torque_gain",
-    "sensors.torque_offset_nm",
-)
-AXIS_DEFAULT = ("inertia", "viscous", "coulomb_forward", "coulomb_backward", "gravity_constant")  # roles of Axis
-LOGARITHMIC = ("guide.atan_slope_s_per_m",)
 SIGNED = ("gravity", "offset")
 
 
@@ -69,12 +53,10 @@ def free_parameters(machine: Hoist | Axis, runs: Sequence[Run], chosen: Sequence
     """
     if chosen is not None:
         return [_free(machine, runs, key) for key in _checked(machine, chosen)]
-    if isinstance(machine, Hoist):
-        keys: list[str] = list(HOIST_DEFAULT)
-        if all(run.payload_kg == 0.0 for run in runs):
-            keys.remove("sensors.payload_scale")
-        return [_free(machine, runs, key) for key in keys]
-    return [_free(machine, runs, machine.value_of[role]) for role in AXIS_DEFAULT]
+    kind = kind_of(machine)
+    empty = all(run.payload_kg == 0.0 for run in runs)
+    silent = {value.key for value in kind.base if value.with_payload and empty}
+    return [_free(machine, runs, key) for key in kind.free if key not in silent]
 
 
 def fittable(machine: Hoist | Axis) -> dict[str, str | None]:
@@ -84,9 +66,7 @@ def fittable(machine: Hoist | Axis) -> dict[str, str | None]:
         for symbol, key in plant_of(machine).parameters.items()
         if isinstance(key, str) and key not in ("payload_kg", "motor.count")
     }
-    if isinstance(machine, Hoist):
-        return keys | {"sensors.torque_gain": None, "sensors.torque_offset_nm": None}
-    return keys | {machine.value_of["gain"]: None, machine.value_of["offset"]: None}
+    return keys | dict.fromkeys(kind_of(machine).sensor)
 
 
 def _checked(machine: Hoist | Axis, chosen: Sequence[str]) -> list[str]:
@@ -100,58 +80,33 @@ def _checked(machine: Hoist | Axis, chosen: Sequence[str]) -> list[str]:
 
 
 def _free(machine: Hoist | Axis, runs: Sequence[Run], key: str) -> Free:
-    nominal = get_value(machine, key)
-    symbol = fittable(machine)[key]
-    if key in LOGARITHMIC:
-        return Free(key, symbol, nominal, 1.0, True, 0.0, SLOPE_LOG_STD)
-    std = _tolerance(machine, runs, key)
+    kind = kind_of(machine)
+    nominal, symbol = get_value(machine, key), fittable(machine)[key]
+    base = kind.base_value(key)
+    std = base.std(machine, kind.largest_input(runs)) if base is not None and base.in_fit else None
+    if base is not None and base.in_fit and base.spread == "factor":
+        return Free(key, symbol, nominal, 1.0, True, 0.0, std)
     scale = std if std else 0.1 * max(abs(nominal), _typical(machine, runs, key))
     signed = any(word in key for word in SIGNED) and key != "gravity_m_s2"
     lowest = -math.inf if signed else (0.0 if "coulomb" in key or "viscous" in key else 1e-3 * abs(nominal))
-    return Free(key, symbol, nominal, scale, False, lowest, None if std is None else 1.0)
-
-
-def _tolerance(machine: Hoist | Axis, runs: Sequence[Run], key: str) -> float | None:
-    """One standard deviation of a value in its own unit; None where nothing holds it in a fit.
-
-    A hoist's friction levels are held too, each by its own: motion shows their sum well and
-    their difference only together with weight and offset, and that is where a hold is needed.
-    The dynamics of an axis are what is looked for: free.
-    """
-    if isinstance(machine, Hoist):
-        t = machine.tolerances
-        relative = {
-            "guide.coulomb_hoisting_n": t.coulomb,
-            "guide.coulomb_lowering_n": t.coulomb,
-            "motor.rotor_inertia_kg_m2": t.rotor_inertia,
-            "carriage.mass_kg": t.carriage_mass,
-            "sensors.payload_scale": t.payload,
-            "bearing.pin_friction_coefficient": t.pin_friction,
-            "wire.youngs_modulus_pa": t.wire_stiffness,
-            "sensors.torque_gain": t.torque_gain,
-        }
-        if key == "sensors.torque_offset_nm":
-            return t.torque_offset_nm or None
-        return (relative[key] * abs(get_value(machine, key)) or None) if key in relative else None
-    if key == machine.value_of["gain"]:
-        return machine.role("gain_tolerance") or None
-    if key == machine.value_of["offset"]:
-        return machine.offset_tolerance(max(float(np.max(np.abs(run[machine.input_signal]))) for run in runs)) or None
-    return None
+    return Free(key, symbol, nominal, scale, False, lowest, 1.0 if std else None)
 
 
 def _typical(machine: Hoist | Axis, runs: Sequence[Run], key: str) -> float:
-    """A size for values whose nominal may be zero, in their own unit, from the logs."""
-    signal = machine.input_signal if isinstance(machine, Axis) else "torque_motor_nm"
-    force = float(np.sqrt(np.mean(np.concatenate([run[signal] for run in runs]) ** 2)))
-    if isinstance(machine, Hoist) or "mass" in key or "inertia" in key or "standstill" in key:
-        return 0.0 if get_value(machine, key) else force
-    if "viscous" in key:
-        return force / max(float(np.ptp(_position(machine, run)) / run.duration_s) for run in runs)
+    """A size for values whose nominal may be zero, in their own unit, from the logs where the kind says so."""
+    kind = kind_of(machine)
+    size = kind.sized_by_runs.get(key, "input" if get_value(machine, key) == 0.0 else 0.0)
+    if isinstance(size, float):
+        return size
+    force = float(np.sqrt(np.mean(np.concatenate([run[kind.plant.input] for run in runs]) ** 2)))
+    if size == "input/speed":
+        return force / max(float(np.ptp(_position(kind, run)) / run.duration_s) for run in runs)
     return force
 
 
-def _position(machine: Axis, run: Run) -> np.ndarray:
-    if machine.position_signal in run:
-        return run[machine.position_signal]
-    return np.cumsum(run[machine.speed_signal]) * run.sample_time_s
+def _position(kind: Kind, run: Run) -> np.ndarray:
+    """(n,) of the driven coordinate."""
+    position, speed = kind.plant.positions[0], kind.plant.speeds[0]
+    if position in run:
+        return run[position]
+    return np.cumsum(run[speed]) * run.sample_time_s

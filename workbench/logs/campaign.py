@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from workbench.errors import InputError, nearest
+from workbench.kinds import kind_of
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Entry, read_runs
-from workbench.logs.signals import signals_of
 from workbench.machine import Axis, Hoist, load_machine
 from workbench.machine.files import CheckEffects
 from workbench.run import Run
@@ -59,7 +59,7 @@ def read_campaign(
     """
     folder, runs_yaml = _places(path)
     machine = load_machine(folder / "machine.yaml", check_effects=check_effects)
-    wanted = signals_of(machine)
+    wanted = kind_of(machine).signals
     runs_file, document = read_runs(runs_yaml, machine, wanted.names)
     entries = _selected(runs_file.runs, select, runs_yaml)
     notes = _entry_notes(entries, folder)

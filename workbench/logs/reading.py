@@ -8,19 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.kinds import TIME, Kind, SignalSet, kind_of
 from workbench.logs.channels import clipped, drop_dead, is_constant, refuse_infinite
 from workbench.logs.clock import check_time, merge_repeated, time_notes
 from workbench.logs.faults import Fault, fault_of
 from workbench.logs.gaps import fill_gaps
-from workbench.logs.plausible import check_hoist
+from workbench.logs.plausible import check_plausible, driven_signals
 from workbench.logs.runs_file import Column, Entry
-from workbench.logs.signals import TIME, TORQUE, TORQUE_1, TORQUE_2, Raw, SignalSet, read_signals
+from workbench.logs.signals import Raw, read_signals
 from workbench.logs.table import open_log
 from workbench.machine import Axis, Hoist
 from workbench.run import Array, Run
 from workbench.yaml_strict import readable_file
-
-_CAN_CLIP = (TORQUE_1, TORQUE_2, TORQUE, "tension_dead_line_n", "force_n", "torque_nm")
 
 
 def read_run(
@@ -59,18 +58,17 @@ def read_run(
 
 
 def _checked(entry: Entry, file: Path, machine: Hoist | Axis, wanted: SignalSet, raw: Raw, fault: Fault) -> Run:
+    kind = kind_of(machine)
     time_s, values, notes = _repaired(raw, wanted, fault)
-    if isinstance(machine, Hoist):
-        values, more = _with_sum(values, raw)
-        notes += more
-        start_m = entry.start_position_m if entry.start_position_m is not None else 0.0
-        notes += check_hoist(machine, entry.payload_kg or 0.0, start_m, time_s, values, raw.label, fault)
-    else:
-        values, start_m, more = _axis(machine, entry, values, raw, fault)
-        notes += more
-    values, more = drop_dead(values, wanted.optional, _true_zeros(machine, values), raw.label)
+    values, more = _with_sum(kind, values, raw)
     notes += more
-    for name in _CAN_CLIP:
+    values, more = _without_dead_motion(kind, values, raw)
+    notes += more
+    start_m = _start(kind, entry, values)
+    notes += check_plausible(machine, entry.payload_kg or 0.0, start_m, time_s, values, raw.label, fault)
+    values, more = drop_dead(values, wanted.optional, _true_zeros(kind, values), raw.label)
+    notes += more
+    for name in kind.can_clip:
         if name in raw.values and name in values and (sentence := clipped(time_s, values[name])):
             notes.append(f"{raw.label(name)} {sentence}")
     return Run(
@@ -105,39 +103,39 @@ def _needed(values: Mapping[str, Array], wanted: SignalSet) -> list[str]:
     return needed
 
 
-def _with_sum(values: dict[str, Array], raw: Raw) -> tuple[dict[str, Array], list[str]]:
-    """Both motors' torque together; the two stay beside it when both are logged."""
-    if TORQUE_1 in values and TORQUE_2 in values:
-        notes = [f"{raw.label(TORQUE)} is not used: both motors are logged for themselves"] if TORQUE in values else []
-        return values | {TORQUE: values[TORQUE_1] + values[TORQUE_2]}, notes
-    alone = [name for name in (TORQUE_1, TORQUE_2) if name in values]
+def _with_sum(kind: Kind, values: dict[str, Array], raw: Raw) -> tuple[dict[str, Array], list[str]]:
+    """The input as the sum of its parts, such as both motors' torque; the parts stay beside it when all are logged."""
+    parts, total = kind.drive.parts, kind.plant.input
+    if parts and all(name in values for name in parts):
+        notes = [f"{raw.label(total)} is not used: both motors are logged for themselves"] if total in values else []
+        return values | {total: np.sum([values[name] for name in parts], axis=0)}, notes
+    alone = [name for name in parts if name in values]
     kept = {name: column for name, column in values.items() if name not in alone}
     return kept, [f"{raw.label(name)} is not used: the other motor is not logged, the sum is" for name in alone]
 
 
-def _axis(
-    machine: Axis, entry: Entry, values: dict[str, Array], raw: Raw, fault: Fault
-) -> tuple[dict[str, Array], float, list[str]]:
-    """Dead channels of an axis, and where it starts: the first logged position unless runs.yaml says."""
-    notes: list[str] = []
-    force, motion = machine.input_signal, [machine.position_signal, machine.speed_signal]
-    if not values[force].any():
-        raise fault(f"{raw.label(force)} is zero throughout")
-    present = [name for name in motion if name in values]
-    zero = [name for name in present if not values[name].any()]
-    if len(present) == 2 and len(zero) == 1:
-        notes.append(f"{raw.label(zero[0])} dropped: it is zero throughout")
-        values = {name: column for name, column in values.items() if name != zero[0]}
-    elif all(is_constant(values[name]) for name in present):
-        notes.append("the axis stands still throughout; this run says nothing of friction or inertia")
-    first = float(values[machine.position_signal][0]) if machine.position_signal in values else 0.0
-    return values, first if entry.start_position_m is None else entry.start_position_m, notes
+def _without_dead_motion(kind: Kind, values: dict[str, Array], raw: Raw) -> tuple[dict[str, Array], list[str]]:
+    """Where position and speed are both logged and one is zero throughout, the other stands alone."""
+    motion = [name for name in driven_signals(kind) if name in values]
+    zero = [name for name in motion if not values[name].any()]
+    if len(motion) < 2 or len(zero) != 1:
+        return values, []
+    kept = {name: column for name, column in values.items() if name != zero[0]}
+    return kept, [f"{raw.label(zero[0])} dropped: it is zero throughout"]
 
 
-def _true_zeros(machine: Hoist | Axis, values: Mapping[str, Array]) -> tuple[str, ...]:
+def _start(kind: Kind, entry: Entry, values: Mapping[str, Array]) -> float:
+    """Where the run begins: as runs.yaml says, else at its first logged position."""
+    if entry.start_position_m is not None:
+        return entry.start_position_m
+    position = values.get(kind.plant.positions[0]) if kind.moved.placed_by_log else None
+    return 0.0 if position is None else float(position[0])
+
+
+def _true_zeros(kind: Kind, values: Mapping[str, Array]) -> tuple[str, ...]:
     """References that may well be zero throughout: those of a machine that stands still."""
-    if isinstance(machine, Hoist):
-        still = not values["speed_motor_rad_s"].any()
-        return ("speed_reference_rad_s",) if still else ()
-    position = values.get(machine.position_signal)
-    return (machine.reference_signal,) if position is not None and is_constant(position) else ()
+    reference, signal = kind.reference
+    if signal not in values:
+        return ()
+    still = is_constant(values[signal]) if signal in kind.plant.positions else not values[signal].any()
+    return (reference,) if still else ()

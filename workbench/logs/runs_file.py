@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from workbench.errors import InputError, nearest
+from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.machine.record import Finite, NotNegative, Record
 from workbench.yaml_strict import Document, dotted, load, validate
@@ -33,7 +34,7 @@ class Column(Record):
 
 
 class Entry(Record):
-    """One run as runs.yaml lists it. Hoists need payload and start position; see `read_runs`."""
+    """One run as runs.yaml lists it. Some kinds of machine need payload and start position; see `read_runs`."""
 
     name: Name
     file: Annotated[str, StringConstraints(min_length=1)]
@@ -76,22 +77,24 @@ def read_runs(file: Path, machine: Hoist | Axis, signals: tuple[str, ...]) -> tu
             first = document.line(("runs", seen[entry.name], "name"))
             raise fail(f"'{entry.name}' is used twice; it names the run on line {first} too", "runs", index, "name")
         seen[entry.name] = index
-        if isinstance(machine, Hoist):
-            _check_hoist_entry(entry, index, machine, fail)
+        _check_entry(entry, index, machine, fail)
     return runs, document
 
 
-def _check_hoist_entry(entry: Entry, index: int, machine: Hoist, fail: Fail) -> None:
-    if entry.payload_kg is None:
+def _check_entry(entry: Entry, index: int, machine: Hoist | Axis, fail: Fail) -> None:
+    """What runs of this kind of machine have to say."""
+    kind = kind_of(machine)
+    if kind.payload and entry.payload_kg is None:
         raise fail(f"run '{entry.name}' needs payload_kg, in kg and at least 0", "runs", index, "payload_kg")
-    top = machine.wire.segment_length_m
+    if kind.start is None:
+        return
     if entry.start_position_m is None:
         raise fail(
-            f"run '{entry.name}' needs start_position_m, the carriage height at the first sample",
-            "runs", index, "start_position_m",
+            f"run '{entry.name}' needs start_position_m, {kind.start.said}", "runs", index, "start_position_m"
         )  # fmt: skip
-    if not 0.0 <= entry.start_position_m <= top:
+    low, high, top = kind.start.range(machine)
+    if not low <= entry.start_position_m <= high:
         raise fail(
-            f"{entry.start_position_m} m, expected a height from 0 to {top} m, where the dead anchor is",
+            f"{entry.start_position_m} m, expected {kind.start.noun} from {low:g} to {high} m, {top}",
             "runs", index, "start_position_m",
         )  # fmt: skip

@@ -6,40 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from workbench.errors import InputError, nearest
+from workbench.kinds import TIME, SignalSet
 from workbench.logs.runs_file import Column
 from workbench.logs.table import LogFile, Table
-from workbench.machine import Axis, Hoist
 from workbench.run import Array
-
-TIME = "time_s"
-TORQUE, TORQUE_1, TORQUE_2 = "torque_motor_nm", "torque_motor1_nm", "torque_motor2_nm"
-
-
-@dataclass(frozen=True)
-class SignalSet:
-    """`needed`: of each group one alternative must be there, whole. `optional`: taken when there."""
-
-    needed: tuple[tuple[tuple[str, ...], ...], ...]
-    optional: tuple[str, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        listed = [name for group in self.needed for alternative in group for name in alternative]
-        return tuple(dict.fromkeys([*listed, *self.optional]))
-
-
-def signals_of(machine: Hoist | Axis) -> SignalSet:
-    """The signals of a machine's logs, as docs/formats.md lists them."""
-    if isinstance(machine, Hoist):
-        return SignalSet(
-            needed=(((TIME,),), ((TORQUE_1, TORQUE_2), (TORQUE,)), (("speed_motor_rad_s",),)),
-            optional=("speed_reference_rad_s", "position_carriage_m", "tension_dead_line_n"),
-        )
-    position, speed = machine.position_signal, machine.speed_signal
-    return SignalSet(
-        needed=(((TIME,),), ((machine.input_signal,),), ((position,), (speed,))),
-        optional=(machine.reference_signal,),
-    )
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ class Axis(Record):
     """What linear and rotary axes share. The class attributes name their keys and signals alike."""
 
     format: Literal[1] = 1
-    kind: Literal["axis"] = "axis"
+    kind: str = "axis"
     name: str = "axis"
     effects: EffectValues = Field(default_factory=dict)
     measured_correction: MeasuredCorrection | None = None
@@ -108,6 +108,7 @@ class Axis(Record):
     position_signal: ClassVar[str]
     speed_signal: ClassVar[str]
     reference_signal: ClassVar[str]
+    CORRECTION: ClassVar[type[MeasuredCorrection]]
 
     def role(self, name: str) -> float:
         """The value of a role: inertia, coulomb_forward, coulomb_backward, viscous, gravity_sine,
@@ -131,6 +132,7 @@ class Axis(Record):
 class LinearAxis(Axis):
     """`motion: linear`: kg, N, m."""
 
+    kind: Literal["axis"] = "axis"
     motion: Literal["linear"] = "linear"
     name: str = "linear axis"
     mass_kg: Positive
@@ -155,11 +157,13 @@ class LinearAxis(Axis):
     position_signal: ClassVar[str] = "position_m"
     speed_signal: ClassVar[str] = "velocity_m_s"
     reference_signal: ClassVar[str] = "position_reference_m"
+    CORRECTION: ClassVar[type[MeasuredCorrection]] = LinearCorrection
 
 
 class RotaryAxis(Axis):
     """`motion: rotary`: kg m², N m, rad."""
 
+    kind: Literal["axis"] = "axis"
     motion: Literal["rotary"] = "rotary"
     name: str = "rotary axis"
     inertia_kg_m2: Positive
@@ -184,3 +188,4 @@ class RotaryAxis(Axis):
     position_signal: ClassVar[str] = "angle_rad"
     speed_signal: ClassVar[str] = "speed_rad_s"
     reference_signal: ClassVar[str] = "angle_reference_rad"
+    CORRECTION: ClassVar[type[MeasuredCorrection]] = RotaryCorrection

@@ -7,6 +7,7 @@ it has no cause, no name, and holds within the runs it was measured in only.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import ClassVar, Literal
 
@@ -32,6 +33,7 @@ class MeasuredCorrection(Record):
 
     PERIODIC: ClassVar[tuple[str, ...]] = ()
     MAGNITUDES: ClassVar[tuple[str, ...]] = ()
+    UNITS: ClassVar[Mapping[str, str]] = {}  # acts_on -> the unit that its levels' keys end in
 
     @property
     def forward(self) -> tuple[float, ...]:
@@ -92,6 +94,7 @@ class HoistCorrection(MeasuredCorrection):
 
     PERIODIC: ClassVar[tuple[str, ...]] = ("angle_motor_rad", "angle_drum_rad")
     MAGNITUDES: ClassVar[tuple[str, ...]] = ("speed_carriage_m_s", "speed_motor_rad_s", "payload_kg")
+    UNITS: ClassVar[Mapping[str, str]] = {"guide": "n", "motor": "nm"}
 
     @property
     def forward(self) -> tuple[float, ...]:
@@ -124,6 +127,7 @@ class LinearCorrection(MeasuredCorrection):
     backward_n: Numbers
 
     MAGNITUDES: ClassVar[tuple[str, ...]] = ("velocity_m_s",)
+    UNITS: ClassVar[Mapping[str, str]] = {"axis": "n"}
 
     @property
     def forward(self) -> tuple[float, ...]:
@@ -144,6 +148,7 @@ class RotaryCorrection(MeasuredCorrection):
 
     PERIODIC: ClassVar[tuple[str, ...]] = ("angle_in_turn_rad",)
     MAGNITUDES: ClassVar[tuple[str, ...]] = ("speed_rad_s",)
+    UNITS: ClassVar[Mapping[str, str]] = {"axis": "nm"}
 
     @property
     def forward(self) -> tuple[float, ...]:

@@ -14,6 +14,8 @@ from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
 from workbench.machine.hoist import Hoist
 from workbench.yaml_strict import Document, dumps, load, validate
 
+# What machine.yaml may describe. A kind of several motions has a record for each.
+RECORDS: tuple[type[Hoist] | type[Axis], ...] = (Hoist, LinearAxis, RotaryAxis)
 T = TypeVar("T")
 CheckEffects = Callable[[Hoist | Axis], None]
 _HEAD = ("format", "kind", "motion", "name")
@@ -44,18 +46,21 @@ def machine_from(document: Document, *, check_effects: CheckEffects | None = Non
     return machine
 
 
-def _record_for(document: Document) -> type[Hoist] | type[LinearAxis] | type[RotaryAxis]:
-    """The record that `kind` and `motion` ask for."""
+def _record_for(document: Document) -> type[Hoist] | type[Axis]:
+    """The record that `kind`, and `motion` where a kind has several, ask for."""
     data = document.data
     if not isinstance(data, dict):
         raise InputError("is not a block of keys; expected a machine", file=document.file, line=document.line(()))
     if (version := data.get("format", 1)) != 1:  # first: a newer form may have other keys throughout
         line = document.line(("format",))
         raise InputError(f"{version!r}, this version reads format 1", file=document.file, line=line, place="format")
-    if _choice(document, "kind", {"hoist": "hoist", "axis": "axis"}, "hoist") == "hoist":
-        return Hoist
-    motions: dict[str, type[LinearAxis] | type[RotaryAxis]] = {"linear": LinearAxis, "rotary": RotaryAxis}
-    return _choice(document, "motion", motions, None)
+    of_kind: dict[str, list[type[Hoist] | type[Axis]]] = {}
+    for record in RECORDS:
+        of_kind.setdefault(record.model_fields["kind"].default, []).append(record)
+    records = _choice(document, "kind", of_kind, "hoist")
+    if len(records) == 1:
+        return records[0]
+    return _choice(document, "motion", {record.model_fields["motion"].default: record for record in records}, None)
 
 
 def _choice(document: Document, key: str, valid: Mapping[str, T], default: str | None) -> T:
@@ -99,6 +104,4 @@ def save_machine(machine: Hoist | Axis, path: str | os.PathLike[str]) -> None:
 @cache
 def default_hoist() -> Hoist:
     """The machine that ships with the package: engineering estimates of a pipe racker's winch."""
-    machine = load_machine(Path(__file__).with_name("default_hoist.yaml"))
-    assert isinstance(machine, Hoist)
-    return machine
+    return validate(Hoist, load(Path(__file__).with_name("default_hoist.yaml")))

@@ -6,11 +6,11 @@ the symbols: the paper's Table of parameters; see docs/formats.md for every key.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from workbench.machine.correction import HoistCorrection
+from workbench.machine.correction import HoistCorrection, MeasuredCorrection
 from workbench.machine.record import EffectValues, Finite, Identified, NotNegative, Positive, Record
 
 
@@ -98,6 +98,14 @@ class HoistTolerances(Record):
     wire_stiffness: NotNegative = 0.05
     torque_gain: NotNegative = 0.005
     torque_offset_nm: NotNegative = 3.0
+    # Of what every machine has a little of: loss of the gearbox; viscous friction at nominal speed and Stribeck's peak,
+    # of the friction level; eccentricity of the drum, of its radius; ripple of the
+    # torque, of the motors' nominal torque together.
+    gearbox_loss: NotNegative = 0.002
+    viscous: NotNegative = 0.03
+    stribeck: NotNegative = 0.1
+    eccentricity: NotNegative = 0.0003
+    ripple: NotNegative = 0.002
 
 
 class Drive(Record):
@@ -156,6 +164,8 @@ class Hoist(Record):
     effects: EffectValues = Field(default_factory=dict)
     measured_correction: HoistCorrection | None = None
     identified: Identified = Field(default_factory=dict)
+
+    CORRECTION: ClassVar[type[MeasuredCorrection]] = HoistCorrection
 
     @model_validator(mode="after")
     def _rail_lies_below_the_anchor(self) -> Hoist:

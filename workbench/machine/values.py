@@ -8,7 +8,7 @@ from typing import Any, TypeVar, cast
 from pydantic import BaseModel, ValidationError
 
 from workbench.errors import InputError, nearest
-from workbench.machine.axis import Axis, LinearAxis
+from workbench.machine.axis import Axis
 from workbench.machine.hoist import Hoist
 from workbench.yaml_strict import dotted, problem_lines
 
@@ -58,12 +58,8 @@ def with_correction(
 
     forward, backward: in N where it acts on a guide or a linear axis, else in N m. InputError as for a file.
     """
-    force = acts_on == "guide" or isinstance(machine, LinearAxis)
-    table = {
-        "at": at,
-        "forward_n" if force else "forward_nm": forward,
-        "backward_n" if force else "backward_nm": backward,
-    }
+    unit = type(machine).CORRECTION.UNITS.get(acts_on, "n")  # an impossible place is refused below
+    table = {"at": at, f"forward_{unit}": forward, f"backward_{unit}": backward}
     numbers = {name: tuple(float(value) for value in values) for name, values in table.items()}
     data = machine.model_dump() | {"measured_correction": {"over": over, "acts_on": acts_on, **numbers}}
     return _checked(machine, data)

@@ -8,10 +8,11 @@ from __future__ import annotations
 from typing import Any
 
 from workbench.plants.axis import AXIS_LINEAR, AXIS_ROTARY
-from workbench.plants.base import NO_EFFECTS, PLACES, Effects, Memory, Output, Plant
+from workbench.plants.base import NO_EFFECTS, Effects, Memory, Output, Plant
 from workbench.plants.hoist import HOIST
 
 PLANTS = {plant.kind: plant for plant in (HOIST, AXIS_LINEAR, AXIS_ROTARY)}
+PLACES = {place: meaning for plant in PLANTS.values() for place, meaning in plant.places.items()}
 
 
 def plant_of(machine: Any) -> Plant:

@@ -17,6 +17,11 @@ from typing import Any
 from workbench.plants.base import NO_EFFECTS, Effects, Output, Plant
 from workbench.trace.expr import Scalar, clip, cos, sin, where
 
+PLACES = {
+    "axis_force": "force (torque) on an axis, forward positive",
+    "axis_inertia": "inertia of an axis",
+}
+
 
 def switch(v: Scalar, p: Any) -> Scalar:
     """The sign of a speed, linear within the standstill speed."""
@@ -84,6 +89,7 @@ def _plant(kind: str, position: str, speed: str, drive: str, parameters: Mapping
         speeds=(speed,),
         input=drive,
         parameters=parameters,
+        places=PLACES,
         signals=(Output(position, "position"), Output(speed, "speed"), Output(acceleration, "acceleration")),
         accelerations=accelerations,
         outputs=outputs,

@@ -11,21 +11,6 @@ from typing import Any
 
 from workbench.trace.expr import Scalar
 
-# A place where effects may add, and what is added there. Always summed, zero when nothing is there.
-PLACES: Mapping[str, str] = {
-    "guide_force_n": "force on the carriage along the rail, up positive",
-    "carriage_mass_kg": "mass moving with the carriage",
-    "payload_kg": "payload beyond the stated one",
-    "wound_length_m": "wire taken in by the drum beyond radius times angle",
-    "motor_torque_nm": "torque on the motor shaft, hoisting positive",
-    "motor_inertia_kg_m2": "inertia turning with the motor shaft",
-    "platform_acceleration_m_s2": "acceleration of the platform, up positive",
-    "wire_compliance_m_per_n": "compliance of one fall of wire beyond the nominal",
-    "line_mass_kg_per_m": "mass per metre of each fall beyond the bare wire",
-    "axis_force": "force (torque) on an axis, forward positive",
-    "axis_inertia": "inertia of an axis",
-}
-
 
 @dataclass(frozen=True)
 class Memory:
@@ -59,9 +44,6 @@ class Effects:
         self.pieces = dict(pieces or {})
         self.parameters = tuple(parameters)
         self.memory = tuple(memory)
-        for place in self.pieces:
-            if place not in PLACES:
-                raise ValueError(f"no place '{place}' for an effect; places: {', '.join(PLACES)}")
 
     def at(self, place: str, p: Any, **signals: Scalar) -> Scalar:
         total: Scalar = 0.0
@@ -97,6 +79,7 @@ class Plant:
 
     positions, speeds: the states; the derivative of positions[i] is speeds[i].
     parameters: the symbol in the equations -> the key in machine.yaml, or a fixed number.
+    places: where effects may add -> what is added there. Always summed, zero where nothing is there.
     accelerations(t, q, y, u, p, effects): y' for positions q, speeds y, input u.
     outputs(t, q, y, u, p, effects): name -> value, every signal named in `signals`.
     equilibrium(height, p): positions hanging still there, and the input that holds it.
@@ -112,6 +95,7 @@ class Plant:
     speeds: tuple[str, ...]
     input: str
     parameters: Mapping[str, str | float]
+    places: Mapping[str, str]
     signals: tuple[Output, ...]
     accelerations: Callable[..., Sequence[Scalar]]
     outputs: Callable[..., Mapping[str, Scalar]]
@@ -125,7 +109,13 @@ class Plant:
     def rates(
         self, t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
     ) -> list[Scalar]:
-        """The derivatives of speeds and memory; y holds the speeds, then the effects' memory."""
+        """The derivatives of speeds and memory; y holds the speeds, then the effects' memory.
+
+        ValueError for an effect at a place that this plant does not have.
+        """
+        for place in effects.pieces:
+            if place not in self.places:
+                raise ValueError(f"no place '{place}' for an effect of {self.kind}; places: {', '.join(self.places)}")
         n = len(self.speeds)
         p = effects.with_memory(p, y[n:])
         states = dict(zip((*self.positions, *self.speeds), (*q, *y[:n]), strict=True))

@@ -49,6 +49,19 @@ PARAMETERS = {
 }
 
 
+PLACES = {
+    "guide_force_n": "force on the carriage along the rail, up positive",
+    "carriage_mass_kg": "mass moving with the carriage",
+    "payload_kg": "payload beyond the stated one",
+    "wound_length_m": "wire taken in by the drum beyond radius times angle",
+    "motor_torque_nm": "torque on the motor shaft, hoisting positive",
+    "motor_inertia_kg_m2": "inertia turning with the motor shaft",
+    "platform_acceleration_m_s2": "acceleration of the platform, up positive",
+    "wire_compliance_m_per_n": "compliance of one fall of wire beyond the nominal",
+    "line_mass_kg_per_m": "mass per metre of each fall beyond the bare wire",
+}
+
+
 def pin_switch(speed_rad_s: Scalar) -> Scalar:
     """Eq. 13: the sign of a speed, linear within +-0.01 rad/s."""
     return clip(speed_rad_s / PIN_SPEED, -1.0, 1.0)
@@ -257,6 +270,7 @@ HOIST = Plant(
     speeds=("speed_motor_rad_s", "speed_sheave_rad_s", "speed_carriage_m_s"),
     input="torque_motor_nm",
     parameters=PARAMETERS,
+    places=PLACES,
     signals=SIGNALS,
     accelerations=accelerations,
     outputs=outputs,

@@ -1,13 +1,13 @@
-"""What the two kinds of machine call their quantities, and what is said of a log alike in every report."""
+"""What a kind of machine calls its quantities, and what is said of a log alike in every report."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.machine.axis import LinearAxis
 
 MOST_NOTES = 5
 
@@ -23,14 +23,12 @@ class Words:
 
 
 def words_of(machine: Hoist | Axis) -> Words:
-    scale = "nominal motor speed" if isinstance(machine, Hoist) else "the largest measured speed"
-    if isinstance(machine, LinearAxis):
-        return Words("force", "N", "n", scale)
-    return Words("torque", "N m", "nm", scale)
+    kind = kind_of(machine)
+    return Words(kind.drive.quantity, kind.drive.unit, kind.drive.suffix, kind.speed_scale[0])
 
 
 def direction_names(machine: Hoist | Axis) -> tuple[str, str]:
-    return ("hoisting", "lowering") if isinstance(machine, Hoist) else ("forward", "backward")
+    return kind_of(machine).directions.names
 
 
 def brief_notes(campaign: Campaign) -> list[str]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from workbench.effects import Active, logged_input, moved_by, true_run
 from workbench.engine import kernels
+from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.plants import Plant, plant_of
 from workbench.run import Array, Run
@@ -160,9 +161,7 @@ class Bench:
 
 def sensor(machine: Hoist | Axis) -> tuple[float, float]:
     """gain, offset of the logged input: logged = gain * true + offset."""
-    if isinstance(machine, Hoist):
-        return machine.sensors.torque_gain, machine.sensors.torque_offset_nm
-    return machine.role("gain"), machine.role("offset")
+    return kind_of(machine).sensor_of(machine)
 
 
 def start_point(plant: Plant, run: Run, motion: Motion) -> tuple[float, float]:
@@ -173,8 +172,9 @@ def start_point(plant: Plant, run: Run, motion: Motion) -> tuple[float, float]:
 
 def speed_scale(machine: Hoist | Axis, runs: Sequence[Run], motions: Sequence[Motion]) -> float:
     """What speeds are judged against: a motor's nominal speed, an axis' largest measured one."""
-    if isinstance(machine, Hoist):
-        return machine.motor.nominal_speed_rad_s
+    nominal = kind_of(machine).nominal_speed
+    if nominal is not None:
+        return nominal(machine)
     return max(float(np.max(np.abs(m.speed))) for m in motions)
 
 

@@ -109,16 +109,6 @@ class Table:
         """In a notebook."""
         return self.html()
 
-    @classmethod
-    def of_heads(cls, heads: Sequence[str], rows: Sequence[Sequence[str]], note: str = "") -> Table:
-        """Of heads as the study's tables give them: a leading blank stands over words, the last line is the unit."""
-        columns = []
-        for head in heads:
-            first, _, unit = head.rpartition("\n")
-            name, unit = (first, unit) if first.strip() or "\n" in head else (unit, "")
-            columns.append(Column(name.strip(), unit.strip(), "left" if head.startswith(" ") else "right"))
-        return cls(columns, rows, note)
-
     def __repr__(self) -> str:
         """As plain text with its note."""
         return "\n".join([self.text(), *([self.note] if self.note else [])])

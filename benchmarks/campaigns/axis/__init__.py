@@ -1,1 +1,1 @@
-"""Made-up campaigns of axes (`kind: axis`), linear and rotary, from gram to tonne."""
+"""Axes (`kind: axis`), linear and rotary, from gram to tonne: nominal machines, what can ail them, and their motion."""

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from benchmarks.campaigns.axis.machines import Drawn
-from benchmarks.campaigns.listed import TURN, Cause, Numbers, about, either
+from benchmarks.campaigns.causes import TURN, Cause, Numbers, about, either
 
 
 @dataclass(frozen=True)
@@ -163,11 +163,20 @@ def _presliding(rng: np.random.Generator, s: Scales) -> Cause:
 
 
 def _backlash(rng: np.random.Generator, s: Scales) -> Cause:
-    """Its load_share is the share of the friction beyond the play; the inertia beyond is another one."""
-    play, share = s.travel * about(rng, 0.002, 0.02), rng.uniform(0.4, 0.9)
-    return caused(
-        "backlash", "event", {f"play_{s.m}": play, "load_share": share}, {"play": play, "on_motor": 1.0 - share}
-    )
+    """Play between the motor's side and the load's, with a stiff contact on either flank.
+
+    share: of the inertia beyond the play; friction_share: of the friction beyond it, which the library's entry
+    calls load_share.
+    """
+    play, share = s.travel * about(rng, 0.002, 0.02), rng.uniform(0.3, 0.8)
+    friction = float(np.clip(share + rng.normal(scale=0.15), 0.1, 0.95))
+    truth = {
+        "play": play, "on_motor": 1.0 - friction, "beyond": share, "contact_hz": about(rng, 60.0, 250.0),
+        "contact_zeta": about(rng, 0.02, 0.15),
+    }  # fmt: skip
+    numbers = {f"play_{s.m}": play, "load_share": friction}
+    cause = caused("backlash", "event", numbers, truth)
+    return replace(cause, values={"gap": play, "share": share, "friction_share": friction})
 
 
 def _gain(rng: np.random.Generator, s: Scales) -> Cause:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.campaigns.listed import about
+from benchmarks.campaigns.causes import about
 from workbench.machine import LinearAxis, RotaryAxis
 
 G_M_S2 = 9.81

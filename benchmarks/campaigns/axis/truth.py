@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.campaigns.axis.machines import Drawn
-from benchmarks.campaigns.listed import TURN, about
+from benchmarks.campaigns.causes import TURN, Cause, about
+from benchmarks.campaigns.families import Family
+from benchmarks.campaigns.standstill import drawn_standstill
 
 STEP_S = 5e-5  # of the kernel
 LEAST_PER_TURN = 4.0  # steps within which friction may turn over at standstill: the method is explicit in it
@@ -45,6 +47,9 @@ class Truth(NamedTuple):
     bristle: float
     bristle_tau: float
     turn: float
+    peak: float = 0.0
+    peak_v: float = 1.0
+    relax_s: float = 0.0
     # What all motors have: cogging, two waves over the way.
     cog1_A: float = 0.0
     cog1_k: float = 1.0
@@ -89,6 +94,13 @@ class Truth(NamedTuple):
     soft_share: float = 0.0
     soft_w: float = 1.0
     soft_zeta: float = 0.0
+    chain_k: float = 0.0
+    chain_x: float = 0.0
+    # A brief event: when it begins in this run, how long it lasts; a force at the load, and added friction.
+    event_t: float = 0.0
+    event_s: float = 0.0
+    event_F: float = 0.0
+    event_rub: float = 0.0
 
 
 def nominal_truth(drawn: Drawn) -> Truth:
@@ -106,16 +118,17 @@ def nominal_truth(drawn: Drawn) -> Truth:
     )  # fmt: skip
 
 
-def true_truth(drawn: Drawn, rng: np.random.Generator) -> Truth:
+def true_truth(drawn: Drawn, family: Family, rng: np.random.Generator) -> Truth:
     """An axis built after the nominal one: its tolerances drawn, and what every axis has beside its equation."""
     p, tol = nominal_truth(drawn), drawn.machine.tolerances
-    elastic = rng.random() < 0.5
+    elastic, nuisances = rng.random() < family.elastic, family.nuisances
+    law = drawn_standstill(family.laws, rng)
 
     def off(std: float) -> float:
         return 1.0 + std * float(np.clip(rng.normal(), -CLIPPED, CLIPPED))
 
     M, F_f, F_b = p.M_m * off(tol.inertia), p.F_f * off(tol.coulomb), p.F_b * off(tol.coulomb)
-    load_share, resonance_hz, zeta = rng.uniform(0.25, 0.75), about(rng, 80.0, 300.0), about(rng, 0.03, 0.1)
+    load_share, resonance_hz, zeta = rng.uniform(0.25, 0.75), about(rng, *family.resonance_hz), about(rng, 0.03, 0.1)
     on_motor = rng.uniform(0.2, 0.8)
     loop = TURN * about(rng, 8.0, 20.0)
     deflection = drawn.travel * about(rng, 2e-5, 2e-4)
@@ -133,14 +146,18 @@ def true_truth(drawn: Drawn, rng: np.random.Generator) -> Truth:
         lag_tau=about(rng, 2e-4, 8e-4),
         seen_tau=about(rng, 3e-4, 1e-3),
         quantum=drawn.count,
-        bristles=float(rng.random() < 0.6),
+        bristles=law.bristles,
         bristle=deflection,
         bristle_tau=0.6 * math.sqrt(M * deflection / (0.5 * (F_f + F_b))),  # some 0.3 of critical damping
         turn=max(drawn.speed * about(rng, 5e-4, 4e-3), p.turn),
-        cog1_A=drawn.force * about(rng, 0.0015, 0.007),
+        peak=law.peak,
+        peak_v=law.peak_speed * drawn.speed,
+        relax_s=law.relax_s,
+        a_load=nuisances.gear_loss * rng.uniform(0.0, 1.0),
+        cog1_A=drawn.force * nuisances.ripple * about(rng, 0.2, 1.0),
         cog1_k=TURN * drawn.poles / drawn.travel,
         cog1_ph=rng.uniform(0.0, TURN),
-        cog2_A=drawn.force * about(rng, 0.001, 0.005),
+        cog2_A=drawn.force * nuisances.ripple * about(rng, 0.15, 0.7),
         cog2_k=TURN * drawn.poles * 6.0 / drawn.travel,
         cog2_ph=rng.uniform(0.0, TURN),
     )
@@ -156,3 +173,14 @@ def coupled(p: Truth, load_share: float, resonance_hz: float, zeta: float, on_mo
         M_m=M_m, M_l=M_l, k_c=reduced * w * w, c_c=2.0 * zeta * reduced * w, on_motor=on_motor,
         turn=max(p.turn, LEAST_PER_TURN * STEP_S * max(p.F_f, p.F_b) / min(M_l, M_m)),
     )  # fmt: skip
+
+
+def ailing(truth: Truth, cause: Cause) -> Truth:
+    """With the cause at work. inertia_fraction scales both inertias; play lies between two sides, of which a rigid
+    axis then has `beyond` of its inertia behind it."""
+    put = dict(cause.truth)
+    share, beyond = 1.0 + put.pop("inertia_fraction", 0.0), put.pop("beyond", 0.5)
+    if "play" in put:
+        hz, zeta = put.pop("contact_hz"), put.pop("contact_zeta")
+        truth = coupled(truth, beyond, hz, zeta, put["on_motor"])
+    return truth._replace(M_m=share * truth.M_m, M_l=share * truth.M_l)._replace(**put)

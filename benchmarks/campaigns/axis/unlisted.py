@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.campaigns.axis.listed import AxisDraw, Scales, caused
-from benchmarks.campaigns.listed import TURN, Cause, about, either
+from benchmarks.campaigns.causes import TURN, Cause, about, drawn_event, either
 
 
 def _in_the_library(text: str, known: str, cause: Cause) -> Cause:
@@ -62,7 +62,7 @@ def _dead_band(rng: np.random.Generator, s: Scales) -> Cause:
 
 
 def _bend(rng: np.random.Generator, s: Scales) -> Cause:
-    numbers = {"bend": about(rng, 0.05, 0.15) * float(rng.choice([-1.0, 1.0])) / s.force}
+    numbers = {"bend": about(rng, 0.08, 0.25) * float(rng.choice([-1.0, 1.0])) / s.force}
     return _plain(
         "the force sensor is bent: an error with the force's square", "load", caused("", "", numbers, log=numbers)
     )
@@ -86,6 +86,45 @@ def _soft_load(rng: np.random.Generator, s: Scales) -> Cause:
     return _plain("a part of the load swings on a soft support", "acceleration", caused("", "", numbers, numbers))
 
 
+def _chain_end(rng: np.random.Generator, s: Scales) -> Cause:
+    x = s.low + s.travel * rng.uniform(0.35, 0.6)
+    far = s.low + s.travel - x
+    numbers = {"chain_k": s.force * about(rng, 0.06, 0.25) / far**2, "chain_x": x}
+    return _plain("a cable chain that pulls as it bends", "position", caused("", "", numbers, numbers))
+
+
+def _blow(rng: np.random.Generator, s: Scales) -> Cause:
+    event, size = drawn_event(rng, 0.1, 0.6), s.force * either(rng, 0.1, 0.4)
+    cause = caused("", "", {"event_F": size, "length_s": event.length_s}, {"event_F": size})
+    return _plain("event: a blow against the load", "event", replace(cause, event=event))
+
+
+def _body_once(rng: np.random.Generator, s: Scales) -> Cause:
+    event, size = drawn_event(rng, 0.1, 0.6), s.force * about(rng, 0.1, 0.4)
+    cause = caused("", "", {"event_rub": size, "length_s": event.length_s}, {"event_rub": size})
+    return _plain("event: a foreign body in the guide, once", "event", replace(cause, event=event))
+
+
+def _glitch(rng: np.random.Generator, s: Scales) -> Cause:
+    event, size = drawn_event(rng, 0.1, 0.6), s.force * either(rng, 0.1, 0.4)
+    cause = caused("", "", {"glitch": size, "length_s": event.length_s}, log={"glitch": size})
+    cause = replace(cause, event=event, subsystem="torque_sensor")
+    return _plain("event: the force sensor shows a bump that is none", "event", cause)
+
+
+def _slip(rng: np.random.Generator, s: Scales) -> Cause:
+    event, slip = drawn_event(rng, 0.1, 0.6), about(rng, 0.2, 0.6)
+    cause = caused("", "", {"slip": slip, "length_s": event.length_s}, log={"slip": slip})
+    cause = replace(cause, event=event, subsystem="speed_sensor")
+    return _plain("event: the encoder's coupling slips, and the speed is shown too low", "event", cause)
+
+
+EVENTS: Mapping[str, AxisDraw] = {
+    "event_blow": _blow,
+    "event_body": _body_once,
+    "event_force_sensor": _glitch,
+    "event_encoder": _slip,
+}
 UNLISTED: Mapping[str, AxisDraw] = {
     "quadratic_drag": _quadratic,
     "guide_step": _step,
@@ -97,5 +136,7 @@ UNLISTED: Mapping[str, AxisDraw] = {
     "force_bend": _bend,
     "cable_chain": _spring,
     "soft_load": _soft_load,
+    "chain_end": _chain_end,
+    **EVENTS,
 }
 IN_THE_LIBRARY = ("quadratic_drag", "guide_step", "friction_wave")  # where it goes beyond the format

@@ -4,69 +4,80 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Value
-from workbench.identify.parameters import free_parameters
-from workbench.machine import Axis, Hoist, get_value
-from workbench.plants import plant_of
+from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Value, Wave
+from workbench.effects import find, ranges_of
+from workbench.kinds import kind_of
+from workbench.machine import get_value
 from workbench.run import Run
 
-STANDSTILL_STD = math.log(10.0)  # nobody knows how friction turns over at standstill: a factor of ten either way
-
+SHAPE_STD = math.log(3.0)  # of a trace's shape, such as the speed at which Stribeck friction falls: a factor
 LOAD_CELL_STD = 0.005  # of a dead line's load cell: its gain
 
 
-def base_knobs(machine: Hoist | Axis, runs: Sequence[Run]) -> dict[str, Value]:
+def base_knobs(machine: Any, runs: Sequence[Run]) -> dict[str, Value]:
     """Key of machine.yaml -> knob. What has no tolerance at all stays at its nominal value."""
-    if isinstance(machine, Hoist):
-        found = {}
-        for free in free_parameters(machine, runs):
-            symbol = free.symbol or (GAIN if free.key.endswith("gain") else OFFSET)
-            if free.prior_std is not None:
-                least = 0.0 if free.logarithmic else free.lowest
-                found[free.key] = Value(
-                    symbol, free.nominal, free.scale, least, std=free.prior_std, logarithmic=free.logarithmic
-                )
-        if all("tension_dead_line_n" in run for run in runs):
-            found[TENSION_GAIN] = Value(TENSION_GAIN, 1.0, LOAD_CELL_STD, std=1.0)
-        return found
-    return _axis(machine, runs)
-
-
-def _axis(machine: Axis, runs: Sequence[Run]) -> dict[str, Value]:
-    tolerances = machine.tolerances  # type: ignore[attr-defined]
-    largest = max(float(np.max(np.abs(run[machine.input_signal]))) for run in runs)
-    relative = {
-        "inertia": tolerances.inertia,
-        "viscous": tolerances.viscous,
-        "coulomb_forward": tolerances.coulomb,
-        "coulomb_backward": tolerances.coulomb,
-        "gravity_sine": tolerances.gravity,
-        "gravity_constant": tolerances.gravity,
-        "gain": machine.role("gain_tolerance"),
-    }
-    symbols = {key: symbol for symbol, key in plant_of(machine).parameters.items() if isinstance(key, str)}
-    found = {}
-    for role, share in relative.items():
-        key = machine.value_of[role]
-        if not key:
+    kind = kind_of(machine)
+    largest = kind.largest_input(runs)
+    sensor = dict(zip(kind.sensor, (GAIN, OFFSET), strict=True))
+    knobs: dict[str, Value] = {}
+    for value in kind.base:
+        std = value.std(machine, largest)
+        if std <= 0.0 or (value.with_payload and all(run.payload_kg == 0.0 for run in runs)):
             continue
-        std = share * abs(get_value(machine, key))
-        if std > 0.0:
-            symbol = GAIN if role == "gain" else symbols[key]
-            least = -math.inf if "gravity" in role else 1e-3 * abs(get_value(machine, key))
-            found[key] = Value(symbol, get_value(machine, key), std, least, std=1.0)
-    offset = machine.offset_tolerance(largest)
-    if offset > 0.0:
-        key = machine.value_of["offset"]
-        found[key] = Value(OFFSET, get_value(machine, key), offset, std=1.0)
-    # The channels of one log are rarely sampled at one instant: one sampling step is no gap.
-    step = float(np.median([run.sample_time_s for run in runs]))
-    found[LOG_TIMING] = Value(LOG_TIMING, 0.0, step, 0.0, std=1.0)
-    standstill = next(key for key in symbols if "standstill" in key)
-    found[standstill] = Value(
-        symbols[standstill], get_value(machine, standstill), 1.0, 0.0, std=STANDSTILL_STD, logarithmic=True
+        nominal = float(get_value(machine, value.key))
+        symbol = sensor.get(value.key) or kind.symbols[value.key]
+        if value.spread == "factor":
+            knobs[value.key] = Value(symbol, nominal, 1.0, 0.0, std=std, logarithmic=True)
+            continue
+        least = -math.inf if value.signed else 0.0 if "coulomb" in value.key else 1e-3 * abs(nominal)
+        knobs[value.key] = Value(symbol, nominal, std, least, std=1.0)
+    if kind.log_timing:
+        # The channels of one log are rarely sampled at one instant: one sampling step is no gap.
+        step = float(np.median([run.sample_time_s for run in runs]))
+        knobs[LOG_TIMING] = Value(LOG_TIMING, 0.0, step, 0.0, std=1.0)
+    if kind.dead_line is not None and all(kind.dead_line.signal in run for run in runs):
+        knobs[TENSION_GAIN] = Value(TENSION_GAIN, 1.0, LOAD_CELL_STD, std=1.0)
+    return knobs
+
+
+def trace_knobs(machine: Any, runs: Sequence[Run]) -> dict[str, Knob]:
+    """Name -> knob of the small amounts of effects that every machine of the kind has (`Kind.traces`).
+
+    An effect is a cause where it is beyond that: a hypothesis that frees it takes its trace's place.
+    """
+    kind = kind_of(machine)
+    sizes = kind.sizes(machine, runs)
+    knobs: dict[str, Knob] = {}
+    for trace in kind.traces:
+        std = trace.std(machine, sizes)
+        if not trace.fitted or std <= 0.0:
+            continue
+        ranges = ranges_of(find(trace.effect, kind.name), machine, runs)
+        phase = next((r for r in ranges if r.scan == "phase"), None)
+        for r in ranges:
+            name = f"{trace.effect}.{r.name}"
+            if r is phase:
+                continue
+            if r.vanishes_at is None:
+                knobs[name] = Value(r.symbol, r.start, 1.0, r.lowest, r.highest, std=SHAPE_STD, logarithmic=True)
+            elif phase is None:
+                knobs[name] = Value(r.symbol, 0.0, std, 0.0, r.highest, std=1.0)
+            else:  # of an amplitude of unknown phase, either quadrature
+                knobs[name] = Wave(r.symbol, phase.symbol, 0.0, std, r.highest, (1.0, 1.0))
+    return knobs
+
+
+def traces(machine: Any, runs: Sequence[Run], name: str) -> dict[str, float]:
+    """Symbol -> standard deviation of the trace of an effect that is not fitted. Empty for other effects."""
+    kind = kind_of(machine)
+    std = next(
+        (t.std(machine, kind.sizes(machine, runs)) for t in kind.traces if t.effect == name and not t.fitted), 0.0
     )
-    return found
+    if std <= 0.0:
+        return {}
+    amount = next(r for r in ranges_of(find(name, kind.name), machine, runs) if r.vanishes_at is not None)
+    return {amount.symbol: std}

@@ -22,8 +22,8 @@ def covariance(problem: Problem, fit: Fitted) -> Array:
     """Of z: (m, m). A model that leaves more than the noise is believed less, in proportion; and all by the
     factor that made intervals honest on simulated campaigns."""
     _, _, std = bounds_of(fit.knobs)
-    weight2 = problem.share / fit.sigma**2
-    information = weight2 * (fit.jacobian.T @ fit.jacobian) + np.diag(1.0 / std**2)
+    white = problem.errors.whiten(fit.jacobian)
+    information = white.T @ white + np.diag(1.0 / std**2)
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
     excess = max(1.0, fit.chi2 / max(problem.share * problem.samples, 1.0))

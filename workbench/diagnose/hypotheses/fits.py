@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, bounds_of, effect_knobs, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import Atom
@@ -20,7 +21,7 @@ from workbench.run import Array
 class Fitted:
     """One hypothesis at its best. effects: ids. z: base first. residual, jacobian: there.
 
-    chi2: of the data, in independent values, with `sigma`; prior: of the base parameters in tolerances.
+    chi2: of the data, whitened (`ErrorModel`); prior: of the base parameters in tolerances.
     """
 
     effects: tuple[str, ...]
@@ -28,7 +29,6 @@ class Fitted:
     z: Array
     residual: Array
     jacobian: Array
-    sigma: float
     chi2: float
     prior: float
     evaluations: int
@@ -52,7 +52,6 @@ def fit_knobs(
     effects: Sequence[str],
     knobs: Sequence[Knob],
     z: Array,
-    sigma: float,
     most: int = 25,
     base: int = 0,
 ) -> Fitted:
@@ -64,38 +63,42 @@ def fit_knobs(
     """
     lowest, highest, std = bounds_of(knobs)
     z = np.clip(z, lowest, highest)
-    weight = math.sqrt(problem.share) / sigma
+    whiten = problem.errors.whiten
     careful = np.array([_careful(k) for k in knobs for _ in k.lowest], dtype=bool)
     reach = np.where(careful, 0.5, np.inf)
     late = np.array([getattr(k, "symbol", "") == LOG_TIMING for k in knobs for _ in k.lowest], dtype=bool)
     anew = np.flatnonzero(careful | late | (np.arange(len(z)) >= base))
     prior = np.diag(1.0 / std)
     residual, jacobian = problem.evaluate(knobs, z)
+    white, slopes = whiten(residual), whiten(jacobian)
     evaluations, settled = 1, False
-    before = _objective(weight, residual, z, std)
+    before = _objective(white, z, std)
     while evaluations < most:
-        kept = jacobian
+        raw = {z.tobytes(): (residual, jacobian)}  # the minimum is sought in whitened rows
 
-        def evaluate(at: Array, kept: Array = kept) -> tuple[Array, Array]:
+        def evaluate(at: Array, kept: Array = jacobian, known: Array = slopes, raw: Raw = raw) -> tuple[Array, Array]:
             r, own = problem.evaluate(knobs, at, only=anew)
-            full = kept.copy()
-            full[:, anew] = own
-            return r, full
+            full, full_white = kept.copy(), known.copy()
+            both = whiten(np.column_stack([r, own]))
+            full[:, anew], full_white[:, anew] = own, both[:, 1:]
+            raw[at.tobytes()] = r, full
+            return both[:, 0], full_white
 
         allowed = min(ROUND, most - evaluations) if base else most - evaluations
-        found = minimise(evaluate, (z, residual, jacobian), lowest, reach, weight, prior, highest, allowed)
-        evaluations += found.evaluations
-        z, residual, jacobian = found.z, found.residual, found.jacobian
-        after = _objective(weight, residual, z, std)
-        if not base or (found.settled and found.evaluations == 0) or before - after < WORTH:
-            settled = found.settled or before - after < WORTH
+        minimum = minimise(evaluate, (z, white, slopes), lowest, reach, 1.0, prior, highest, allowed)
+        evaluations += minimum.evaluations
+        z, white, slopes = minimum.z, minimum.residual, minimum.jacobian
+        residual, jacobian = raw[z.tobytes()]
+        after = _objective(white, z, std)
+        if not base or (minimum.settled and minimum.evaluations == 0) or before - after < WORTH:
+            settled = minimum.settled or before - after < WORTH
             break
         before = after
         residual, jacobian = problem.evaluate(knobs, z)
+        white, slopes = whiten(residual), whiten(jacobian)
         evaluations += 1
-    chi2 = weight**2 * float(residual @ residual)
     return Fitted(
-        tuple(effects), tuple(knobs), z, residual, jacobian, sigma, chi2, float(np.sum((z / std) ** 2)),
+        tuple(effects), tuple(knobs), z, residual, jacobian, float(white @ white), float(np.sum((z / std) ** 2)),
         evaluations, settled,
     )  # fmt: skip
 
@@ -104,8 +107,11 @@ ROUND = 4  # steps with the base parameters' signatures as they were
 WORTH = 0.05  # of the objective: less is not worth another round
 
 
-def _objective(weight: float, residual: Array, z: Array, std: Array) -> float:
-    return weight**2 * float(residual @ residual) + float(np.sum((z / std) ** 2))
+Raw = dict[bytes, tuple[Array, Array]]  # z -> residual and Jacobian, in the input's unit
+
+
+def _objective(white: Array, z: Array, std: Array) -> float:
+    return float(white @ white) + float(np.sum((z / std) ** 2))
 
 
 def _careful(knob: Knob) -> bool:
@@ -116,23 +122,22 @@ def _careful(knob: Knob) -> bool:
 class Projection:
     """The data after the base parameters: residual and any signature with what the base could explain taken out."""
 
-    weight: float
-    rows: Array  # orthonormal columns of the weighted, augmented base Jacobian
+    errors: ErrorModel
+    rows: Array  # orthonormal columns of the whitened, augmented base Jacobian
     residual: Array
     priors: int
 
     @staticmethod
-    def of(problem: Problem, base: Fitted, sigma: float) -> Projection:
-        weight = math.sqrt(problem.share) / sigma
+    def of(problem: Problem, base: Fitted) -> Projection:
         _, _, std = bounds_of(base.knobs)
-        jacobian = np.vstack([weight * base.jacobian, np.diag(1.0 / std)])
-        q, _ = np.linalg.qr(jacobian)
-        residual = np.concatenate([weight * base.residual, base.z / std])
-        return Projection(weight, q, residual - q @ (q.T @ residual), len(std))
+        white = problem.errors.whiten(np.column_stack([base.jacobian, base.residual]))
+        q, _ = np.linalg.qr(np.vstack([white[:, :-1], np.diag(1.0 / std)]))
+        residual = np.concatenate([white[:, -1], base.z / std])
+        return Projection(problem.errors, q, residual - q @ (q.T @ residual), len(std))
 
     def clean(self, columns: Array) -> Array:
-        """(samples, k) signatures -> (samples + priors, k), weighted, the base taken out."""
-        a = np.vstack([self.weight * columns, np.zeros((self.priors, columns.shape[1]))])
+        """(samples, k) signatures -> (samples + priors, k), whitened, the base taken out."""
+        a = np.vstack([self.errors.whiten(columns), np.zeros((self.priors, columns.shape[1]))])
         return a - self.rows @ (self.rows.T @ a)
 
 

@@ -57,24 +57,25 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
     What is each run's own (a phase) is taken from that run itself: another run cannot know it.
     """
     lowest, highest, std = bounds_of(fitted.knobs)
-    weight2 = problem.share / fitted.sigma**2
     prior = np.diag(1.0 / std**2)
+    white = problem.errors.whiten(np.column_stack([fitted.jacobian, fitted.residual]))
     folds = int(np.max(fold_of_row)) + 1 if len(fold_of_row) else 0
     points: list[Array] = []
     for fold in range(folds):
         rest = fold_of_row != fold
-        j, r = fitted.jacobian[rest], fitted.residual[rest]
-        hessian = weight2 * (j.T @ j) + prior
-        gradient = weight2 * (j.T @ r) + fitted.z / std**2
+        j, r = white[rest, :-1], white[rest, -1]
+        hessian = j.T @ j + prior
+        gradient = j.T @ r + fitted.z / std**2
         step = _step(hessian, gradient, (fitted.z > lowest) | (gradient < 0.0), (fitted.z < highest) | (gradient > 0.0))
         for part in PARTS:
             points.append(np.clip(fitted.z + part * step + _own(fitted, ~rest, part * step), lowest, highest))
     out = problem.residuals([setting_of(fitted.knobs, z) for z in points])
+    whitened = problem.errors.whiten(out.T).T
     residual, settings = np.empty(problem.samples), []
     for fold in range(folds):
         mine = fold_of_row == fold
         tried = range(fold * len(PARTS), (fold + 1) * len(PARTS))
-        best = min(tried, key=lambda k: weight2 * float(out[k][~mine] @ out[k][~mine]) + _pull(points[k], std))
+        best = min(tried, key=lambda k: float(whitened[k][~mine] @ whitened[k][~mine]) + _pull(points[k], std))
         residual[mine] = out[best][mine]
         settings.append(setting_of(fitted.knobs, points[best]))
     return HeldOut(residual, fold_of_row, tuple(settings))

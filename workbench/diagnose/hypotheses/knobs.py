@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -78,14 +78,15 @@ class Wave:
     scale: float
     most: float
     prior_std: tuple[float, ...] = (math.inf, math.inf)
+    furthest: float = math.inf  # |z|
 
     @property
     def lowest(self) -> tuple[float, ...]:
-        return (-self.most / self.scale,) * 2
+        return (max(-self.most / self.scale, -self.furthest),) * 2
 
     @property
     def highest(self) -> tuple[float, ...]:
-        return (self.most / self.scale,) * 2
+        return (min(self.most / self.scale, self.furthest),) * 2
 
     def values(self, z: Sequence[float]) -> Setting:
         angle = (self.origin + math.atan2(z[1], z[0])) % (2.0 * math.pi)
@@ -113,6 +114,12 @@ class PhaseOfEachRun:
 
     def values(self, z: Sequence[float]) -> Setting:
         return {self.symbol: tuple((a + b) % (2.0 * math.pi) for a, b in zip(self.start, z, strict=True))}
+
+
+def within(knob: Knob, limit: float) -> Knob:
+    """The knob with every |z| at most `limit`."""
+    assert isinstance(knob, Value | Wave)
+    return replace(knob, furthest=limit)
 
 
 def setting_of(knobs: Sequence[Knob], z: Array) -> dict[str, float | tuple[float, ...]]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
+from copy import copy
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
+from workbench.diagnose.hypotheses.discrepancy import error_model
+from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Setting, Value, setting_of
 from workbench.effects import find, logged_input, ranges_of, searchable
-from workbench.machine import Axis, Hoist
-from workbench.plants.hoist import dead_line_tension
+from workbench.kinds import kind_of
 from workbench.run import Array, Run
-from workbench.simulate.driven import Bench, changed, sensor
+from workbench.simulate.driven import Bench, changed
 from workbench.simulate.lowpass import lowpass, noise_rms
 
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
@@ -31,14 +35,15 @@ class Problem:
     """Measured minus predicted input of all runs while the machine moves, thinned to what is new.
 
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
-    independent values one sample stands for. noise: what the data count against, rms in the band: `sensor_noise`,
-    unless a machine's floor is its own; `share` follows it then, and is at most `band_share`.
+    independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit.
+    errors: noise and discrepancy, as the data are weighed (`ErrorModel`).
     Where every run of a hoist logs the dead line's tension, its residual follows behind
     that of the torque, on the torque's scale: `inputs` is how many rows are the torque's.
     """
 
-    def __init__(self, machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> None:
+    def __init__(self, machine: Any, runs: Sequence[Run], band_hz: float | None = None) -> None:
         self.machine, self.runs = machine, tuple(runs)
+        kind = kind_of(machine)
         self.active = searchable(machine, runs)
         self.bench = Bench(machine, runs, band_hz, active=self.active)
         self.band_hz = self.bench.band_hz
@@ -49,18 +54,32 @@ class Problem:
             self.rows.append(np.flatnonzero(moving)[::stride])
             spacing.append(stride * run.sample_time_s)
         self.run_lengths = tuple(len(rows) for rows in self.rows)
-        self.has_tension = isinstance(machine, Hoist) and all(TENSION in run for run in self.runs)
+        self.line = kind.dead_line if kind.dead_line and all(kind.dead_line.signal in run for run in runs) else None
+        self.has_tension = self.line is not None
         self.inputs = sum(self.run_lengths)
         self.run_of_row = np.tile(np.repeat(np.arange(len(self.runs)), self.run_lengths), 1 + self.has_tension)
-        self.share = self.band_share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
+        self.share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
         self.late = ranges_of(find("speed_delay", self.active.kind), machine, self.runs)[0].symbol
-        self.noise = self.sensor_noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
+        self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
         self.evaluations = 0
-        if self.has_tension:
-            self.tension = [lowpass(run.time_s, run[TENSION], self.band_hz) for run in self.runs]
-            floor = [noise_rms(run.time_s, run[TENSION], self.band_hz) for run in self.runs]
+        if self.line is not None:
+            name = self.line.signal
+            self.tension = [lowpass(run.time_s, run[name], self.band_hz) for run in self.runs]
+            floor = [noise_rms(run.time_s, run[name], self.band_hz) for run in self.runs]
             level = float(np.mean([np.mean(each) for each in self.tension]))
             self.tension_noise = float(np.hypot(np.sqrt(np.mean(np.square(floor))), TENSION_TRUST * level))
+        self.errors = self._errors()
+
+    def _errors(self) -> ErrorModel:
+        tension = 0.5 * self.noise if self.has_tension else None
+        return error_model(self.bench, self.rows, self.noise, self.share, tension)
+
+    def noisier(self, noise: float) -> Problem:
+        """The same campaign with further noise, rms in the band, independent of the one it has."""
+        beside = copy(self)
+        beside.noise = math.hypot(self.noise, noise)
+        beside.errors = beside._errors()
+        return beside
 
     @property
     def samples(self) -> int:
@@ -122,12 +141,12 @@ class Problem:
 
     def _tension(self, run: Run, states: Array, p: SimpleNamespace) -> Array:
         """The dead line's tension (n,) that goes with the driven states."""
-        angle, height, turn, speed = states[:, :4].T
-        return dead_line_tension(run.time_s, angle, height, turn, speed, p, self.bench.equipped.effects)
+        assert self.line is not None
+        return np.asarray(self.line.force(run.time_s, states, p, self.bench.equipped.effects))
 
     def _sensed(self, setting: Setting) -> list[float]:
         """The numbers of SENSOR_KEYS."""
-        gain, offset = sensor(self.machine)
+        gain, offset = kind_of(self.machine).sensor_of(self.machine)
         said = {GAIN: gain, OFFSET: offset, TENSION_GAIN: 1.0, **setting}
         return [float(x) for x in map(said.__getitem__, SENSOR_KEYS) if not isinstance(x, tuple)]
 

@@ -11,10 +11,12 @@ import numpy as np
 
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.run import Array
 
 PLACES_TRIED = 24  # along what the runs have passed
+WAVES_TRIED = 120  # along the way
+APART = 0.4  # of a wave over the whole way, from one tried to the next
 SHAPES_TRIED = 4  # of a shape that says nothing else
 
 
@@ -38,6 +40,22 @@ class Atom:
         return self.wave is not None or all(r.lowest < _off(r) for r in self.amounts)
 
 
+def _quadrature(
+    base: Mapping[str, float | tuple[float, ...]], r: Ranged, wave: Ranged, angle: float
+) -> dict[str, float]:
+    """One start amount of a wave at an angle, added to what the base holds of it as a nuisance."""
+    size, phase = _around(base, r), base.get(wave.symbol, 0.0)
+    held = size * complex(math.cos(phase), math.sin(phase)) if isinstance(phase, float) else 0.0
+    total = held + (r.start - _off(r)) * complex(math.cos(angle), math.sin(angle))
+    return {r.symbol: abs(total), wave.symbol: math.atan2(total.imag, total.real) % (2.0 * math.pi)}
+
+
+def _around(base: Mapping[str, float | tuple[float, ...]], r: Ranged) -> float:
+    """Where an amount stands without its effect: where it vanishes, or at what the base holds of it as a nuisance."""
+    value = base.get(r.symbol, _off(r))
+    return value if isinstance(value, float) else _off(r)
+
+
 def _off(r: Ranged) -> float:
     assert r.vanishes_at is not None
     return r.vanishes_at
@@ -56,11 +74,11 @@ def atoms(problem: Problem, effects: Iterable[Effect], base: Mapping[str, float 
             at = dict(zip([r.symbol for r in shapes], point, strict=True))
             lanes: list[dict[str, float]] = []
             for r in amounts:
-                amount = {x.symbol: x.start if x is r else _off(x) for x in amounts}
+                amount = {x.symbol: _around(base, x) + (x.start - _off(x) if x is r else 0.0) for x in amounts}
                 if wave is None:
                     lanes.append({**at, **amount})
                 else:
-                    lanes += [{**at, **amount, wave.symbol: angle} for angle in (0.0, 0.5 * math.pi)]
+                    lanes += [{**at, **_quadrature(base, r, wave, angle)} for angle in (0.0, 0.5 * math.pi)]
             planned.append((effect, at, amounts, wave, lanes))
     settings = [{**base, **lane} for *_, lanes in planned for lane in lanes]
     if not settings:
@@ -90,21 +108,29 @@ def _tried(problem: Problem, r: Ranged) -> Sequence[float]:
         longest = max(run.duration_s for run in problem.runs)
         count = max(2, math.ceil((r.highest - r.lowest) * longest / 2.5))
         return [float(x) for x in np.linspace(r.lowest, min(r.highest, 2.0 * math.pi * problem.band_hz), count)]
+    if r.scan == "waves":
+        low, high = _visited(problem, "position")
+        # What passes faster than the band is not seen at the speed that the runs mostly have.
+        most = problem.band_hz / max(_typical_speed(problem), 1e-300)
+        count = min(max(2, math.ceil((min(r.highest, most) - r.lowest) * (high - low) / APART)), WAVES_TRIED)
+        return [float(x) for x in np.linspace(r.lowest, min(r.highest, max(most, 2.0 * r.lowest)), count)]
     low = max(r.lowest, 1e-6 * r.highest)
     return [float(x) for x in np.geomspace(low, r.highest, SHAPES_TRIED + 2)[1:-1]] if r.highest > 0 else [r.start]
 
 
+def _typical_speed(problem: Problem) -> float:
+    """The lower quartile of the speeds that the runs move at."""
+    motions = zip(problem.bench.motions, problem.rows, strict=True)
+    return float(np.quantile(np.abs(np.concatenate([motion.speed[rows] for motion, rows in motions])), 0.25))
+
+
 def _visited(problem: Problem, scan: str) -> tuple[float, float]:
     """The range of heights, or of drum angles, that the runs have passed."""
+    kind = kind_of(problem.machine)
+    sizes = kind.sizes(problem.machine, problem.runs)
     spans = []
     for run, motion in zip(problem.bench.runs, problem.bench.motions, strict=True):
-        travelled = motion.position - motion.position[0]
-        if isinstance(problem.machine, Hoist):
-            lift = problem.machine.lift_m_per_rad
-            height = run.start_position_m + travelled * lift
-            radius = problem.machine.winch.drum_diameter_m / 2.0
-            spans.append(height if scan == "position" else 2.0 * height / radius)
-        else:
-            spans.append(motion.position)
+        place = kind.place_of(problem.machine, run.start_position_m, motion.position)
+        spans.append(place if scan == "position" else place * sizes.drum_angle / sizes.length)
     every = np.concatenate(spans)
     return float(np.min(every)), float(np.max(every))

@@ -1,10 +1,9 @@
-"""What speaks for a hypothesis: how far it lowers the objective, less what that must cost.
+"""How well a fit explains the data: its likelihood, with the size of the discrepancy at its best, less its cost.
 
-Three things are taken off. Each parameter pays ln(n) (G. Schwarz, Annals of Statistics 6,
-1978), n independent samples. What an effect explains in the data has to be worth more than
-LEAST of the noise, rms: no model is exact, and more data make a small misfit significant, not
-important. And a second effect has to earn more than a share of what the first explains, for the
-first is no exact image of the machine either. Tolerances need no such discount.
+    score = |whitened residual|^2 + ln det C(g) + (ln g / SPREAD)^2 + |base parameters in tolerances|^2
+
+g is the campaign's own size of the discrepancy (see `discrepancy`), at its best between a half and a thousand times the
+default. Each parameter costs ln(n) (G. Schwarz, Annals of Statistics 6, 1978), n independent samples, MOST at most.
 """
 
 from __future__ import annotations
@@ -12,41 +11,59 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from workbench.diagnose.hypotheses.discrepancy import SPREAD
+from workbench.diagnose.hypotheses.error_model import ErrorModel
+from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.machine import Axis
+from workbench.run import Array
 
-LEAST = 0.35  # of the noise: the smallest effect worth a name
-LEAST_OF_FLOOR = 0.8  # the same where the floor is what the machine itself leaves, which has structure too
-SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
-
-STANDSTILL = 0.75  # of the noise, of what acts at low speed only: no law of friction near standstill is exact
-MOST = 500.0  # independent samples that a parameter pays for: what many more would say, the discount is for
+STEP = 2.0  # of the discrepancy's size, from one tried to the next
+SMALLEST, LARGEST = 0.5, 1024.0
+MOST = 500.0  # independent samples that a parameter pays for
 
 
 @dataclass(frozen=True)
-class Scale:
-    """n: independent samples of the input's residual. inflation: chi^2 in independent values over its expectation,
-    for a machine whose floor lies above its sensor's noise. least: the smallest effect, of the noise, rms."""
+class Score:
+    """value: minus twice the logarithm of the likelihood, up to a constant, with priors. size: g."""
 
-    n: float
-    inflation: float = 1.0
-    least: float = LEAST
+    value: float
+    size: float
 
 
-def scale_of(problem: Problem, inflation: float = 1.0) -> Scale:
-    least = LEAST_OF_FLOOR if isinstance(problem.machine, Axis) else LEAST
-    return Scale(problem.share * problem.inputs, inflation, least)
+def score_of(problem: Problem, fit: Fitted) -> Score:
+    """A fit's score at the best size of the discrepancy."""
+    errors = problem.errors
+    best = _at(errors, fit.residual, 1.0)
+    for factor in (STEP, 1.0 / STEP):
+        size = factor
+        while SMALLEST <= size <= LARGEST:
+            there = _at(errors, fit.residual, size)
+            if there.value >= best.value:
+                break
+            best, size = there, size * factor
+        if best.size != 1.0:
+            break
+    return Score(best.value + fit.prior, best.size)
 
 
-def merit(
-    data: float, prior: float, parameters: int, scale: Scale, explained: float = 0.0, creeping: bool = False
-) -> float:
-    """What one effect is worth. data, prior: by how much chi^2 and the base parameters' tolerances fall.
+def explained(problem: Problem, before: Fitted, after: Fitted, size: float) -> float:
+    """By how much the whitened sum of squares falls from one fit to another, with a discrepancy of that size."""
+    white = problem.errors.whiten(np.column_stack([before.residual, after.residual]), size)
+    return max(float(white[:, 0] @ white[:, 0] - white[:, 1] @ white[:, 1]), 0.0)
 
-    explained: by how much chi^2 fell through the effects before it. creeping: it acts at low speed only.
-    """
-    data /= scale.inflation
-    size = max(scale.least, STANDSTILL) if creeping else scale.least
-    least = max(size**2 * scale.n, SECOND**2 * explained / scale.inflation)
-    net = data - least if data > least else min(data, 0.0)
-    return net + prior - parameters * math.log(min(max(scale.n, 2.0), MOST))
+
+def _at(errors: ErrorModel, residual: Array, size: float) -> Score:
+    white = errors.whiten(residual, size)
+    return Score(float(white @ white) + errors.log_det(size) + (math.log(size) / SPREAD) ** 2, size)
+
+
+def independent(problem: Problem) -> float:
+    """Independent samples of the input."""
+    return problem.share * problem.inputs
+
+
+def cost(problem: Problem, parameters: int) -> float:
+    """What parameters of effects cost, in the score's unit."""
+    return parameters * math.log(min(max(independent(problem), 2.0), MOST))

@@ -11,12 +11,13 @@ from itertools import combinations
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.base import base_knobs, trace_knobs
 from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signed, fit_knobs, linear_gain, start_of
-from workbench.diagnose.hypotheses.knobs import Knob, Value
+from workbench.diagnose.hypotheses.knobs import Knob, Value, within
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import Atom, atoms
-from workbench.diagnose.hypotheses.score import Scale, merit, scale_of
+from workbench.diagnose.hypotheses.score import cost
+from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect
 from workbench.run import Array
 
@@ -39,7 +40,6 @@ SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
 
 Names = tuple[str, ...]
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -93,22 +93,24 @@ class Search:
         self.effects = {each.id: each for each in effects}
         self.rivals = {each.id: each for each in rivals if each.id not in self.effects}
         self.base = dict(base_knobs(problem.machine, problem.runs) if base is None else base)
-        self.tell = tell or (lambda sentence: None)
+        self.traces = trace_knobs(problem.machine, problem.runs)
+        self.held = [*self.base.values(), *self.traces.values()]
+        self.count = sum(len(knob.lowest) for knob in self.held)
+        self._tell = tell or (lambda progress: None)
         self.fits: dict[Names, Fitted] = {}
         self.linear: dict[Names, float] = {}
         self.failures: dict[Names, str] = {}
 
     def base_fit(self) -> Fitted:
         """No effect."""
-        self.tell("base parameters")
-        knobs = list(self.base.values())
-        return fit_knobs(self.problem, (), knobs, np.zeros(len(knobs)), self.problem.noise, LAST_ROUND)
+        self._tell(Progress(Stage.SEARCH, Task.BASE))
+        return fit_knobs(self.problem, (), self.held, np.zeros(self.count), LAST_ROUND)
 
     def run(self, most_effects: int = 2) -> Found:
         base = self.base_fit()
         within = self._near(base)
         near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
-        self.tell("signatures of all effects")
+        self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
         signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
         self._singles(base, near, signatures)
         if most_effects > 1:
@@ -123,10 +125,11 @@ class Search:
         if np.all(np.abs(base.z) <= TOLERANCES):
             return base
         # What happens at standstill must not stand in for the gap either.
-        far = [TURNED if k.logarithmic else TOLERANCES for k in self.base.values()]
-        held = [replace(k, furthest=limit) for k, limit in zip(self.base.values(), far, strict=True)]
-        z = np.clip(base.z, [-limit for limit in far], far)
-        return fit_knobs(self.problem, (), held, z, base.sigma, LAST_ROUND)
+        far = [TURNED if getattr(k, "logarithmic", False) else TOLERANCES for k in self.held]
+        held = [within(k, limit) for k, limit in zip(self.held, far, strict=True)]
+        reach = np.repeat(far, [len(k.lowest) for k in self.held])
+        z = np.clip(base.z, -reach, reach)
+        return fit_knobs(self.problem, (), held, z, LAST_ROUND)
 
     def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Atom]:
         """The signatures of all that can be simulated; what breaks down there is a row in the report."""
@@ -147,7 +150,7 @@ class Search:
         order = sorted(promised, key=lambda name: -promised[name].merit)
         order = [name for k, name in enumerate(order[:REFITTED]) if k < ALWAYS or promised[name].merit > HOPELESS]
         for k, name in enumerate(order):
-            self.tell(f"effect {k + 1} of {len(order)}: {name}")
+            self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
             self._try((name,), lambda each=promised[name]: self._fit_with(near, each))  # type: ignore[misc]
         if np.any(near.z != base.z):
             self._from_base(base, order)
@@ -171,7 +174,7 @@ class Search:
                 self._try(names, lambda f=fit: self._again(f))  # type: ignore[misc]
 
     def _again(self, fit: Fitted) -> Fitted:
-        return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, fit.sigma, LAST_ROUND, len(self.base))
+        return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, LAST_ROUND, self.count)
 
     def _pairs(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
         singles = sorted(
@@ -181,24 +184,29 @@ class Search:
             return
         best = base.objective - self.fits[singles[0]].objective
         leaders = [n for n in singles[:LEADERS] if base.objective - self.fits[n].objective >= LEADS * best]
-        wanted: dict[Names, tuple[float, Fitted, Promise]] = {}
-        for names in leaders:
+        wanted: dict[Names, list[tuple[float, Fitted, Promise]]] = {}
+        leading: set[Names] = set()
+        for k, names in enumerate(leaders):
             leader = self.fits[names]
             if self.merit_of(base, leader) <= 0.0:
                 continue
-            self.tell(f"pairs with {names[0]}")
+            self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders), names))
             again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
-            promised = self._promised(leader, again, base.chi2 - leader.chi2)
-            for name in sorted(promised, key=lambda n: -promised[n].merit)[:PARTNERS]:
-                if promised[name].merit <= 0.0:
-                    continue
+            promised = self._promised(leader, again)
+            for rank, name in enumerate(sorted(promised, key=lambda n: -promised[n].merit)):
                 pair: Names = (min(names[0], name), max(names[0], name))
+                if rank < PARTNERS and promised[name].merit > 0.0:
+                    leading.add(pair)
                 total = base.objective - leader.objective + promised[name].gain
-                if pair not in wanted or wanted[pair][0] < total:
-                    wanted[pair] = (total, leader, promised[name])
-        for pair, (total, leader, each) in sorted(wanted.items(), key=lambda q: -q[1][0])[:PAIRS_REFITTED]:
-            self.linear[pair] = total
-            self._try(pair, lambda f=leader, e=each: self._fit_with(f, e))  # type: ignore[misc]
+                wanted.setdefault(pair, []).append((total, leader, promised[name]))
+        chosen = [(pair, ways) for pair, ways in wanted.items() if pair in leading]
+        for pair, ways in sorted(chosen, key=lambda q: -max(way[0] for way in q[1]))[:PAIRS_REFITTED]:
+            self.linear[pair] = max(way[0] for way in ways)
+            # A promise is linear, and may not be kept: the way from the better single effect is tried first.
+            for _, leader, each in sorted(ways, key=lambda way: way[1].objective):
+                fit = self.fits.get(pair)
+                if fit is None or fit.objective > leader.objective:
+                    self._try(pair, lambda f=leader, e=each: self._fit_with(f, e))  # type: ignore[misc]
         self._joint(near, signatures, near.objective - base.objective + best)
         self._finish(base, [n for n in self.fits if len(n) == 2], PAIR_IN_REACH)
         self._drop(base)
@@ -213,15 +221,15 @@ class Search:
 
     def _without(self, pair: Fitted, left: str) -> Fitted:
         """The pair's fit with only the effect `left` in it."""
-        count = len(self.base)
-        mine = [knob for knob in pair.knobs[count:] if left in _effects_of(knob)]
-        kept = np.array([True] * count + [left in _effects_of(k) for k in pair.knobs[count:] for _ in k.lowest])
-        knobs = [*pair.knobs[:count], *mine]
-        return fit_knobs(self.problem, (left,), knobs, pair.z[kept], pair.sigma, FIRST_ROUND, count)
+        own = len(self.held)
+        mine = [knob for knob in pair.knobs[own:] if left in _effects_of(knob)]
+        kept = np.array([True] * self.count + [left in _effects_of(k) for k in pair.knobs[own:] for _ in k.lowest])
+        knobs = [*pair.knobs[:own], *mine]
+        return fit_knobs(self.problem, (left,), knobs, pair.z[kept], FIRST_ROUND, self.count)
 
     def _joint(self, near: Fitted, signatures: Sequence[Atom], best: float) -> None:
         """Pairs of effects of which neither leads alone, where they promise more together than the best alone."""
-        projection = Projection.of(self.problem, near, near.sigma)
+        projection = Projection.of(self.problem, near)
         kept: dict[str, list[tuple[float, Atom, Array]]] = {}
         for atom in signatures:
             columns = projection.clean(atom.columns)
@@ -238,7 +246,7 @@ class Search:
                     signs = [*columns_signed(a), *columns_signed(b)]
                     both = np.hstack([left, right])
                     data, prior, amounts = linear_gain(both, projection.residual, signs, projection.priors)
-                    worth = merit(data, prior, both.shape[1], self.scale)
+                    worth = data + prior - cost(self.problem, both.shape[1])
                     options.append((worth, (first, second), a, b, amounts, data + prior))
             worth, names, a, b, amounts, gain = max(options, key=lambda q: q[0])
             self.linear[names] = max(gain, self.linear.get(names, 0.0))
@@ -247,24 +255,19 @@ class Search:
         for _, pair, a, b, amounts in sorted(found, key=lambda q: -q[0])[:PARTNERS]:
             self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
 
-    @property
-    def scale(self) -> Scale:
-        return scale_of(self.problem)
-
     def merit_of(self, base: Fitted, fit: Fitted) -> float:
-        """Of one effect, against none."""
-        return merit(base.chi2 - fit.chi2, base.prior - fit.prior, len(fit.z) - len(base.z), self.scale)
+        """Of one effect, against none, with the discrepancy at its default size."""
+        return base.objective - fit.objective - cost(self.problem, len(fit.z) - len(base.z))
 
-    def _promised(self, at: Fitted, signatures: Sequence[Atom], explained: float = 0.0) -> dict[str, Promise]:
+    def _promised(self, at: Fitted, signatures: Sequence[Atom]) -> dict[str, Promise]:
         """Effect -> its best shape, linearly."""
-        projection = Projection.of(self.problem, at, at.sigma)
+        projection = Projection.of(self.problem, at)
         best: dict[str, Promise] = {}
         for atom in signatures:
             columns = projection.clean(atom.columns)
             data, prior, amounts = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
             size = columns.shape[1] + len(atom.at)
-            creeping = atom.effect.regime == "low_speed"
-            each = Promise(data + prior, merit(data, prior, size, self.scale, explained, creeping), atom, amounts)
+            each = Promise(data + prior, data + prior - cost(self.problem, size), atom, amounts)
             if atom.effect.id not in best or each.merit > best[atom.effect.id].merit:
                 best[atom.effect.id] = each
         return best
@@ -273,7 +276,7 @@ class Search:
         more, start = start_of(self.problem, promise.atom, promise.amounts)
         names = (*at.effects, promise.atom.effect.id)
         knobs, z = [*at.knobs, *more], np.concatenate([at.z, start])
-        return fit_knobs(self.problem, names, knobs, z, at.sigma, FIRST_ROUND, len(self.base))
+        return fit_knobs(self.problem, names, knobs, z, FIRST_ROUND, self.count)
 
     def _fit_both(self, near: Fitted, a: Atom, b: Atom, amounts: Array) -> Fitted:
         split = a.columns.shape[1]
@@ -282,7 +285,7 @@ class Search:
             more, z = start_of(self.problem, atom, part)
             knobs, start = [*knobs, *more], [*start, *z]
         names = (a.effect.id, b.effect.id)
-        return fit_knobs(self.problem, names, knobs, np.array(start), near.sigma, FIRST_ROUND, len(self.base))
+        return fit_knobs(self.problem, names, knobs, np.array(start), FIRST_ROUND, self.count)
 
     def _try(self, names: Names, fit: Callable[[], Fitted]) -> None:
         """A candidate that breaks down is a row in the report, not the end."""

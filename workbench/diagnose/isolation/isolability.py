@@ -11,7 +11,7 @@ import numpy as np
 from workbench.diagnose.hypotheses.fits import Projection, columns_signed, linear_gain
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import Atom
-from workbench.diagnose.hypotheses.score import LEAST, Scale, merit
+from workbench.diagnose.hypotheses.score import cost, independent
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.records import Isolability
 from workbench.diagnose.verdict.judge import calibration
@@ -39,20 +39,20 @@ def isolability(problem: Problem, found: Found) -> Isolability:
     The angle is the smallest one between the two signatures' spaces (A. Bjorck, G. H. Golub, Mathematics of
     Computation 27, 1973): at 0 some amount of one looks exactly like some amount of the other.
     """
-    scale = Scale(problem.share * problem.inputs)
-    projection = Projection.of(problem, found.near, found.near.sigma)
-    best = best_signatures(projection, found.atoms, scale)
+    n = independent(problem)
+    projection = Projection.of(problem, found.near)
+    best = best_signatures(projection, found.atoms, n)
     names = tuple(best)
     spaces = [_space(best[name].columns) for name in names]
     angle = np.zeros((len(names), len(names)))
     for i, a in enumerate(spaces):
         for j, b in enumerate(spaces[:i]):
             angle[i, j] = angle[j, i] = angle_between(a, b)
-    visible = {name: _visible(each, projection.priors, scale) for name, each in best.items()}
-    return Isolability(names, angle, visible, tuple(_sentences(best, angle, found, projection.priors, scale)))
+    visible = {name: _visible(each, projection.priors, n) for name, each in best.items()}
+    return Isolability(names, angle, visible, tuple(_sentences(best, angle, found, projection.priors, n)))
 
 
-def best_signatures(projection: Projection, atoms: Iterable[Atom], scale: Scale) -> dict[str, Signature]:
+def best_signatures(projection: Projection, atoms: Iterable[Atom], n: float) -> dict[str, Signature]:
     """Effect -> its signature at the shape that is worth most on the data as they are."""
     best: dict[str, Signature] = {}
     for atom in atoms:
@@ -60,7 +60,7 @@ def best_signatures(projection: Projection, atoms: Iterable[Atom], scale: Scale)
         if not np.any(np.abs(atom.columns) > 0.0):  # such as a place that no run has passed
             continue
         data, prior, _ = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
-        worth = merit(data, prior, columns.shape[1] + len(atom.at), scale)
+        worth = data + prior - (columns.shape[1] + len(atom.at)) * math.log(max(n, 2.0))
         name = atom.effect.id
         if name not in best or worth > best[name].merit:
             best[name] = Signature(atom, columns, data + prior, worth)
@@ -87,7 +87,7 @@ def angle_between(a: Array, b: Array) -> float:
     return math.degrees(math.asin(min(float(np.linalg.norm(away)), 1.0)))
 
 
-def _visible(each: Signature, priors: int, scale: Scale) -> tuple[str, float]:
+def _visible(each: Signature, priors: int, n: float) -> tuple[str, float]:
     """The first parameter's smallest amount off its vanishing value that would be worth a name."""
     wave = each.atom.wave is not None
     if wave:  # the quadratures of all runs, a mean over phases
@@ -96,22 +96,19 @@ def _visible(each: Signature, priors: int, scale: Scale) -> tuple[str, float]:
         squares = np.sum(each.columns, axis=1) ** 2
     data, prior = float(np.sum(squares[:-priors])), float(np.sum(squares[-priors:]))
     parameters = each.columns.shape[1] + len(each.atom.at)
-    amount = smallest_amount(data, prior, parameters, scale)
+    amount = smallest_amount(data, prior, parameters, n)
     return each.atom.amounts[0].name, amount * abs(each.atom.scale[0])
 
 
-def smallest_amount(data: float, prior: float, parameters: int, scale: Scale) -> float:
-    """The a with merit(a² data, a² prior) = 0; inf for what never shows."""
-    cost = parameters * math.log(max(scale.n, 2.0))
-    least = LEAST**2 * scale.n
-    seen = math.sqrt((cost + least) / (data / scale.inflation + prior)) if data + prior > 0.0 else math.inf
-    by_prior = math.sqrt(cost / prior) if prior > 0.0 else math.inf  # so small in the data that only tolerances tell
-    return min(seen, by_prior) if by_prior**2 * data / scale.inflation <= least else seen
+def smallest_amount(data: float, prior: float, parameters: int, n: float) -> float:
+    """The a at which a² (data + prior) is worth what its parameters cost; inf for what never shows."""
+    worth = parameters * math.log(max(n, 2.0))
+    return math.sqrt(worth / (data + prior)) if data + prior > 0.0 else math.inf
 
 
-def _sentences(best: Mapping[str, Signature], angle: Array, found: Found, priors: int, scale: Scale) -> list[str]:
+def _sentences(best: Mapping[str, Signature], angle: Array, found: Found, priors: int, n: float) -> list[str]:
     names, out = list(best), []
-    for group in groups(separations(best, priors, scale), APART):
+    for group in groups(separations(best, priors, n), APART):
         members = [names[k] for k in group]
         widest = max(float(angle[i, j]) for i in group for j in group)
         out.append(
@@ -119,12 +116,12 @@ def _sentences(best: Mapping[str, Signature], angle: Array, found: Found, priors
             f"of one passes for the other{'s' if len(group) > 2 else ''} within noise and tolerances"
             + (f" (signatures within {max(widest, 0.1):.2g} degrees)." if widest < ALIKE_DEG else ".")
         )
-    return [*out, *_near_the_best(found, scale)]
+    return [*out, *_near_the_best(found, n)]
 
 
-def separations(best: Mapping[str, Signature], priors: int, scale: Scale) -> Array:
+def separations(best: Mapping[str, Signature], priors: int, n: float) -> Array:
     """(k, k) standard deviations between effects, one at twice its smallest visible amount, the other as like it
-    as it can be. What differs by less than LEAST of the noise counts for nothing, for no model is that exact.
+    as it can be.
 
     inf where one effect is a special case of the other: no campaign tells these apart, and fewer numbers decide.
     """
@@ -132,25 +129,25 @@ def separations(best: Mapping[str, Signature], priors: int, scale: Scale) -> Arr
     spaces, raw = [_space(one.columns) for one in each], [_space(one.atom.columns) for one in each]
     found = np.full((len(each), len(each)), np.inf)
     for i, one in enumerate(each):
-        vector = _twice_visible(one, priors, scale)
+        vector = _twice_visible(one, priors, n)
         for j in range(len(each)):
             if i != j and not _special_case(raw[i], raw[j]):
-                found[i, j] = _distance(vector - spaces[j] @ (spaces[j].T @ vector), priors, scale)
+                found[i, j] = _distance(vector - spaces[j] @ (spaces[j].T @ vector), priors, n)
     return np.asarray(np.maximum(found, found.T), dtype=float)
 
 
-def _distance(away: Array, priors: int, scale: Scale) -> float:
+def _distance(away: Array, priors: int, n: float) -> float:
     """Standard deviations of a difference in data and tolerances."""
     data, prior = float(np.sum(away[:-priors] ** 2)), float(np.sum(away[-priors:] ** 2))
-    return math.sqrt(max(data / scale.inflation - LEAST**2 * scale.n, 0.0) + prior)
+    return math.sqrt(max(data, 0.0) + prior)
 
 
-def _twice_visible(each: Signature, priors: int, scale: Scale) -> Array:
+def _twice_visible(each: Signature, priors: int, n: float) -> Array:
     """(samples + priors,) the signature at twice its smallest visible amount; of a wave at phase 0 in every run."""
     columns = each.columns[:, ::2] if each.atom.wave is not None else each.columns
     vector = np.sum(columns, axis=1)
     data, prior = float(np.sum(vector[:-priors] ** 2)), float(np.sum(vector[-priors:] ** 2))
-    amount = smallest_amount(data, prior, each.columns.shape[1] + len(each.atom.at), scale)
+    amount = smallest_amount(data, prior, each.columns.shape[1] + len(each.atom.at), n)
     return np.asarray(vector * (2.0 * amount), dtype=float) if math.isfinite(amount) else np.zeros(len(vector))
 
 
@@ -162,22 +159,20 @@ def _special_case(a: Array, b: Array) -> bool:
     return bool(np.linalg.norm(small - large @ (large.T @ small)) < SPECIAL)
 
 
-def _near_the_best(found: Found, scale: Scale) -> list[str]:
+def _near_the_best(found: Found, n: float) -> list[str]:
     """What fits nearly as well as the best single effect, by how many standard deviations it is worse."""
     singles = sorted((n for n in found.fits if len(n) == 1), key=lambda n: found.fits[n].objective)
     if not singles:
         return []
     best = found.fits[singles[0]]
-    worth = merit(
-        found.base.chi2 - best.chi2, found.base.prior - best.prior, len(best.z) - len(found.base.z), scale
-    )  # fmt: skip
+    worth = found.base.objective - best.objective - cost(found.problem, len(best.z) - len(found.base.z))
     if worth <= calibration()["threshold"]:
         return []
     near = []
     for names in singles[1:]:
         other = found.fits[names]
-        data = (other.chi2 - best.chi2) / scale.inflation
-        worse = math.sqrt(max(max(data - LEAST**2 * scale.n, min(data, 0.0)) + other.prior - best.prior, 0.0))
+        data = other.chi2 - best.chi2
+        worse = math.sqrt(max(data + other.prior - best.prior, 0.0))
         if worse < APART:
             near.append(f"{names[0]} ({worse:.1f})")
     if not near:

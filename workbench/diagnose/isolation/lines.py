@@ -12,7 +12,7 @@ from workbench.diagnose.hypotheses.base import LOAD_CELL_STD
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import TENSION_GAIN, Knob, PhaseOfEachRun, Setting, setting_of
 from workbench.diagnose.hypotheses.problem import GROUP, SENSOR_KEYS, STEP, TENSION, TENSION_TRUST, Problem
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.run import Array
 from workbench.simulate.driven import changed
 
@@ -40,7 +40,9 @@ def on_campaign(problem: Problem, fit: Fitted) -> Line:
     rows = len(fit.residual)
     channel = np.where(np.arange(rows) < problem.inputs, 0, 1)
     nothing = np.zeros((rows, 0))
-    return Line(fit.residual / fit.sigma, fit.jacobian / fit.sigma, nothing, np.zeros(0), channel, problem.share)
+    return Line(
+        fit.residual / problem.noise, fit.jacobian / problem.noise, nothing, np.zeros(0), channel, problem.share
+    )
 
 
 def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tuple[str, ...]], Line]:
@@ -57,7 +59,7 @@ def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tup
     def of_run(k: int, signals: tuple[str, ...]) -> Line:
         mine = np.flatnonzero(ahead.run_of_row == k)
         input_rows, tension_rows = mine[mine < ahead.inputs], mine[mine >= ahead.inputs]
-        parts = [(base[input_rows], change[:, input_rows] / STEP, fit.sigma)]
+        parts = [(base[input_rows], change[:, input_rows] / STEP, problem.noise)]
         if TENSION in signals:
             noise = problem.tension_noise if problem.has_tension else _tension_noise(ahead, k)
             # The menu's tension stands on the scale of its own torque and load cell.
@@ -66,10 +68,9 @@ def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tup
         if POSITION in signals:
             if not heights:
                 heights.extend(_heights(ahead, settings))
-            machine = problem.machine
-            assert isinstance(machine, Hoist)
             x = heights[k]
-            parts.append((-x[0], -(x[1:] - x[0]) / STEP, POSITION_TRUST * machine.wire.segment_length_m))
+            length = kind_of(problem.machine).sizes(problem.machine, problem.runs).length
+            parts.append((-x[0], -(x[1:] - x[0]) / STEP, POSITION_TRUST * length))
         residual = np.concatenate([r / unit for r, _, unit in parts])
         slopes = np.concatenate([j / unit for _, j, unit in parts], axis=1).T
         channel = np.repeat(np.arange(len(parts)), [len(r) for r, _, _ in parts])

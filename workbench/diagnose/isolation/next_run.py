@@ -10,14 +10,14 @@ import numpy as np
 
 from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signed, linear_gain, start_of
 from workbench.diagnose.hypotheses.knobs import bounds_of
-from workbench.diagnose.hypotheses.problem import TENSION, Problem
-from workbench.diagnose.hypotheses.score import LEAST
+from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Found
-from workbench.diagnose.isolation.lines import POSITION, Line, on_campaign, on_menu
+from workbench.diagnose.isolation.lines import Line, on_campaign, on_menu
 from workbench.diagnose.isolation.planned import Planned, menu
 from workbench.diagnose.records import Names, NextRun
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 
+LEAST = 0.35  # of the noise, rms: no model is more exact than that
 APART = 3.0  # standard deviations: then a run decides
 WORTH = 1.0  # more than now: less is not worth a run
 RIVALS = 3  # that the leading hypothesis is held against
@@ -49,7 +49,7 @@ def next_run(problem: Problem, found: Found, open_effects: Sequence[Fitted | str
     now = _apart(fits, campaign, None)
     ahead = Problem(problem.machine, [each.run for each in planned], problem.band_hz)
     trial = [on_menu(problem, ahead, fit) for fit in fits]
-    logged = tuple(s for s in (POSITION, TENSION) if all(s in run for run in problem.runs))
+    logged = tuple(s for s in kind_of(problem.machine).to_log if all(s in run for run in problem.runs))
     offers: list[Offer] = []
     for signals in _choices(problem, logged):
         for k, each in enumerate(planned):
@@ -80,9 +80,7 @@ def _decides(offer: Offer, now: float) -> bool:
 
 def _choices(problem: Problem, logged: tuple[str, ...]) -> list[tuple[str, ...]]:
     """What to log beside the motors, cheapest first; what is logged already stays."""
-    if not isinstance(problem.machine, Hoist):
-        return [()]
-    every = [logged, *(tuple(sorted({*logged, more})) for more in (POSITION, TENSION))]
+    every = [logged, *(tuple(sorted({*logged, more})) for more in kind_of(problem.machine).to_log)]
     return list(dict.fromkeys(every))
 
 
@@ -98,7 +96,7 @@ def _fit_of(problem: Problem, found: Found, each: Fitted | str | Names) -> Fitte
     if len(names) > 1:
         return None
     near = found.near
-    projection = Projection.of(problem, near, near.sigma)
+    projection = Projection.of(problem, near)
     options = []
     for atom in found.atoms:
         if atom.effect.id == names[0]:
@@ -111,8 +109,8 @@ def _fit_of(problem: Problem, found: Found, each: Fitted | str | Names) -> Fitte
     more, start = start_of(problem, atom, amounts)
     knobs, z = (*near.knobs, *more), np.concatenate([near.z, start])
     residual, jacobian = problem.evaluate(knobs, z)
-    chi2 = problem.share / near.sigma**2 * float(residual @ residual)
-    return Fitted(names, knobs, z, residual, jacobian, near.sigma, chi2, near.prior, 1, False)
+    chi2 = problem.share / problem.noise**2 * float(residual @ residual)
+    return Fitted(names, knobs, z, residual, jacobian, chi2, near.prior, 1, False)
 
 
 def _apart(fits: Sequence[Fitted], campaign: Sequence[Line], more: Sequence[Line] | None) -> float:
@@ -161,7 +159,7 @@ def separation(true: Fitted, rival: Fitted, lines: Sequence[tuple[Line, Line]]) 
 def _why(problem: Problem, fits: Sequence[Fitted], best: Offer, now: float) -> str:
     names = [" with ".join(fit.effects) or "no effect" for fit in fits]
     rivals = names[1] if len(names) == 2 else f"{', '.join(names[1:-1])} and {names[-1]}"
-    load = f"a run with {best.planned.payload_kg:g} kg" if isinstance(problem.machine, Hoist) else "a run"
+    load = f"a run with {best.planned.payload_kg:g} kg" if kind_of(problem.machine).payload else "a run"
     signals = f" and with {' and '.join(best.signals)} logged" if best.signals else ""
     begin = f"The campaign sets {names[0]} apart from {rivals} by {now:.1f} standard deviations"
     if now < 0.05:

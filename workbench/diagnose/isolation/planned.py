@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.problem import TENSION, Problem
-from workbench.diagnose.location.variables import height
-from workbench.machine import Hoist
-from workbench.plants import plant_of
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.location.variables import place
+from workbench.kinds import kind_of
 from workbench.references import Limits, Step, plan_motion
 from workbench.run import Array, Run
 from workbench.simulate.lowpass import lowpass
@@ -52,7 +51,7 @@ def menu(problem: Problem) -> list[Planned]:
     seen = seen_in(problem)
     if not (seen.high > seen.low and seen.speed > 0.0 and seen.acceleration > 0.0):
         return []
-    unit = "m/s" if isinstance(problem.machine, Hoist) or problem.bench.plant.kind.endswith("linear") else "rad/s"
+    unit = kind_of(problem.machine).moved.speed_unit
     found = []
     for payload in _payloads(problem):
         for word, speed in (("slow", SLOW * seen.speed), ("fast", seen.speed)):
@@ -64,12 +63,8 @@ def menu(problem: Problem) -> list[Planned]:
 
 def seen_in(problem: Problem) -> Seen:
     """Largest speed and acceleration in the band, and the range of heights, of all runs."""
-    bench, lift = problem.bench, 1.0
-    if isinstance(problem.machine, Hoist):
-        lift = problem.machine.lift_m_per_rad
-        places = [height(bench, j) for j in range(len(bench.runs))]
-    else:
-        places = [motion.position for motion in bench.motions]
+    bench, lift = problem.bench, kind_of(problem.machine).lever_of(problem.machine)
+    places = [place(bench, j) for j in range(len(bench.runs))]
     smooth = [
         [lowpass(run.time_s, values, bench.band_hz)[inside] for values in (motion.speed, motion.acceleration)]
         for run, motion, inside in zip(bench.runs, bench.motions, bench.inside, strict=True)
@@ -81,7 +76,7 @@ def seen_in(problem: Problem) -> Seen:
 
 def _payloads(problem: Problem) -> list[float]:
     """The campaign's lightest, middle and heaviest, and none."""
-    if not isinstance(problem.machine, Hoist):
+    if not kind_of(problem.machine).payload:
         return [problem.runs[0].payload_kg]
     known = sorted({run.payload_kg for run in problem.runs})
     middle = min(known, key=lambda load: abs(load - 0.5 * (known[0] + known[-1])))
@@ -113,14 +108,14 @@ def _run(problem: Problem, seen: Seen, speed: float, steps: Sequence[Step], payl
     begin = seen.low + 0.02 * span
     plan = plan_motion("ruckig", steps, begin, limits, (seen.low - span, seen.high + span), rest, rest)
     profile = plan.sample(1.0 / (SAMPLES * problem.band_hz))
-    plant, machine, n = plant_of(problem.machine), problem.machine, len(profile.time_s)
+    kind, machine, n = kind_of(problem.machine), problem.machine, len(profile.time_s)
+    plant = kind.plant
     last = max(problem.runs, key=lambda run: run.start_time_s)
     after = last.start_time_s + last.duration_s + BETWEEN_S
     signals: dict[str, Array] = {plant.input: np.zeros(n)}
-    if isinstance(machine, Hoist):
-        signals[plant.speeds[0]] = profile.speed_m_s / machine.lift_m_per_rad
-        weight = (machine.carriage.mass_kg + payload) * machine.gravity_m_s2
-        signals[TENSION] = np.full(n, 0.5 * weight)
-        return Run(name, profile.time_s, signals, payload, begin, after)
-    signals[plant.positions[0]], signals[plant.speeds[0]] = profile.position_m, profile.speed_m_s
+    signals[plant.speeds[0]] = profile.speed_m_s / kind.lever_of(machine)
+    if kind.moved.placed_by_log:
+        signals[plant.positions[0]] = profile.position_m
+    if kind.dead_line is not None:
+        signals[kind.dead_line.signal] = np.full(n, kind.dead_line.at_rest(machine, payload))
     return Run(name, profile.time_s, signals, payload, begin, after)

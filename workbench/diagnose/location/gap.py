@@ -15,8 +15,9 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, Found
 from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.records import Gap
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist, LinearAxis
+from workbench.machine import Axis, Hoist
 from workbench.simulate.replay import replay_runs
 
 EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below (no model is exact)
@@ -37,7 +38,8 @@ def gap_of(problem: Problem, found: Found, campaign: Campaign) -> Gap:
     worst = worst_tolerance(keys, base)
     excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))
     stretched = abs(worst[1]) > STRETCHED
-    lift = problem.machine.lift_m_per_rad if isinstance(problem.machine, Hoist) else None
+    kind = kind_of(problem.machine)
+    lift = None if kind.lever is None else kind.lever(problem.machine)
     gap = Gap(
         residual_rms=left,
         noise_rms=problem.noise,
@@ -55,11 +57,10 @@ def gap_of(problem: Problem, found: Found, campaign: Campaign) -> Gap:
 
 def worst_tolerance(keys: Mapping[str, Value], base: Fitted) -> tuple[str, float]:
     """The key of the base parameter that the fit moved furthest, and by how many of its tolerances."""
-    named = {knob.symbol: key for key, knob in keys.items()}
     moved = {
-        named[knob.symbol]: float(z) / knob.std
-        for knob, z in zip(base.knobs, base.z, strict=True)
-        if isinstance(knob, Value) and not knob.logarithmic and knob.symbol in named
+        key: float(z) / knob.std
+        for (key, knob), z in zip(keys.items(), base.z, strict=False)  # the base parameters are the first of all
+        if not knob.logarithmic
     }
     key = max(moved, key=lambda k: abs(moved[k]), default="")
     return key, moved.get(key, 0.0)
@@ -67,7 +68,7 @@ def worst_tolerance(keys: Mapping[str, Value], base: Fitted) -> tuple[str, float
 
 def unit_of(machine: Hoist | Axis) -> str:
     """The unit of the input that the residual is in."""
-    return "N" if isinstance(machine, LinearAxis) else "N m"
+    return kind_of(machine).drive.unit
 
 
 def _sentences(gap: Gap, unit: str) -> list[str]:

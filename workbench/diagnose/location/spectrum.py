@@ -10,6 +10,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import Explained, blocks, run_of, share_of
 from workbench.diagnose.location.variables import Variable, forward, times, way
 from workbench.diagnose.records import Profile
+from workbench.kinds import kind_of
 from workbench.run import Array
 
 PER_RESOLUTION = 3.0  # frequencies tried within 1/(length of a run)
@@ -38,7 +39,7 @@ def wave_along_the_way(problem: Problem, gap: Array, seed: int) -> tuple[Explain
     if longest <= 0.0:
         return None
     tried = _tried(longest, MOST_WAVES / longest)
-    unit = "1/rad" if problem.bench.plant.kind == "axis-rotary" else "1/m"
+    unit = f"1/{kind_of(problem.machine).moved.unit}"
     return _wave(problem, gap, seed, at, tried, ("wave", "frequency over the way", unit, "periodic"), True)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.machine import Axis, Hoist, LinearAxis
+from workbench.kinds import kind_of
 from workbench.run import Array
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
@@ -42,9 +42,8 @@ def variables(problem: Problem, gap: Array | None = None) -> list[Variable]:
 
     gap: (inputs,) measured less predicted input; with it the predicted one is among them.
     """
-    hoist = isinstance(problem.machine, Hoist)
     found = [_direction(problem)]
-    if hoist:
+    if kind_of(problem.machine).payload:
         found.append(_payload(problem))
     found += [_speed(problem), _acceleration(problem), _since_start(problem), *_turns(problem), _position(problem)]
     found += [_run_time(problem), _campaign_time(problem)]
@@ -79,13 +78,6 @@ def _smooth_speed(bench: Bench, j: int) -> Array:
     return lowpass(bench.runs[j].time_s, bench.motions[j].speed, bench.band_hz)
 
 
-def _moved(machine: Hoist | Axis) -> tuple[str, str, float]:
-    """In words what moves, the unit of its way, and its way over that of the driven coordinate."""
-    if isinstance(machine, Hoist):
-        return "carriage", "m", machine.lift_m_per_rad
-    return "axis", "m" if isinstance(machine, LinearAxis) else "rad", 1.0
-
-
 def _direction(problem: Problem) -> Variable:
     at = np.where(forward(problem), 1.0, -1.0)
     return Variable("direction", "direction", "1", "all", at, np.array([-1.5, 0.0, 1.5]), straight=True)
@@ -101,14 +93,15 @@ def _payload(problem: Problem) -> Variable:
 
 
 def _speed(problem: Problem) -> Variable:
-    what, unit, lift = _moved(problem.machine)
-    at = np.abs(of_rows(problem, _smooth_speed)) * lift
+    kind = kind_of(problem.machine)
+    at = np.abs(of_rows(problem, _smooth_speed)) * kind.lever_of(problem.machine)
     edges = float(np.max(at)) * np.array(SPEED_EDGES)
-    return Variable("speed", f"speed of the {what}", f"{unit}/s", "speed", at, edges)
+    return Variable("speed", f"speed of the {kind.moved.noun}", kind.moved.speed_unit, "speed", at, edges)
 
 
 def _acceleration(problem: Problem) -> Variable:
-    what, unit, lift = _moved(problem.machine)
+    kind = kind_of(problem.machine)
+    lift, unit = kind.lever_of(problem.machine), f"{kind.moved.unit}/s²"
 
     def smooth(b: Bench, j: int) -> Array:
         return lowpass(b.runs[j].time_s, b.motions[j].acceleration, b.band_hz) * lift
@@ -116,7 +109,7 @@ def _acceleration(problem: Problem) -> Variable:
     at = of_rows(problem, smooth)
     top = float(np.max(np.abs(at)))
     edges = top * np.array([-1.0, -0.6, -0.35, -0.18, -0.06, 0.06, 0.18, 0.35, 0.6, 1.0])
-    return Variable("acceleration", f"acceleration of the {what}", f"{unit}/s²", "acceleration", at, edges)
+    return Variable("acceleration", f"acceleration of the {kind.moved.noun}", unit, "acceleration", at, edges)
 
 
 def _since_start(problem: Problem) -> Variable:
@@ -138,36 +131,30 @@ def _since_start(problem: Problem) -> Variable:
 
 def way(problem: Problem) -> Array:
     """(inputs,) height of the carriage or position of the axis, m or rad."""
-    return of_rows(problem, height if isinstance(problem.machine, Hoist) else lambda b, j: b.motions[j].position)
+    return of_rows(problem, place)
 
 
 def _position(problem: Problem) -> Variable:
     at = way(problem)
-    what, unit, _ = _moved(problem.machine)
-    label = "height of the carriage" if what == "carriage" else f"position of the {what}"
-    return Variable("position", label, unit, "position", at, _even(at, 24))
+    moved = kind_of(problem.machine).moved
+    return Variable("position", moved.position, moved.unit, "position", at, _even(at, 24))
 
 
-def height(bench: Bench, j: int) -> Array:
-    """(n,) m: of the carriage on a wire that does not stretch."""
-    machine, position = bench.machine, bench.motions[j].position
-    assert isinstance(machine, Hoist)
-    return bench.runs[j].start_position_m + (position - position[0]) * machine.lift_m_per_rad
+def place(bench: Bench, j: int) -> Array:
+    """(n,) where what moves is, m or rad: a carriage on a wire that does not stretch."""
+    kind = kind_of(bench.machine)
+    return kind.place_of(bench.machine, bench.runs[j].start_position_m, bench.motions[j].position)
 
 
 def _turns(problem: Problem) -> list[Variable]:
     """Angles folded to one turn, of what turned often enough for a turn to come back."""
-    machine = problem.machine
-    if isinstance(machine, LinearAxis):
-        return []
-    if not isinstance(machine, Hoist):
-        own = of_rows(problem, lambda b, j: b.motions[j].position)
-        return _folded("angle", "angle within a turn", own)
-
-    def drum(b: Bench, j: int) -> Array:
-        return 4.0 * height(b, j) / machine.winch.drum_diameter_m
-
-    return _folded("drum_angle", "drum's angle", of_rows(problem, drum))
+    kind, found = kind_of(problem.machine), []
+    for part in kind.turning:
+        if part.folded is not None:
+            name, label = part.folded
+            angle = TURN * part.turns_per_way(problem.machine) * way(problem)
+            found += _folded(name, label, angle)
+    return found
 
 
 def _folded(name: str, label: str, angle: Array) -> list[Variable]:
@@ -179,10 +166,9 @@ def _folded(name: str, label: str, angle: Array) -> list[Variable]:
 
 def _input(problem: Problem, gap: Array) -> Variable:
     """The input that the motion takes as predicted: the measured one holds the gap itself."""
-    force = isinstance(problem.machine, LinearAxis)
+    drive = kind_of(problem.machine).drive
     at = of_rows(problem, lambda b, j: b.measured[j]) - gap
-    label = "force that the motion takes" if force else "torque that the motion takes"
-    return Variable("input", label, "N" if force else "N m", "load", at, _even(at, 10))
+    return Variable("input", f"{drive.quantity} that the motion takes", drive.unit, "load", at, _even(at, 10))
 
 
 def _run_time(problem: Problem) -> Variable:

@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
 from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import Setting, bounds_of
+from workbench.diagnose.hypotheses.knobs import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES
-from workbench.diagnose.location.place import CREEPING, EXPLAINS_LITTLE, Place, place_of, side_of
+from workbench.diagnose.location.places import Placed, placed
 from workbench.diagnose.location.profiles import Explained, Free, best_of, explain, profile_of, run_of, share_in_time
+from workbench.diagnose.location.side import side_of
 from workbench.diagnose.location.spectrum import wave_along_the_way, wave_in_time
-from workbench.diagnose.location.variables import spacing, variables
+from workbench.diagnose.location.variables import spacing, times, variables
 from workbench.diagnose.location.windows import Windows, windows_of
-from workbench.diagnose.records import Profile, Where
-from workbench.effects import Effect, ranges_of
+from workbench.diagnose.records import Event, PlaceProbability, Profile, Where, Window
+from workbench.effects import Effect
 from workbench.run import Array
 
-
-@dataclass(frozen=True)
-class Part:
-    """An effect's own part of the gap: (samples,), behind the input's rows those of the tension."""
-
-    effect: Effect
-    rows: Array
+CREEPING = 0.15  # of the fastest speed
+EXPLAINS_LITTLE = 0.3
+EDGE = 0.1  # of an event's largest force: where it begins and ends
+WORTH_SAYING = 0.1  # of a place's probability
 
 
 def where_of(
@@ -36,52 +34,35 @@ def where_of(
 
     named, effects: the fit of the verdict and the effects it names; the windows are then where the
     larger effect's own part of the gap lies, and subsystem and regime are those it declares. Without
-    them all follows from the profiles: the variable that explains most says the regime.
+    them every port of the machine is weighed as the place where an unknown force enters.
     """
     profiles, best, other = _profiles(problem, near, seed)
+    events: tuple[Event, ...] = ()
     if named is not None and effects:
         parts = sorted(parts_of(problem, named, effects), key=lambda part: -_energy(problem, part.rows))
         gap = named.residual + sum_of(problem, named, effects)
         own = parts[0].rows[: problem.inputs]
         windows = windows_of(problem, own**2)
-        place = Place(parts[0].effect.subsystem(problem.active.kind), parts[0].effect.regime)
+        subsystem, regime = parts[0].effect.subsystem(problem.active.kind), parts[0].effect.regime
+        places: tuple[PlaceProbability, ...] = (PlaceProbability(subsystem, 1.0),)
+        said: tuple[str, ...] = ()
     else:
-        gap, own = near.residual, best.part
+        found = placed(problem, near)
+        gap, own = near.residual, found.part
         windows = windows_of(problem, gap[: problem.inputs] ** 2 - problem.noise**2)
-        place = place_of(problem, gap[: problem.inputs], best, windows, side_of(problem, gap))
+        if found.pulses:
+            windows, events = _events(problem, found)
+        subsystem, regime, places = found.port.subsystem, found.port.regime, found.places
+        said = _placed(found)
     torque, side = gap[: problem.inputs], side_of(problem, gap)
     left = np.where(windows.inside, torque - own, torque)
-    if place.regime == "event":  # nothing but its time explains it: all within the windows is of that regime
-        left = np.where(windows.inside, 0.0, torque)
     share, interval = share_in_time(problem, torque, left, seed)
     by_run = _by_run(problem, torque)
-    sentences = _sentences(problem, windows, best, other, by_run, place, side)
+    sentences = _sentences(problem, windows, best, other, by_run, said, side)
     return Where(
-        place.subsystem, place.regime, windows.windows, share, interval, tuple(profiles), by_run, side,
-        tuple(sentences),
+        subsystem, regime, windows.windows, share, interval, tuple(profiles), by_run, side, tuple(sentences), places,
+        events,
     )  # fmt: skip
-
-
-def parts_of(problem: Problem, named: Fitted, effects: Sequence[Effect]) -> list[Part]:
-    """What each effect alone adds to the prediction, at the fit's values."""
-    settings = [_without(problem, named, [each]) for each in effects]
-    _, change = problem.differences(named.setting, settings)
-    return [Part(each, rows) for each, rows in zip(effects, change, strict=True)]
-
-
-def sum_of(problem: Problem, named: Fitted, effects: Sequence[Effect]) -> Array:
-    """What all effects together add to the prediction, (samples,)."""
-    return problem.differences(named.setting, [_without(problem, named, effects)])[1][0]
-
-
-def _without(problem: Problem, named: Fitted, effects: Sequence[Effect]) -> Setting:
-    off = {
-        r.symbol: r.vanishes_at
-        for each in effects
-        for r in ranges_of(each, problem.machine, problem.runs)
-        if r.vanishes_at is not None
-    }
-    return {**named.setting, **off}
 
 
 def _energy(problem: Problem, rows: Array) -> float:
@@ -106,10 +87,10 @@ def free_of(problem: Problem, near: Fitted) -> Free:
     """How far the base parameters may still go from a fit, within their tolerances."""
     low, high, std = bounds_of(near.knobs)
     z = near.z
-    tolerance = np.array([not getattr(knob, "logarithmic", False) for knob in near.knobs])
+    tolerance = np.array([not getattr(knob, "logarithmic", False) for knob in near.knobs for _ in knob.lowest])
     reach = np.where(tolerance, TOLERANCES * std, np.inf)
     low, high = np.maximum(low, -reach) - z, np.minimum(high, reach) - z
-    hold = near.sigma / np.sqrt(problem.share) / std
+    hold = problem.noise / np.sqrt(problem.share) / std
     return Free(-near.jacobian[: problem.inputs], np.minimum(low, 0.0), np.maximum(high, 0.0), hold)
 
 
@@ -129,7 +110,7 @@ def _by_run(problem: Problem, gap: Array) -> dict[str, float]:
 
 def _sentences(
     problem: Problem, windows: Windows, best: Explained, other: Explained | None, by_run: Mapping[str, float],
-    place: Place, side: str,
+    said: Sequence[str], side: str,
 ) -> list[str]:  # fmt: skip
     many = len(windows.windows)
     found = [
@@ -142,7 +123,7 @@ def _sentences(
     even = 1.0 / len(by_run)
     if len(by_run) > 1 and by_run[name] > 2.0 * even:
         found.append(f"Run {name} holds {100.0 * by_run[name]:.0f} % of it.")
-    found += place.sentences
+    found += said
     if side == "carriage":
         found.append("The dead line's tension shows the gap too: it is on the carriage's side of the wire.")
     elif side == "drive":
@@ -150,6 +131,39 @@ def _sentences(
     if best.share < EXPLAINS_LITTLE:
         found.append("No single variable explains much of it.")
     return found
+
+
+def _events(problem: Problem, found: Placed) -> tuple[Windows, tuple[Event, ...]]:
+    """The windows of the events, where their force lies, and the events."""
+    at, step, run_of = times(problem), spacing(problem), problem.run_of_row[: problem.inputs]
+    energy = step * found.part**2
+    inside, spans, events = np.zeros(problem.inputs, dtype=bool), [], []
+    for pulse in found.pulses:
+        mine = np.flatnonzero((run_of == pulse.run) & (at >= pulse.from_s) & (at <= pulse.to_s))
+        if not len(mine):
+            continue
+        strong = mine[np.abs(found.part[mine]) > EDGE * np.max(np.abs(found.part[mine]))]
+        begin, end = (round(float(at[k]), 2) for k in (strong[0], strong[-1]))
+        inside[strong[0] : strong[-1] + 1] = True
+        name = problem.runs[pulse.run].name
+        spans.append(Window(name, begin, end))
+        largest = float(found.part[mine][np.argmax(np.abs(found.part[mine]))])
+        share = float(energy[mine].sum() / max(float(energy.sum()), 1e-300))
+        events.append(Event(name, begin, end, found.port.subsystem, share, largest))
+    held = float(energy[inside].sum() / max(float(energy.sum()), 1e-300))
+    return Windows(tuple(spans), inside, held, float(step[inside].sum() / step.sum())), tuple(events)
+
+
+def _placed(found: Placed) -> tuple[str, ...]:
+    """Where it most likely lies, and what else it may be."""
+    first, *rest = found.places
+    text = f"Most likely it lies in the {_part(first)}; what it depends on is {found.port.over}."
+    also = [_part(each) for each in rest if each.probability > WORTH_SAYING]
+    return (text, f"It may lie in the {' or the '.join(also)}, too.") if also else (text,)
+
+
+def _part(place: PlaceProbability) -> str:
+    return f"{place.subsystem.replace('_', ' ')} ({100.0 * place.probability:.0f} %)"
 
 
 def _percent(each: Explained) -> str:

@@ -11,8 +11,8 @@ from workbench.diagnose.readiness.rigid import as_well_shown, rigid_of
 from workbench.diagnose.readiness.same_machine import check_machine, listed
 from workbench.diagnose.readiness.variety import variety
 from workbench.errors import InputError
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Hoist
 from workbench.simulate.band import LEAST_PERIODS
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass, noise_rms
@@ -40,7 +40,7 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
     _check_frozen(bench, going, file)
     _check_enough(bench, going, file)
     rigid = [rigid_of(bench, j) for j in going]
-    if isinstance(bench.machine, Hoist):  # its load says which signal is upside down; an axis' signals have to say it
+    if kind_of(bench.machine).holds_load:  # the load says which signal is upside down; else the signals have to say it
         odd, warnings = check_machine(bench, rigid, file), check_other_signals(bench, going, file)
     else:
         warnings, odd = check_other_signals(bench, going, file), check_machine(bench, as_well_shown(rigid), file)

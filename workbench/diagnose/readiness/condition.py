@@ -12,9 +12,9 @@ from workbench.diagnose.readiness.cross_checks import FAR, reference_of, referen
 from workbench.diagnose.readiness.lateness import lateness
 from workbench.diagnose.readiness.same_machine import listed
 from workbench.diagnose.records import Condition, RunCondition
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.logs.channels import clipped, is_constant
-from workbench.machine import Hoist
 from workbench.run import Array, Run
 
 __all__ = ["check_runs", "condition"]
@@ -22,7 +22,6 @@ __all__ = ["check_runs", "condition"]
 SPIKE = 10.0  # of the channel's noise: a single sample that far off both its neighbours
 CLIPPED = 0.002  # share of the samples worth a sentence
 NOISE_APART = 3.0  # times the others' noise
-HOIST_INPUTS = ("torque_motor1_nm", "torque_motor2_nm", "torque_motor_nm")
 
 
 def condition(campaign: Campaign, problem: Problem, motion_noise_rms: float = 0.0) -> Condition:
@@ -52,9 +51,7 @@ def _run(problem: Problem, j: int) -> RunCondition:
 
 def _inputs(problem: Problem, run: Run) -> tuple[str, ...]:
     """Each motor for itself where both are logged: a sum hides where one is clipped."""
-    if isinstance(problem.machine, Hoist):
-        return tuple(name for name in HOIST_INPUTS if name in run)
-    return (problem.bench.plant.input,)
+    return tuple(name for name in kind_of(problem.machine).inputs if name in run)
 
 
 def clipped_share(time_s: Array, values: Array) -> float:
@@ -93,7 +90,7 @@ def _delay(problem: Problem, j: int) -> float | None:
 
 
 def _sentences(problem: Problem, runs: Sequence[RunCondition], own: float, motion_noise_rms: float) -> list[str]:
-    unit = "N m" if problem.bench.plant.input.endswith("nm") else "N"
+    unit = kind_of(problem.machine).drive.unit
     found = []
     cut = [r for r in runs if r.clipped_share > CLIPPED]
     if cut:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
@@ -22,7 +23,7 @@ def check_other_signals(bench: Bench, going: Sequence[int], file: object) -> lis
     warnings: dict[str, list[str]] = {}
     for j in going:
         run = bench.runs[j]
-        for text in _of_hoist(bench, j, file) if isinstance(bench.machine, Hoist) else _of_axis(bench, j, file):
+        for text in _of_kind(bench, j, file):
             warnings.setdefault(text, []).append(run.name)
         slope = reference_slope(bench, j)
         if slope is not None and not 1.0 / FAR < slope < FAR:
@@ -39,61 +40,28 @@ def reference_slope(bench: Bench, j: int) -> float | None:
 
 def reference_of(machine: Hoist | Axis, run: Run) -> tuple[Array, Array] | None:
     """(reference, motion) of one run, where the reference is logged."""
-    if isinstance(machine, Axis):
-        names = (machine.reference_signal, machine.position_signal)
-    else:
-        names = ("speed_reference_rad_s", "speed_motor_rad_s")
+    names = kind_of(machine).reference
     if any(name not in run for name in names) or np.ptp(run[names[0]]) == 0.0:
         return None
     return run[names[0]], run[names[1]]
 
 
-def _of_hoist(bench: Bench, j: int, file: object) -> list[str]:
-    run, machine = bench.runs[j], bench.machine
-    assert isinstance(machine, Hoist)
-    found = []
-    if "position_carriage_m" in run:
-        slope = _slope(machine.lift_m_per_rad * bench.motions[j].position, run["position_carriage_m"])
-        if slope < 1.0 / FAR or slope > FAR:
-            raise InputError(
-                f"position_carriage_m goes {slope:.3g} times the way that speed_motor_rad_s takes the carriage; "
-                "is its sign flipped, or is it in another unit?",
-                file=file,
-                place=run.name,
-            )
-        if abs(slope - 1.0) > NEAR:
-            found.append(
-                "position_carriage_m does not go the way that speed_motor_rad_s and machine.yaml's drum and gearbox say"
-            )
-    if "tension_dead_line_n" in run:
-        carried = (machine.carriage.mass_kg + run.payload_kg) * machine.gravity_m_s2 / 2.0
-        ratio = float(np.mean(run["tension_dead_line_n"])) / carried
-        if not 1.0 / FAR < ratio < FAR:
-            raise InputError(
-                f"tension_dead_line_n is {ratio * carried:.4g} N on average, half of carriage and payload weighs "
-                f"{carried:.4g} N; is it in kN, of both falls, or its sign flipped?",
-                file=file,
-                place=run.name,
-            )
-    return found
-
-
-def _of_axis(bench: Bench, j: int, file: object) -> list[str]:
-    run, machine = bench.runs[j], bench.machine
-    assert isinstance(machine, Axis)
-    position, speed = machine.position_signal, machine.speed_signal
-    if position not in run or speed not in run:
+def _of_kind(bench: Bench, j: int, file: object) -> list[str]:
+    """What is odd in run j. InputError where two of its signals contradict each other."""
+    run, kind = bench.runs[j], kind_of(bench.machine)
+    if kind.cross_checks is None:
         return []
-    differentiated = np.gradient(lowpass(run.time_s, run[position], bench.band_hz), run.time_s)
-    slope = _slope(lowpass(run.time_s, run[speed], bench.band_hz), differentiated)
-    if 1.0 / FAR < slope < FAR:
-        return []
-    raise InputError(
-        f"{position} changes {slope:.3g} times as fast as {speed} says; is the sign of one of them flipped, "
-        "or are they in different units?",
-        file=file,
-        place=run.name,
-    )
+
+    def smooth(values: Array) -> Array:
+        return lowpass(run.time_s, values, bench.band_hz)
+
+    odd = []
+    for check in kind.cross_checks(bench.machine, run, bench.motions[j].position, smooth, _slope):
+        if not 1.0 / FAR < check.ratio < FAR:
+            raise InputError(check.wrong, file=file, place=run.name)
+        if check.odd and abs(check.ratio - 1.0) > NEAR:
+            odd.append(check.odd)
+    return odd
 
 
 def _slope(x: Array, y: Array) -> float:

@@ -31,7 +31,7 @@ def motion_noise(problem: Problem, seed: int) -> float:
     before = _predicted(problem, problem.runs)
     total, count = 0.0, 0
     for _ in range(DRAWS):
-        noisy = [noisier(run, _channels(problem, run), random) for run in problem.runs]
+        noisy = [noisier(run, logged_motion(problem.bench, run), random) for run in problem.runs]
         for a, b in zip(before, _predicted(problem, noisy), strict=True):
             total += float(np.sum((a - b) ** 2))
             count += len(a)
@@ -76,10 +76,9 @@ def resolution(values: Array) -> float:
     return float(steps.min()) if len(near) >= MANY and np.mean(whole) > ROUNDED else 0.0
 
 
-def _channels(problem: Problem, run: Run) -> tuple[str, ...]:
+def logged_motion(bench: Bench, run: Run) -> tuple[str, ...]:
     """Position and speed of the driven coordinate, as far as they are logged."""
-    plant = problem.bench.plant
-    return tuple(name for name in (plant.positions[0], plant.speeds[0]) if name in run)
+    return tuple(name for name in (bench.plant.positions[0], bench.plant.speeds[0]) if name in run)
 
 
 def _predicted(problem: Problem, runs: list[Run] | tuple[Run, ...]) -> list[Array]:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from workbench.machine import Axis, Hoist
-from workbench.run import Array, Run
+from workbench.kinds import kind_of
+from workbench.run import Array
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 
@@ -51,13 +51,14 @@ def rigid_of(bench: Bench, j: int) -> Rigid:
     band = BAND_SHARE * bench.band_hz
     speed = lowpass(run.time_s, bench.motions[j].speed, band)
     sign = lowpass(run.time_s, np.clip(speed / (TURNS_OVER * bench.scale), -1.0, 1.0), band)
-    needed, load = nominal(machine, run)
-    columns = [needed * np.gradient(speed, run.time_s), np.ones_like(speed), sign]
-    if isinstance(machine, Axis):
+    kind = kind_of(machine)
+    body = kind.rigid(machine, run.payload_kg)
+    columns = [body.inertia * np.gradient(speed, run.time_s), np.ones_like(speed), sign]
+    if kind.friction.viscous:
         columns.append(speed)
-        if machine.value_of["gravity_sine"] and machine.role("gravity_sine"):
-            angle = bench.motions[j].position
-            columns += [lowpass(run.time_s, wave(angle), band) for wave in (np.sin, np.cos)]
+    if body.wave:
+        angle = bench.motions[j].position
+        columns += [lowpass(run.time_s, wave(angle), band) for wave in (np.sin, np.cos)]
     x = np.stack(columns, axis=1)[rows]
     y = lowpass(run.time_s, run[bench.plant.input], band)[rows]
     independent = 2.0 * band * run.sample_time_s * len(y)
@@ -67,7 +68,7 @@ def rigid_of(bench: Bench, j: int) -> Rigid:
     size = max(float(np.std(y)), 1e-300)
     shown = float(np.sqrt(np.mean(x[:, 0] ** 2))) / size
     told = std[0] < np.inf and abs(found[0]) > SURE * std[0] and abs(found[0]) * shown > SHOWN
-    hold = float(found[1]) / load if load and std[1] < 0.1 * load else None
+    hold = float(found[1]) / body.hold if body.hold and std[1] < 0.1 * body.hold else None
     return Rigid(run.name, float(found[0]) if told else None, float(std[0]), hold, float(found[2]), shown)
 
 
@@ -81,19 +82,6 @@ def as_well_shown(rigid: Sequence[Rigid]) -> list[Rigid]:
         else replace(r, inertia=None)
         for r in rigid
     ]
-
-
-def nominal(machine: Hoist | Axis, run: Run) -> tuple[float, float]:
-    """Inertia at the driven coordinate, kg m^2 (kg), and the load to be held, N m (0 on an axis)."""
-    if isinstance(machine, Axis):
-        return machine.role("inertia"), 0.0
-    lift = machine.lift_m_per_rad
-    mass = machine.carriage.mass_kg + run.payload_kg
-    sheave = machine.sheave.inertia_kg_m2 * (2.0 * lift / machine.sheave.diameter_m) ** 2
-    turning = machine.motor.count * machine.motor.rotor_inertia_kg_m2 + machine.winch.inertia_kg_m2 / (
-        machine.gearbox.ratio**2
-    )
-    return turning + sheave + mass * lift**2, mass * machine.gravity_m_s2 * lift
 
 
 def _least_squares(x: Array, y: Array, independent: float) -> tuple[Array, Array]:

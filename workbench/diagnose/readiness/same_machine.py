@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.diagnose.readiness.rigid import Rigid
 from workbench.errors import InputError
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.run import Run
 from workbench.simulate.driven import Bench
 
@@ -27,7 +27,7 @@ def check_machine(bench: Bench, rigid: Sequence[Rigid], file: object) -> list[st
     """Warnings. InputError for signals upside down or in another unit, and for runs of different machines."""
     _check_signs(bench, rigid, file)
     _check_units(bench, rigid, file)
-    return [*_check_one_machine(rigid, file, isinstance(bench.machine, Hoist)), *_odd(rigid)]
+    return [*_check_one_machine(rigid, file, kind_of(bench.machine).holds_load), *_odd(rigid)]
 
 
 def listed(names: Sequence[str], most: int = 6) -> str:
@@ -51,7 +51,8 @@ def _of(which: Sequence[Rigid], all_runs: Sequence[Run]) -> str:
 
 def _check_signs(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
     """A hoist's load says which of torque and speed is upside down; on an axis it is one of the two."""
-    signal, runs = bench.plant.input, bench.runs
+    signal, runs, kind = bench.plant.input, bench.runs, kind_of(bench.machine)
+    positive = f"{kind.directions.positive} is positive"
     sinking = [r for r in rigid if r.hold is not None and r.hold < 0.0]
     both = [r for r in sinking if r.inertia is not None and r.inertia > 0.0]
     torque = [r for r in sinking if r not in both]
@@ -59,7 +60,7 @@ def _check_signs(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
     if torque:
         raise InputError(
             f"torque pulls the load down and falls where the load is lifted faster {_of(torque, runs)}: is the sign of "
-            f"{signal} flipped? Hoisting is positive; give its columns a scale of -1",
+            f"{signal} flipped? {positive}; give its columns a scale of -1",
             file=file,
         )
     if both:
@@ -68,16 +69,16 @@ def _check_signs(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
             "Up is positive; give both columns a scale of -1",
             file=file,
         )
-    if braked and isinstance(bench.machine, Hoist):
+    if braked and kind.holds_load:
         raise InputError(
             f"speed rises against the torque {_of(braked, runs)}: is its sign flipped? "
-            "Hoisting is positive; give its column a scale of -1",
+            f"{positive}; give its column a scale of -1",
             file=file,
         )
     if braked:
         raise InputError(
             f"speed rises against {signal} {_of(braked, runs)}: is the sign of {signal} or of the motion flipped? "
-            "Forward is positive for both; give the column a scale of -1",
+            f"{positive} for both; give the column a scale of -1",
             file=file,
         )
 
@@ -88,7 +89,8 @@ def _check_units(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
     if not off:
         return
     typical = float(np.median([r.inertia for r in off if r.inertia is not None]))
-    signals = f"{bench.plant.speeds[0]}" if isinstance(bench.machine, Hoist) else f"{bench.plant.input} or the motion"
+    load = kind_of(bench.machine).holds_load
+    signals = bench.plant.speeds[0] if load else f"{bench.plant.input} or the motion"
     unit = next((unit for unit, k in SPEED_SLIPS if 0.7 < typical * k < 1.4), None)
     guess = f"is {signals} in {unit}?" if unit else f"is {signals} in another unit, or machine.yaml another machine's?"
     if unit:
@@ -101,7 +103,7 @@ def _check_units(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
     )
 
 
-def _check_one_machine(rigid: Sequence[Rigid], file: object, hoist: bool) -> list[str]:
+def _check_one_machine(rigid: Sequence[Rigid], file: object, holds_load: bool) -> list[str]:
     """InputError where runs hold loads, or axes show inertias, of two machines. A warning for a hoist's inertia:
     a slow run hardly shows it, and a load that swings hides some of it; the load that is held says more."""
     loads = [(r.run, r.hold) for r in rigid if r.hold is not None]
@@ -109,7 +111,7 @@ def _check_one_machine(rigid: Sequence[Rigid], file: object, hoist: bool) -> lis
     warnings = []
     for ratios, apart, what, remedy in (
         (loads, LOADS_APART, "load", ", or is payload_kg wrong"),
-        (inertias, INERTIAS_APART, "inertia", ", or is their speed in another unit" if hoist else ""),
+        (inertias, INERTIAS_APART, "inertia", ", or is their speed in another unit" if holds_load else ""),
     ):
         split = _two_groups([(name, value) for name, value in ratios if value is not None], apart)
         if split is None:
@@ -122,7 +124,7 @@ def _check_one_machine(rigid: Sequence[Rigid], file: object, hoist: bool) -> lis
             f"{listed([n for n, _ in others])} {_span(others)} times; "
             f"{'is it' if one else 'are they'} of another machine{remedy}?"
         )
-        if what == "load" or not hoist:
+        if what == "load" or not holds_load:
             raise InputError(said, file=file)
         warnings.append(f"{said[0].upper()}{said[1:]}")
     return warnings

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.run import Array
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
@@ -20,16 +20,16 @@ PAYLOADS_ALIKE = 0.02  # of the moved mass: less is no other payload
 def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
     """Sentences, none for a campaign that varies all it should."""
     found = []
-    hoist = isinstance(bench.machine, Hoist)
+    kind = kind_of(bench.machine)
     if len(going) == 1:
         found.append(
             "One run only: it can show neither what the payload changes nor what the campaign's time does, "
             "and nothing is left to test on; held-out figures are of parts of the same run."
-            if hoist
+            if kind.payload
             else "One run only: it cannot show what changes from run to run, and nothing is left to test on; "
             "held-out figures are of parts of the same run."
         )
-    elif hoist and _one_payload(bench, going):
+    elif kind.payload and _one_payload(bench, going):
         found.append(
             f"All runs carry about {bench.runs[going[0]].payload_kg:g} kg: what grows with the load (gearbox "
             "efficiency, load-dependent friction, payload and torque scale) cannot be told from what does not."
@@ -37,9 +37,7 @@ def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
     speeds = [_speeds(bench, j) for j in going]
     ahead = float(np.mean(np.concatenate(speeds) > 0.0))
     if not ONE_WAY < ahead < 1.0 - ONE_WAY:
-        way, other = ("hoist", "lowering") if hoist else ("go forward", "a way back")
-        if ahead <= 0.5:
-            way, other = ("lower", "hoisting") if hoist else ("go backward", "a way forward")
+        way, other = kind.directions.one_way[ahead <= 0.5]
         found.append(f"All runs only {way}: without {other}, friction cannot be told from the load or an offset.")
     if _one_speed(bench, going):
         found.append(
@@ -50,9 +48,12 @@ def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
 
 
 def _one_payload(bench: Bench, going: Sequence[int]) -> bool:
-    assert isinstance(bench.machine, Hoist)
-    payloads = [bench.runs[j].payload_kg for j in going]
-    return max(payloads) - min(payloads) < PAYLOADS_ALIKE * (bench.machine.carriage.mass_kg + max(payloads))
+    """By the weight that hangs."""
+    weight = kind_of(bench.machine).weight
+    if weight is None:
+        return False
+    weights = [weight(bench.machine, bench.runs[j].payload_kg) for j in going]
+    return max(weights) - min(weights) < PAYLOADS_ALIKE * max(weights)
 
 
 def _speeds(bench: Bench, j: int) -> Array:

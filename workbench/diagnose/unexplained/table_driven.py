@@ -15,7 +15,8 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.records import Curve
 from workbench.diagnose.unexplained.table_fit import TableFit, TableFitter, telling_points
-from workbench.diagnose.unexplained.tables import Variable, columns_of, gain_of, lever_of, points_of, rides_of
+from workbench.diagnose.unexplained.tables import columns_of, gain_of, lever_of, points_of, rides_of
+from workbench.kinds import Table
 from workbench.machine import Axis, Hoist, with_correction
 from workbench.run import Array
 from workbench.simulate.driven import Bench
@@ -33,7 +34,7 @@ AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
 class Tried:
     """A table over one variable, fitted linearly. lever: input over force."""
 
-    variable: Variable
+    variable: Table
     at: Array
     columns: Array
     lever: float
@@ -84,7 +85,7 @@ class Tables:
         nominal = setting_of(base.knobs, self.fitter.z)
         self.rides, self.gain = rides_of(problem, nominal), gain_of(problem, nominal)
 
-    def linear(self, variable: Variable, at: Array | None = None) -> Tried:
+    def linear(self, variable: Table, at: Array | None = None) -> Tried:
         at = points_of(self.problem, self.rides, variable) if at is None else at
         columns = columns_of(self.problem, self.rides, variable, at, self.gain)
         lever = self.gain * lever_of(self.problem.machine, variable.acts_on)

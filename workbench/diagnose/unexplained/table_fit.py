@@ -53,7 +53,7 @@ class TableFitter:
 
     def __init__(self, problem: Problem, fitted: Fitted) -> None:
         self.problem, self.fitted = problem, fitted
-        self.weight = float(np.sqrt(problem.share)) / fitted.sigma
+        self.weight = float(np.sqrt(problem.share)) / problem.noise
         _, _, self.std = bounds_of(fitted.knobs)
         self.groups = folds_by_run(problem)
         self.count = int(self.groups.max()) + 1

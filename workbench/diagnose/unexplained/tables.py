@@ -16,8 +16,8 @@ import numpy as np
 
 from workbench.diagnose.hypotheses.knobs import GAIN, Setting
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.machine import Axis, Hoist, LinearAxis
-from workbench.plants.hoist import PIN_SPEED
+from workbench.kinds import Table, kind_of
+from workbench.machine import Axis, Hoist
 from workbench.run import Array
 from workbench.simulate.driven import changed, sensor
 from workbench.simulate.lowpass import lowpass
@@ -28,35 +28,6 @@ SPREAD = 0.02  # of the largest payload: payloads nearer than that are one
 
 
 @dataclass(frozen=True)
-class Variable:
-    """over, acts_on: as in `measured_correction`. motor: whether it is the motor's speed that gives the way."""
-
-    over: str
-    acts_on: str
-    turn: bool = False
-
-
-HOIST = (
-    Variable("position_carriage_m", "guide"),
-    Variable("speed_carriage_m_s", "guide"),
-    Variable("speed_motor_rad_s", "motor"),
-    Variable("angle_drum_rad", "motor", turn=True),
-    Variable("angle_motor_rad", "motor", turn=True),
-    Variable("payload_kg", "guide"),
-    Variable("time_s", "guide"),
-    Variable("campaign_time_s", "guide"),
-)
-LINEAR = tuple(Variable(over, "axis") for over in ("velocity_m_s", "position_m", "time_s", "campaign_time_s"))
-ROTARY = (
-    Variable("speed_rad_s", "axis"),
-    Variable("angle_rad", "axis"),
-    Variable("angle_in_turn_rad", "axis", turn=True),
-    Variable("time_s", "axis"),
-    Variable("campaign_time_s", "axis"),
-)
-
-
-@dataclass(frozen=True)
 class Ride:
     """One run as it is driven: over -> (n,), and the way that guide and motor (or the axis) go, -1 to 1, (n,)."""
 
@@ -64,10 +35,8 @@ class Ride:
     way: Mapping[str, Array]
 
 
-def variables_of(problem: Problem) -> tuple[Variable, ...]:
+def variables_of(problem: Problem) -> tuple[Table, ...]:
     """What a table can be over in this campaign."""
-    machine = problem.machine
-    every = HOIST if isinstance(machine, Hoist) else LINEAR if isinstance(machine, LinearAxis) else ROTARY
     starts = {run.start_time_s for run in problem.runs}
     payloads = [run.payload_kg for run in problem.runs]
     without = set()
@@ -75,7 +44,7 @@ def variables_of(problem: Problem) -> tuple[Variable, ...]:
         without.add("campaign_time_s")
     if max(payloads) - min(payloads) <= SPREAD * max(payloads):
         without.add("payload_kg")
-    return tuple(each for each in every if each.over not in without)
+    return tuple(each for each in kind_of(problem.machine).tables if each.over not in without)
 
 
 def rides_of(problem: Problem, setting: Setting) -> list[Ride]:
@@ -83,33 +52,14 @@ def rides_of(problem: Problem, setting: Setting) -> list[Ride]:
     bench = problem.bench
     chosen = [_of_run(bench.base[j], setting, j) for j in range(len(problem.runs))]
     states = [out for _, out in bench.predict([chosen])[0]]
-    found = []
-    for j, (run, motion) in enumerate(zip(problem.runs, bench.motions, strict=True)):
-        clock = {"time_s": run.time_s, "campaign_time_s": run.time_s - run.time_s[0] + run.start_time_s}
-        if isinstance(problem.machine, Axis):
-            x, v = motion.position, motion.speed
-            way = np.clip(v / chosen[j].v_s, -1.0, 1.0)
-            at = {
-                "velocity_m_s": np.abs(v), "position_m": x,
-                "speed_rad_s": np.abs(v), "angle_rad": x, "angle_in_turn_rad": x % TURN,
-            }  # fmt: skip
-            found.append(Ride({**clock, **at}, {"axis": way}))
-            continue
-        p = chosen[j]
-        height, v = states[j][:, 1], states[j][:, 3]
-        first = bench.plant.start_of(run.start_position_m, float(motion.speed[0]), p)[0][0]
-        angle = first + motion.position - motion.position[0]
-        at = {
-            "position_carriage_m": height,
-            "speed_carriage_m_s": np.abs(v),
-            "speed_motor_rad_s": np.abs(motion.speed),
-            "angle_motor_rad": angle % TURN,
-            "angle_drum_rad": (angle / p.ratio) % TURN,
-            "payload_kg": np.full(len(v), run.payload_kg),
-        }
-        guide = np.arctan(p.slope * v) * (2.0 / math.pi)
-        motor = np.clip(motion.speed / p.ratio / PIN_SPEED, -1.0, 1.0)
-        found.append(Ride({**clock, **at}, {"guide": guide, "motor": motor}))
+    kind, found = kind_of(problem.machine), []
+    for run, motion, others, p in zip(problem.runs, bench.motions, states, chosen, strict=True):
+        frame = kind.frame(run, motion.position, motion.speed, others, p)
+        here = changed(p, {"start_time_s": run.start_time_s - run.time_s[0]})
+        at = {table.over: np.broadcast_to(table.of(frame, here), run.time_s.shape) for table in kind.tables}
+        turned = {table.over: at[table.over] % TURN for table in kind.tables if table.turn}
+        way = {acts_on: port.way(frame, here) for acts_on, port in kind.ports.items()}
+        found.append(Ride({**at, **turned}, way))
     return found
 
 
@@ -119,7 +69,7 @@ def _of_run(base: SimpleNamespace, setting: Setting, j: int) -> SimpleNamespace:
     return changed(base, {key: value[j] if isinstance(value, tuple) else value for key, value in known.items()})
 
 
-def points_of(problem: Problem, rides: Sequence[Ride], variable: Variable) -> Array:
+def points_of(problem: Problem, rides: Sequence[Ride], variable: Table) -> Array:
     """Where the levels of a table stand: evenly over what the runs have passed; at the payloads there were."""
     if variable.turn:
         return np.linspace(0.0, TURN, POINTS_OF_A_TURN, endpoint=False, dtype=np.float64)
@@ -134,7 +84,7 @@ def points_of(problem: Problem, rides: Sequence[Ride], variable: Variable) -> Ar
     return np.linspace(low, high, POINTS, dtype=np.float64)
 
 
-def columns_of(problem: Problem, rides: Sequence[Ride], variable: Variable, at: Array, gain: float) -> Array:
+def columns_of(problem: Problem, rides: Sequence[Ride], variable: Table, at: Array, gain: float) -> Array:
     """(samples, 2 points) what a level of one, first all forward, then all backward ones, adds to the prediction."""
     input_gain = gain * lever_of(problem.machine, variable.acts_on)
     torque, tension = [], []
@@ -145,8 +95,7 @@ def columns_of(problem: Problem, rides: Sequence[Ride], variable: Variable, at: 
         smooth = lowpass(run.time_s, levels, problem.band_hz)[rows]
         torque.append(input_gain * smooth)
         if problem.has_tension:
-            # Two falls carry a force on the carriage, and nothing of a torque at the motor.
-            share = 0.5 if variable.acts_on == "guide" else 0.0
+            share = kind_of(problem.machine).ports[variable.acts_on].share
             tension.append(share * problem.noise / problem.tension_noise * smooth)
     return np.concatenate([*torque, *tension])
 
@@ -175,4 +124,5 @@ def gain_of(problem: Problem, setting: Setting) -> float:
 
 def lever_of(machine: Hoist | Axis, acts_on: str) -> float:
     """Input that a force (torque) at a place takes on a stiff machine: m/rad, or 1."""
-    return machine.lift_m_per_rad if isinstance(machine, Hoist) and acts_on == "guide" else 1.0
+    kind = kind_of(machine)
+    return kind.lever_of(machine) if kind.ports[acts_on].levered else 1.0

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from workbench.diagnose.hypotheses.contributions import parts_of
 from workbench.diagnose.hypotheses.fits import Fitted, Projection
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.where import parts_of
 from workbench.effects import find
 from workbench.run import Array
 
@@ -29,7 +29,7 @@ def against(problem: Problem, fit: Fitted, base: int) -> float:
     parts = parts_of(problem, fit, [find(name, problem.active.kind) for name in fit.effects])
     knobs = _knobs_of(fit, base)
     plain = replace(fit, knobs=fit.knobs[:knobs], z=fit.z[:base], jacobian=fit.jacobian[:, :base])
-    shares = Projection.of(problem, plain, fit.sigma).clean(np.stack([part.rows for part in parts], axis=1))
+    shares = Projection.of(problem, plain).clean(np.stack([part.rows for part in parts], axis=1))
     return undone(shares)
 
 

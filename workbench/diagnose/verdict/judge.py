@@ -1,8 +1,9 @@
 """The verdict: a named cause, no gap, or a cause that no library entry explains; with probabilities.
 
-Everything weighed is given a merit (see `score`). A named hypothesis has to beat no gap by
-the threshold that machines without a gap set, and to leave no structure that known causes do
-not leave. The numbers of CALIBRATION were fitted on simulated campaigns, see docs/diagnosis.md.
+Every hypothesis has a merit: by how much its score is better than that of no effect, less what its parameters cost
+(`hypotheses/score.py`). A cause is named where one explains the gap; what it leaves counts against it by its share of
+the gap and by its size in per cent of the torque. The numbers of calibration.json were fitted on simulated campaigns,
+see docs/diagnosis.md.
 """
 
 from __future__ import annotations
@@ -16,23 +17,29 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.diagnose.hypotheses.base import traces
 from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.score import SECOND, Scale, merit, scale_of
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.score import cost, explained, score_of
 from workbench.diagnose.hypotheses.search import Found
-from workbench.diagnose.records import Hypothesis, Names, VerdictWord
+from workbench.diagnose.records import Hypothesis, Left, Names, Reason, ReasonKind, VerdictWord
 from workbench.diagnose.verdict.against import against
-from workbench.diagnose.verdict.misfit import Misfit, misfit_of
 from workbench.diagnose.verdict.stretch import stretch
-from workbench.diagnose.verdict.structure import Reducible, floor_of, reducible
 from workbench.effects import find
-from workbench.machine import Axis
 
-MUCH = 0.5  # of the gap's energy
 # Standard deviations by which tolerances are stretched by chance: more without a cause that explains anything than with
 # one, for of all causes weighed one would have relieved them.
 BY_CHANCE = {False: 2.0, True: 1.0}
 UNDONE = 0.15  # logarithm of energies: as far two effects undo each other by chance
+# Of the discrepancy: the least that an effect has to take off the residual; of what acts at low speed only the second.
+SYSTEMATIC = {False: 0.5, True: 1.0}
+TRACE = 3.0  # standard deviations of an effect's trace, by chance
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
+SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
+MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
+RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
+FREER = 10.0  # merit by which a law of more freedom has to be better than a simpler one
+DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
 
@@ -45,16 +52,14 @@ def calibration() -> Mapping[str, float]:
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis with what speaks for it. earned: of a pair, what the second effect earns beside the better one.
-
-    rival: an effect that no answer may name unasked; what speaks for it speaks for an unknown cause.
-    """
+    """A hypothesis with what speaks for it. gain: by how much chi^2 and tolerances fall. merit: see above. size: of the
+    discrepancy that it needs, over the default. rival: an effect that no answer may name unasked."""
 
     names: Names
     fit: Fitted
     gain: float
     merit: float
-    earned: float
+    size: float
     rival: bool = False
 
 
@@ -62,7 +67,8 @@ class Weighed:
 class Judged:
     """word, names: the answer. best: the best named hypothesis, also where it is not the answer.
 
-    held: the fit that what is left was judged on. reducible: what a variable explains of that.
+    held: the fit that the answer was judged on. left: what it leaves. floor: rms of noise and discrepancy, in the
+    input's unit: what a machine without a gap leaves. explained: share of the gap's energy.
     """
 
     word: VerdictWord
@@ -71,95 +77,140 @@ class Judged:
     weighed: tuple[Weighed, ...]
     best: Weighed | None
     held: Fitted
-    reducible: Reducible
-    misfit: Misfit
+    left: Left
+    explained: float
     evidence: Mapping[str, float]
     floor: float
     unknown_probability: float
-    reasons: tuple[str, ...]
+    reasons: tuple[Reason, ...]
 
 
-def weigh(found: Found) -> tuple[Weighed, ...]:
-    """All fitted hypotheses, the worthiest first. A pair is worth its better single and what the other adds."""
-    base, problem = found.base, found.problem
-    floor = min([base.chi2, *(fit.chi2 for fit in found.fits.values())])
-    scale = scale_of(problem, max(1.0, floor / max(problem.share * problem.samples, 1.0)))
-    singles: dict[Names, float] = {}
-    weighed = []
-    for names, fit in found.fits.items():
+def weigh(found: Found) -> tuple[tuple[Weighed, ...], float]:
+    """All fitted hypotheses, the worthiest first; and the size of the discrepancy that no effect needs.
+
+    A pair is worth its better effect and what the other one adds. The second has to add more than the first one's own
+    inexactness would: SECOND of what that explains, rms.
+    """
+    problem, none = found.problem, score_of(found.problem, found.base)
+    weighed: dict[Names, Weighed] = {}
+    for names in sorted(found.fits, key=len):
+        fit = found.fits[names]
+        score = score_of(problem, fit)
+        merit = none.value - score.value - cost(problem, len(fit.z) - len(found.base.z))
         if len(names) == 1:
-            singles[names] = _merit(found, base, fit, scale)
-            worth = singles[names]
-            weighed.append(Weighed(names, fit, found.gain(names), worth, worth, names[0] in found.rivals))
-    weighed = _freer(found, _rivals(found, weighed, scale), scale)
-    singles = {each.names: each.merit for each in weighed}
-    for names, fit in found.fits.items():
-        if len(names) != 2:
-            continue
-        parts = [((name,), singles.get((name,), -math.inf)) for name in names]
-        parts.sort(key=lambda each: -each[1])
-        first, worth = parts[0]
-        if not math.isfinite(worth):
-            continue
-        explained = max(base.chi2 - found.fits[first].chi2, 0.0)
-        added = _merit(found, found.fits[first], fit, scale, explained)
-        weighed.append(Weighed(names, fit, found.gain(names), worth + added - calibration()["pair"], added))
-    return tuple(sorted(weighed, key=lambda each: -each.merit))
+            merit = beyond_trace(problem, fit, names[0], beyond_discrepancy(found, found.base, fit, merit))
+        else:
+            first = max((weighed[(name,)] for name in names if (name,) in weighed), key=lambda w: w.merit, default=None)
+            if first is None:
+                continue
+            added = beyond_discrepancy(found, first.fit, fit, merit - first.merit)
+            prior = first.fit.prior - fit.prior
+            least = SECOND**2 * explained(problem, found.near, first.fit, first.size)
+            added = prior + beyond(added - prior, least)
+            (second,) = set(names) - set(first.names)
+            merit = first.merit + beyond_trace(problem, fit, second, added) - calibration()["pair"]
+        rival = any(name in found.rivals for name in names)
+        weighed[names] = Weighed(names, fit, found.gain(names), merit, score.size, rival)
+    return tuple(sorted(_simplest(weighed, problem.active.kind), key=lambda w: -w.merit)), none.size
 
 
-def _rivals(found: Found, singles: list[Weighed], scale: Scale) -> list[Weighed]:
-    """A rival counts by what it explains beyond the best effect that may be named: some hold that within them."""
-    own = max((each for each in singles if not each.rival), key=lambda each: each.merit, default=None)
-    kept = []
-    for each in singles:
-        if each.rival and own is not None:
-            explained = max(found.base.chi2 - own.fit.chi2, 0.0)
-            data = own.fit.chi2 - each.fit.chi2
-            more = merit(data, own.fit.prior - each.fit.prior, len(each.fit.z) - len(found.base.z), scale, explained)
-            each = replace(each, merit=min(each.merit, own.merit + more), earned=more)
-        kept.append(each)
-    return kept
+def _simplest(weighed: Mapping[Names, Weighed], kind: str) -> list[Weighed]:
+    """A law of more freedom has to be better than the simpler law of the same place and regime by FREER."""
+
+    def freer(names: Names) -> bool:
+        others = [
+            other for other in weighed if len(other) == len(names) and len(set(names) & set(other)) == len(names) - 1
+        ]
+        return any(
+            same_but_freer(mine, theirs, kind)
+            for other in others
+            for mine in set(names) - set(other)
+            for theirs in set(other) - set(names)
+        )
+
+    return [replace(w, merit=w.merit - FREER) if freer(names) else w for names, w in weighed.items()]
 
 
-def _freer(found: Found, singles: list[Weighed], scale: Scale) -> list[Weighed]:
-    """A law of more freedom counts by what it explains beyond the simpler law of the same place and regime."""
-    kind = found.problem.active.kind
-    kept = []
-    for each in singles:
-        for simpler in singles:
-            if not each.rival and not simpler.rival and same_but_freer(each.names[0], simpler.names[0], kind):
-                explained = max(found.base.chi2 - simpler.fit.chi2, 0.0)
-                more = _merit(found, simpler.fit, each.fit, scale, explained)
-                each = replace(each, merit=min(each.merit, simpler.merit + more))
-        kept.append(each)
-    return kept
+def beyond(data: float, least: float) -> float:
+    """What the data are worth beyond a least size; what they cost, they cost."""
+    return max(data - least, 0.0) if data > 0.0 else data
 
 
-def _merit(found: Found, before: Fitted, after: Fitted, scale: Scale, explained: float = 0.0) -> float:
-    more = len(after.z) - len(before.z)
-    kind = found.problem.active.kind
+def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, merit: float) -> float:
+    """A merit without what the machine's own discrepancy could be worth, were it of this effect's form.
+
+    The discrepancy is taken for random in the likelihood. It need not be: a law of friction that is not the machine's
+    leaves what some effect describes. So of the merit that the data give, the share is taken off that an effect as
+    large as SYSTEMATIC of the discrepancy would have, rms. Tolerances need no such discount.
+    """
+    problem = found.problem
+    if not after.effects:
+        return merit
     added = set(after.effects) - set(before.effects)
-    creeping = bool(added) and all(find(name, kind).regime == "low_speed" for name in added)
-    data, prior = before.chi2 - after.chi2, before.prior - after.prior
-    return merit(data, prior, more, scale, explained, creeping)
+    slow = all(find(name, problem.active.kind).regime == "low_speed" for name in added)
+    taken = before.rms(problem.inputs) ** 2 - after.rms(problem.inputs) ** 2
+    least = (SYSTEMATIC[slow] * discrepancy_rms(problem)) ** 2
+    prior = before.prior - after.prior
+    data = merit - prior
+    if data <= 0.0:
+        return merit
+    return prior + data * max(1.0 - least / max(taken, 1e-300), 0.0)
 
 
-def judge(found: Found, seed: int = 0) -> Judged:
+def beyond_trace(problem: Problem, fit: Fitted, name: str, merit: float) -> float:
+    """A merit without what the trace of an effect that every machine has could be worth: as much as TRACE of its
+    standard deviations would explain."""
+    known = traces(problem.machine, problem.runs, name)
+    sizes = [float(np.mean(fit.setting[symbol])) / std for symbol, std in known.items()]
+    least = min(((TRACE / max(size, 1e-300)) ** 2 for size in sizes), default=0.0)
+    return merit * max(1.0 - least, 0.0) if merit > 0.0 else merit
+
+
+def judge(found: Found) -> Judged:
     """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1."""
-    weighed = weigh(found)
-    best = next((each for each in weighed if not each.rival), None)
-    held = best.fit if best is not None and best.merit > calibration()["threshold"] else found.near
-    by_variable = reducible(found.problem, held, seed)
-    floor = floor_of(found.problem, held, by_variable)
-    left = misfit_of(found.problem, held, floor)
-    evidence = evidence_of(found, held, left, by_variable.share, floor)
-    rows = rank([(() if each.rival else each.names, each.merit) for each in weighed], evidence, calibration())
+    weighed, size = weigh(found)
+    best = next((w for w in weighed if not w.rival), None)
+    stands = best is not None and best.merit > calibration()["threshold"]
+    held = best.fit if best is not None and stands else found.near
+    if best is not None and stands:
+        size = best.size
+    floor = math.hypot(found.problem.noise, discrepancy_rms(found.problem))
+    left, share = left_of(found, held, floor)
+    evidence = evidence_of(found, held, size, left, share)
+    rows = rank(_counted(weighed, best), evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
-    reasons = _reasons(left, evidence, weighed)
+    reasons = _reasons(left, evidence, weighed, best)
     answer = rows[0]
     return Judged(
-        answer.verdict, answer.effects, rows, weighed, best, held, by_variable, left, evidence, floor, unknown, reasons
+        answer.verdict, answer.effects, rows, weighed, best, held, left, share, evidence, floor, unknown, reasons
     )
+
+
+def _counted(weighed: Sequence[Weighed], best: Weighed | None) -> list[tuple[Names, float]]:
+    """Merits as they are ranked. An unlisted effect that is about as good as a listed one is alike, and no veto."""
+    own = best.merit if best is not None else -math.inf
+    return [(() if w.rival else w.names, w.merit) for w in weighed if not w.rival or w.merit > own + DECISIVE]
+
+
+def discrepancy_rms(problem: Problem) -> float:
+    """The default discrepancy of the input's rows, rms, in the input's unit."""
+    return float(np.sqrt(np.mean(problem.errors.discrepancy[: problem.inputs] ** 2)))
+
+
+def input_rms(problem: Problem) -> float:
+    """Of the measured input while the machine moves, in its unit."""
+    parts = [u[rows] for u, rows in zip(problem.bench.measured, problem.rows, strict=True)]
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def left_of(found: Found, held: Fitted, floor: float) -> tuple[Left, float]:
+    """What a fit leaves beyond the floor, and the share of the gap's energy that it explains."""
+    problem = found.problem
+    rms = math.sqrt(max(held.rms(problem.inputs) ** 2 - floor**2, 0.0))
+    percent = 100.0 * rms / max(input_rms(problem), 1e-300)
+    gap = found.near.rms(problem.inputs) ** 2 - floor**2
+    share = 1.0 - rms**2 / gap if gap > 0.0 and held.effects else 0.0
+    return Left(rms, percent, percent > RELEVANT_PERCENT), min(max(share, 0.0), 1.0)
 
 
 def rank(
@@ -190,78 +241,70 @@ def rank(
     return (first, *rest)
 
 
-def evidence_of(found: Found, held: Fitted, left: Misfit, share: float, floor: float) -> dict[str, float]:
+def evidence_of(found: Found, held: Fitted, size: float, left: Left, share: float) -> dict[str, float]:
     """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
 
-    clear, slow: logarithms of the misfit, in full where much of the gap is left or a variable
-    explains what is left, less where neither is so: no model of a large effect is exact.
-    prior: how far beyond chance the base parameters are off their tolerances, in standard
-    deviations (see `stretch`) above BY_CHANCE, and more than an inexact effect bends them.
-    bound: an effect's value at its limit. against: how far two effects undo each other, above UNDONE.
+    left: the logarithm of the discrepancy that the best hypothesis needs, over the default, in full where it leaves
+    MUCH of the gap's energy and more than RELEVANT_PERCENT of the input, less where it leaves less.
+    prior: how far beyond chance the base parameters are off their tolerances, in standard deviations (see `stretch`)
+    above BY_CHANCE, and more than an inexact effect bends them. bound: an effect's value at its limit. against: how far
+    two effects undo each other, above UNDONE.
     """
     own = len(found.base.z)
-    inexact = SECOND**2 * max(found.base.chi2 - held.chi2, 0.0) if held.effects else 0.0
-    inputs = found.problem.inputs
-    gap = found.near.rms(inputs) ** 2 - floor**2
-    # An axis' floor is structured as it is: without a gap nothing there is left open but what a variable explains.
-    small = 0.0 if isinstance(found.problem.machine, Axis) else 1.0
-    open_share = (held.rms(inputs) ** 2 - floor**2) / gap if gap > floor**2 else small
-    weight = min(max(share, open_share / MUCH, 0.0), 1.0)
+    open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
+    inexact = SECOND**2 * explained(found.problem, found.base, held, size) if held.effects else 0.0
+    weight = open_share * min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
     return {
-        "clear": weight * math.log(max(left.clear, 1.0)),
-        "slow": weight * math.log(max(left.slow, 1.0)),
+        "left": weight * max(math.log(size), 0.0),
         "prior": max(stretch(found.problem, held, inexact) - BY_CHANCE[bool(held.effects)], 0.0),
         "bound": float(_on_bound(held, own)),
         "against": max(against(found.problem, held, own) - UNDONE, 0.0),
     }
 
 
-def _reasons(left: Misfit, evidence: Mapping[str, float], weighed: Sequence[Weighed]) -> tuple[str, ...]:
+def _reasons(
+    left: Left, evidence: Mapping[str, float], weighed: Sequence[Weighed], best: Weighed | None
+) -> tuple[Reason, ...]:
     reasons = []
-    if weighed and weighed[0].rival:
-        name = weighed[0].names[0]
-        reasons.append(f"an unlisted effect explains more: weigh it with `--candidates {name}`")
-    if left.clear > 1.3:
-        reasons.append(f"the best hypothesis leaves {left.clear:.1f} times the noise away from standstill")
-    if left.slow > 1.5:
-        reasons.append(f"what it leaves hangs together over seconds ({left.slow:.1f} times what noise would)")
+    if weighed and weighed[0].rival and (best is None or weighed[0].merit > best.merit + DECISIVE):
+        reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=weighed[0].names))
+    if evidence["left"] > 0.5:
+        reasons.append(Reason(ReasonKind.LEAVES_MUCH, value=left.rms, percent=left.percent_of_input))
     if evidence["prior"] > 1.5:
-        reasons.append("it needs base parameters further off than their tolerances allow together")
+        reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, value=evidence["prior"]))
     if evidence["bound"]:
-        reasons.append("it sits on the bound of one of its parameters")
+        reasons.append(Reason(ReasonKind.ON_A_BOUND))
     if evidence["against"] > 0.0:
-        reasons.append("its two effects largely undo each other, as two do that stand in for a third")
+        reasons.append(Reason(ReasonKind.UNDO_EACH_OTHER, effects=best.names if best else ()))
     return tuple(reasons)
 
 
 def _on_bound(fit: Fitted, base: int) -> bool:
     """An effect's value at its upper bound, or at a lower one that is not where it vanishes."""
-    at = base
-    for knob in fit.knobs[base:]:
+    at = 0
+    for knob in fit.knobs:
         for low, high in zip(knob.lowest, knob.highest, strict=True):
             z = float(fit.z[at])
             at += 1
-            if z >= high - 1e-9 or (z <= low + 1e-9 and z != 0.0):
+            if at > base and (z >= high - 1e-9 or (z <= low + 1e-9 and z != 0.0)):
                 return True
     return False
 
 
-def alike(judged: Judged, kind: str, kept: float = 0.85, within: float = 30.0) -> tuple[str, ...]:
-    """Single effects of another place or regime that explain nearly as much as the answer does, with base parameters
-    about as near their nominal values."""
+def alike(judged: Judged, kind: str, within: float = 12.0) -> tuple[str, ...]:
+    """Single effects of another place or regime that explain the gap about as well as the answer does."""
     if judged.word != "named" or judged.best is None or len(judged.names) != 1:
         return ()
     best = judged.best
     return tuple(
-        each.names[0]
-        for each in judged.weighed
-        if len(each.names) == 1
-        and not each.rival
-        and each.names != best.names
-        and each.merit > calibration()["threshold"]
-        and (each.gain > kept * best.gain and best.gain - each.gain < within)
-        and each.fit.prior - best.fit.prior < STRETCHED
-        and not same_but_freer(each.names[0], best.names[0], kind)
+        w.names[0]
+        for w in judged.weighed
+        if len(w.names) == 1
+        and w.names != best.names
+        and w.merit > calibration()["threshold"]
+        and best.merit - w.merit < within
+        and w.fit.prior - best.fit.prior < STRETCHED
+        and not same_but_freer(w.names[0], best.names[0], kind)
     )
 
 

@@ -35,7 +35,8 @@ def stretch(problem: Problem, fit: Fitted, allowed: float = 0.0) -> float:
     which = np.flatnonzero(_held_by_tolerance(fit))
     if not len(which):
         return 0.0
-    data = problem.share / fit.sigma**2 * (fit.jacobian.T @ fit.jacobian)
+    white = problem.errors.whiten(np.column_stack([fit.jacobian, fit.residual]))
+    data = white[:, :-1].T @ white[:, :-1]
     information = data + np.diag(hold**2)
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     left = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
@@ -44,7 +45,7 @@ def stretch(problem: Problem, fit: Fitted, allowed: float = 0.0) -> float:
     # A sum of squares of unequal variances, as chi^2 of the same mean and variance (F. E. Satterthwaite, Biometrics
     # Bulletin 2, 1946), in standard deviations (R. A. Fisher's sqrt(2 chi^2) - sqrt(2 k - 1)).
     unit = float(np.sum(shares**2) / np.sum(shares))
-    pull = problem.share / fit.sigma**2 * (fit.jacobian.T @ fit.residual)
+    pull = white[:, :-1].T @ white[:, -1]
     off = ((fit.z + _nearer(data, pull, fit.z, hold, scale, allowed)) * hold)[which]
     return math.sqrt(2.0 * float(off @ off) / unit) - math.sqrt(max(2.0 * float(np.sum(shares)) / unit - 1.0, 0.0))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from workbench.effects.declare import EffectMemory, Parameter, effect
@@ -52,6 +53,26 @@ def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
 def presliding(s: Any, e: Any, p: Any) -> Scalar:
     """Friction that builds up over a small distance, as bristles bend, instead of jumping at a reversal."""
     return where(e.d > 0.0, level(s.v, p) * s.switch - e.z, 0.0)
+
+
+@effect(
+    place={"axis-linear": "axis_force"}, subsystem="axis", regime="periodic",
+    parameters=[
+        Parameter("A", "amplitude_n", "of the force", "force", 0.0, 0.3, 0.01, 0.02,
+                  vanishes_at=0.0, domain="not_negative"),
+        Parameter("n", "waves_per_m", "waves per metre of the way", "1/length", 0.5, 400.0, 0.05, 5.0,
+                  domain="positive", scan="waves"),
+        Parameter("phi", "phase_rad", "at position 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0, scan="phase"),
+    ],
+    reads={"x": "position, m"},
+    equation="F = A sin(2π n x + φ)",
+    reference="P. Van den Braembussche et al., Accurate tracking control of linear synchronous motor machine tool "
+    "axes, Mechatronics 6, 1996: cogging repeats over the magnets' pitch",
+    shows="a ripple whose frequency follows the speed, at the same places in every run",
+)  # fmt: skip
+def torque_ripple(s: Any, e: Any, p: Any) -> Scalar:
+    """Cogging of a linear motor, or a screw's error: a wave of force along the way."""
+    return e.A * sin(2.0 * math.pi * e.n * s.x + e.phi)
 
 
 def _flank_rate(s: Any, e: Any, p: Any) -> Scalar:

@@ -34,6 +34,13 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         "next_run": _next_run(d),
         "where": _where(d),
         "parameters": _parameters(d),
+        "explained": rounded(v.explained, DIGITS),
+        "left": plain(
+            {"rms": v.left.rms, "percent_of_input": v.left.percent_of_input, "relevant": v.left.relevant}, DIGITS
+        ),
+        "places": []
+        if d.where is None
+        else [{"subsystem": p.subsystem, "probability": rounded(p.probability, DIGITS)} for p in d.where.places],
         "gap": {
             f"{w.quantity}_rms_{w.suffix}": g.residual_rms,
             f"noise_rms_{w.suffix}": g.noise_rms,

@@ -20,7 +20,10 @@ def more(d: Diagnosis) -> dict[str, Any]:
     keys: dict[str, Any] = plain(
         {
             "sentence": d.verdict.sentence,
-            "reasons": d.verdict.reasons,
+            "reasons": [
+                {"kind": r.kind, "effects": r.effects, "value": r.value, "percent": r.percent}
+                for r in d.verdict.reasons
+            ],
             "warnings": d.warnings,
             "notes": d.campaign.all_notes,
             "machine": d.campaign.machine.name,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from workbench.consequences import Change, Consequences
 from workbench.diagnose.records import Diagnosis
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.reports.diagnosis.words import unit_of
 from workbench.reports.numbers import NOTHING, figures
 from workbench.reports.words import words_of
@@ -25,7 +25,7 @@ CONSEQUENCES_NOTE = (
 def condition_table(d: Diagnosis) -> Table:
     """The logs, run by run."""
     w = words_of(d.campaign.machine)
-    has_payload = isinstance(d.campaign.machine, Hoist)
+    has_payload = kind_of(d.campaign.machine).payload
     columns = [
         words("run"), *([Column("payload", "kg")] if has_payload else []), Column("length", "s"), Column("samples"),
         Column("step", "ms"), Column("noise", unit_of(d)), Column("moving", "%"), Column("clipped", "%"),
@@ -148,7 +148,7 @@ def next_run_table(d: Diagnosis) -> Table:
     note = "Apart: how many standard deviations lie between the predictions of the candidates that are still open."
     if n is None:
         return Table(columns, [], note)
-    load = f"{n.payload_kg:g}" if isinstance(d.campaign.machine, Hoist) else NOTHING
+    load = f"{n.payload_kg:g}" if kind_of(d.campaign.machine).payload else NOTHING
     row = [n.profile, load, ", ".join(n.signals) or NOTHING, figures(n.now, 2), figures(n.separation, 2)]
     return Table(columns, [row], note)
 

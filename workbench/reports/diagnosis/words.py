@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from workbench.diagnose.records import Diagnosis, Hypothesis, VerdictWord
+from workbench.diagnose.records import Diagnosis, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.diagnose.unexplained.words import over_what
 from workbench.effects import Effect, effects_for
+from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
-from workbench.machine.axis import LinearAxis
 from workbench.plants import plant_of
 from workbench.reports.numbers import figures
 from workbench.reports.words import listed, words_of
@@ -57,7 +57,20 @@ def alike_sentence(d: Diagnosis) -> str:
 
 def reasons_of(d: Diagnosis) -> list[str]:
     """What speaks for a cause that the library does not hold, each as a sentence."""
-    return [f"{reason[0].upper()}{reason[1:]}." for reason in d.verdict.reasons]
+    unit = d.shrink.unit
+    return [_reason(reason, unit) for reason in d.verdict.reasons]
+
+
+def _reason(reason: Reason, unit: str) -> str:
+    names = listed(reason.effects)
+    return {
+        ReasonKind.UNLISTED_EXPLAINS_MORE: f"An unlisted effect explains more: {names}. Weigh it among the candidates.",
+        ReasonKind.LEAVES_MUCH: f"The best hypothesis leaves {reason.value:.2g} {unit}, {reason.percent:.2g} % of the "
+        "input, beyond noise and what a model may miss.",
+        ReasonKind.STRETCHES_TOLERANCES: "It needs base parameters further off than their tolerances allow together.",
+        ReasonKind.ON_A_BOUND: "It sits on the bound of one of its parameters.",
+        ReasonKind.UNDO_EACH_OTHER: f"{names} largely undo each other, as two do that stand in for a third.",
+    }[reason.kind]
 
 
 def reasons_lead(d: Diagnosis) -> str:
@@ -156,4 +169,4 @@ def unit_of(d: Diagnosis) -> str:
 
 def curve_unit(machine: Hoist | Axis, acts_on: str) -> str:
     """Of what acts there: N at the guide and on a linear axis, else N m."""
-    return "N" if acts_on == "guide" or isinstance(machine, LinearAxis) else "N m"
+    return kind_of(machine).ports[acts_on].unit

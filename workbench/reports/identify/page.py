@@ -12,13 +12,13 @@ from workbench.figures.identify import correlation_matrix, level_history
 from workbench.figures.replay import friction_law
 from workbench.figures.save import Section, save_page
 from workbench.identify.identify import Identification
-from workbench.machine import Axis, Hoist, save_machine
-from workbench.machine.axis import LinearAxis
+from workbench.kinds import kind_of
+from workbench.machine import save_machine
 from workbench.reports.identify import report
 from workbench.reports.identify.friction import combined_weight, force_balance, law
 from workbench.reports.replay import report as replay_report
 from workbench.reports.replay.page import INPUTS_NOTE, RESIDUAL_NOTE, inputs, notes_line, residuals, speeds
-from workbench.reports.words import direction_names, words_of
+from workbench.reports.words import direction_names
 from workbench.whole_folder import check_free, whole_folder, write_json
 
 if TYPE_CHECKING:
@@ -79,19 +79,19 @@ def friction(identification: Identification) -> Figure:
     # Many points near standstill, where the law turns over.
     half = fastest * np.linspace(0.0, 1.0, 200) ** 3
     speed = np.concatenate([-half[:0:-1], half])
-    unit = "N" if isinstance(machine, Hoist | LinearAxis) else "N m"
+    kind = kind_of(machine)
     return friction_law(
         speed,
         [("identified", law(machine, speed)), ("nominal", law(nominal, speed))],
         combined_weight(machine, identification.after),
         points,
-        "rad/s" if unit == "N m" else "m/s",
-        unit,
+        kind.moved.speed_unit,
+        kind.friction.unit,
     )
 
 
 def history(identification: Identification) -> Figure:
     machine = identification.machine
     forward, backward = direction_names(machine)
-    unit = words_of(machine).unit if isinstance(machine, Axis) else "N"
-    return level_history({forward: identification.levels.forward, backward: identification.levels.backward}, unit)
+    levels = {forward: identification.levels.forward, backward: identification.levels.backward}
+    return level_history(levels, kind_of(machine).friction.unit)

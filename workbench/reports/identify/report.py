@@ -10,6 +10,7 @@ from workbench.identify.identify import Identification
 from workbench.identify.iteration import Levels
 from workbench.identify.parameters import Free, fittable, free_parameters
 from workbench.json_records import rounded
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, get_value
 from workbench.reports.numbers import change_percent, figures, with_error
@@ -106,7 +107,7 @@ def iteration(machine: Hoist | Axis, levels: Levels) -> str:
     forward, backward = direction_names(machine)
     rounds = len(levels.forward) - 1
     ended = f"settled after {rounds} rounds" if levels.settled else f"had not settled after {rounds} rounds"
-    unit = words_of(machine).unit if isinstance(machine, Axis) else "N"
+    unit = kind_of(machine).friction.unit
     return (
         "The paper's iteration, which leaves all other values nominal, puts friction at "
         f"{figures(levels.forward[-1], 4)} {unit} {forward} and {figures(levels.backward[-1], 4)} {unit} {backward}; "

@@ -12,6 +12,7 @@ from workbench.analysis.usual import USUAL_CROSSOVER_HZ, usual_controller, usual
 from workbench.control import PiSettings
 from workbench.effects import check
 from workbench.errors import InputError
+from workbench.kinds import STUDIED, of_kind, studied
 from workbench.machine import Hoist, default_hoist, load_machine
 from workbench.yaml_strict import Document, load, validate
 
@@ -74,9 +75,10 @@ def load_case(
         loads = sorted({spec.payload_kg for spec in study.specs[:200]})
     if machine is not None:
         read = load_machine(machine, check_effects=check)
-        if not isinstance(read, Hoist):
-            raise InputError("is a machine of kind 'axis'; a speed loop is analysed for kind 'hoist'", file=machine)
-        hoist = read
+        given = studied(read)
+        if given is None:
+            raise InputError(f"is {of_kind(read)}; a speed loop is analysed for {STUDIED}", file=machine)
+        hoist = given
     if controller is not None:
         settings, origin = read_controller(controller), f"of {controller}"
     if settings is None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from workbench.figures.replay import input_profiles, speed_comparison, torque_profiles, torque_residual
 from workbench.figures.save import Section, save_page
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 from workbench.plants import plant_of
@@ -67,9 +68,10 @@ def notes_line(campaign: Campaign) -> list[str]:
 def inputs(machine: Hoist | Axis, result: ReplayResult) -> Figure:
     """Fig. 6: the measured torque of both motors, or an axis' measured input."""
     runs = [run.balance.run for run in result.runs]
-    if isinstance(machine, Hoist):
-        return torque_profiles(runs, machine.motor.nominal_torque_nm)
-    return input_profiles(runs, machine.input_signal, words_of(machine).unit)
+    kind = kind_of(machine)
+    if kind.motor_torque is not None:
+        return torque_profiles(runs, kind.motor_torque(machine))
+    return input_profiles(runs, kind.plant.input, kind.drive.unit)
 
 
 def speeds(machine: Hoist | Axis, result: ReplayResult) -> Figure:
@@ -82,7 +84,7 @@ def speeds(machine: Hoist | Axis, result: ReplayResult) -> Figure:
         [run.speed_rmse_percent for run in result.runs],
         signal,
         [run.restarted for run in result.runs],
-        "nominal" if isinstance(machine, Hoist) else "largest",
+        kind_of(machine).speed_scale[1],
     )
 
 

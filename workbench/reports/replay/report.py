@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from workbench.json_records import rounded
+from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 from workbench.reports.numbers import figures
@@ -67,19 +68,14 @@ def sentences(machine: Hoist | Axis, result: ReplayResult, remedy: str = REMEDY)
 def _open_loop(machine: Hoist | Axis, result: ReplayResult) -> str:
     percent = f"{figures(result.speed_rmse_percent)} %"
     said = f"Open loop the model is {percent} off; the paper has {PAPER_PERCENT} % for its own machine."
-    if not isinstance(machine, Hoist):
+    kind = kind_of(machine)
+    if kind.nominal_speed is None:
         return f"{said} That figure adds up every bias from the run's first sample on: judge by the residual."
     run = result.runs[0].simulated
-    mass = machine.carriage.mass_kg + machine.sensors.payload_scale * run.payload_kg
-    inertia = (
-        machine.motor.count * machine.motor.rotor_inertia_kg_m2
-        + machine.winch.inertia_kg_m2 / machine.gearbox.ratio**2
-        + mass * machine.lift_m_per_rad**2
-    )
-    drift = 100.0 * 10.0 / inertia / machine.motor.nominal_speed_rad_s
+    drift = 100.0 * 10.0 / kind.rigid(machine, run.payload_kg).inertia / kind.nominal_speed(machine)
     return (
-        f"{said} That figure adds up every bias: 1 N m of torque that the model does not know "
-        f"moves the speed by {drift:.1f} % within 10 s. Judge by the other columns."
+        f"{said} That figure adds up every bias: 1 {kind.drive.unit} of {kind.drive.quantity} that the model "
+        f"does not know moves the speed by {drift:.1f} % within 10 s. Judge by the other columns."
     )
 
 
@@ -103,7 +99,7 @@ def _residual(machine: Hoist | Axis, result: ReplayResult, remedy: str) -> str:
 
 def noise_is_floor(machine: Hoist | Axis, result: ReplayResult) -> bool:
     """Whether the noise is what a perfect model leaves: not where the speed is the logged position's derivative."""
-    return not isinstance(machine, Axis) or machine.speed_signal in result.runs[0].balance.run
+    return kind_of(machine).plant.speeds[0] in result.runs[0].balance.run
 
 
 def to_json(campaign: Campaign, result: ReplayResult) -> dict[str, Any]:

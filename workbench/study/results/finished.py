@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from workbench.errors import InputError
+from workbench.kinds import STUDIED, of_kind, studied
 from workbench.machine import Hoist, load_machine
 from workbench.run import Run
 from workbench.study.results.folder import SavedRuns
@@ -49,9 +50,10 @@ def read_finished(folder: Path) -> Finished:
     if not rows or expected not in (None, len(rows)):
         raise InputError(f"holds {len(rows)} runs, its {MANIFEST} says {expected}: the result is damaged",
                          file=folder / INDEX)  # fmt: skip
-    machine = load_machine(folder / "machine.yaml")
-    if not isinstance(machine, Hoist):
-        raise InputError("is a machine of kind 'axis'; a study's is a hoist", file=folder / "machine.yaml")
+    read = load_machine(folder / "machine.yaml")
+    machine = studied(read)
+    if machine is None:
+        raise InputError(f"is {of_kind(read)}; a study's is of {STUDIED}", file=folder / "machine.yaml")
     return Finished(folder, tuple(rows), SavedRuns(folder, rows), machine, _scenario(folder), manifest)
 
 

@@ -18,6 +18,7 @@ from workbench import __version__
 from workbench.effects import check
 from workbench.effects.registry import digests_of
 from workbench.errors import InputError, nearest
+from workbench.kinds import STUDIED, of_kind, studied
 from workbench.machine import Hoist, default_hoist, load_machine
 from workbench.metrics import added
 from workbench.references import Plan
@@ -171,9 +172,10 @@ def _machine(scenario: Scenario, layers: Layered) -> Hoist:
     if "\0" in scenario.machine or not path.exists():
         said = f"no machine file {str(path)!r}; expected a path beside the scenario, or 'default'"
         raise layers.error(said, ("machine",))
-    machine = load_machine(path, check_effects=check)
-    if not isinstance(machine, Hoist):
-        raise layers.error(f"{path} is a machine of kind 'axis'; a study expects kind 'hoist'", ("machine",))
+    read = load_machine(path, check_effects=check)
+    machine = studied(read)
+    if machine is None:
+        raise layers.error(f"{path} is {of_kind(read)}; a study expects {STUDIED}", ("machine",))
     return machine
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.kinds import STUDIED, of_kind, studied
 from workbench.logs import read_campaign
-from workbench.machine import Hoist
 from workbench.study.scenario.layers import Layered
 from workbench.study.scenario.record import RecordedBlock
 from workbench.study.variations.run_spec import Recording
@@ -31,11 +31,12 @@ def read_recording(block: RecordedBlock, folder: Path, layers: Layered, place: P
         if error.file is not None:
             raise
         raise layers.error(str(error), place) from error
-    if not isinstance(campaign.machine, Hoist):
-        raise layers.error(f"{path} holds runs of a machine of kind 'axis'; a study expects kind 'hoist'", place)
+    machine = studied(campaign.machine)
+    if machine is None:
+        raise layers.error(f"{path} holds runs of {of_kind(campaign.machine)}; a study expects {STUDIED}", place)
     run = campaign.runs[0]
     signal = "speed_reference_rad_s" if "speed_reference_rad_s" in run else "speed_motor_rad_s"
-    speed = run[signal] * campaign.machine.lift_m_per_rad
+    speed = run[signal] * machine.lift_m_per_rad
     if len(run.time_s) < 2 or not np.all(np.isfinite(speed)):
         raise layers.error(f"run '{block.run}' has gaps in {signal}; choose another run", place)
     # Its number is kept short by what it is: two references that differ in any sample differ here.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import or_
 from typing import Any
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -32,11 +34,12 @@ def _scenario() -> dict[str, Any]:
 def _machine() -> dict[str, Any]:
     from pydantic import TypeAdapter
 
-    from workbench.machine import Hoist, LinearAxis, RotaryAxis
+    from workbench.machine.files import RECORDS
 
-    schema = TypeAdapter(Hoist | LinearAxis | RotaryAxis).json_schema()
-    # `kind` is written out for an axis only, and tells editors which form is meant.
-    for name in ("LinearAxis", "RotaryAxis"):
+    union: Any = reduce(or_, RECORDS)
+    schema = TypeAdapter(union).json_schema()
+    # `kind` may be left out of the first only, and tells editors which form is meant.
+    for name in (record.__name__ for record in RECORDS[1:]):
         record = schema["$defs"][name]
         record["required"] = [*record.get("required", ()), *(k for k in ("kind",) if k not in record["required"])]
     return schema

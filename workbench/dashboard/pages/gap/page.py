@@ -16,7 +16,7 @@ from workbench.dashboard.pages.gap.results import show_results
 from workbench.dashboard.pages.gap.watch import watch
 from workbench.dashboard.widgets import plain, problem, table
 from workbench.errors import InputError
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.tables import Column, Table, words
 
 OPEN, OF = "gap open", "gap open of"
@@ -109,10 +109,10 @@ def _before(question: Asked) -> None:
         "how sure that is, and how far the gap shrinks. It takes about a minute, in a process of its own.",
         icon=":material/troubleshoot:",
     )
-    hoist = isinstance(campaign.machine, Hoist)
-    columns = [words("run"), *([Column("payload", "kg")] if hoist else []), Column("length", "s"), Column("samples")]
+    payload = kind_of(campaign.machine).payload
+    columns = [words("run"), *([Column("payload", "kg")] if payload else []), Column("length", "s"), Column("samples")]
     rows = [
-        [run.name, *([f"{run.payload_kg:g}"] if hoist else []), f"{run.duration_s:.1f}", str(len(run.time_s))]
+        [run.name, *([f"{run.payload_kg:g}"] if payload else []), f"{run.duration_s:.1f}", str(len(run.time_s))]
         for run in campaign.runs
     ]
     table(Table(columns, rows))

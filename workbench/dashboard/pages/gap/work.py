@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from workbench.dashboard.jobs.progress import Teller
 from workbench.dashboard.pages.gap.view import VIEW, View, write_view
 from workbench.dashboard.widgets import Number
 from workbench.diagnose.diagnose import diagnose
+from workbench.diagnose.progress import Progress, Stage
 from workbench.diagnose.records import Diagnosis
 from workbench.effects import check
 from workbench.errors import InputError
@@ -19,14 +19,14 @@ from workbench.figures import diagnose_where
 from workbench.logs import read_campaign
 from workbench.reports.diagnosis import words
 from workbench.reports.diagnosis.page import sections_of, write_diagnosis
+from workbench.reports.diagnosis.progress import progress_words, share_done
 from workbench.reports.words import direction_names, words_of
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-PARTS = 100  # that a stage is counted in
+PARTS = 800  # that a diagnosis is counted in
 NEARLY = 0.05  # of the gap: what explains so little less may explain it more plainly
-_OF = re.compile(r"(\d+) of (\d+)")
 
 
 def run(
@@ -54,21 +54,17 @@ def run(
 
 
 class _Progress:
-    """A diagnosis counts its stages; within one, "3 of 8" in its sentence moves the bar on."""
+    """Hands the diagnosis' progress to the job, stage by stage and step by step."""
 
     def __init__(self, tell: Teller) -> None:
-        self.tell, self.total = tell, 1
+        self.tell = tell
 
-    def stage(self, sentence: str, done: int, total: int) -> None:
-        self.total = total
-        found = _OF.search(sentence)
-        within = (int(found[1]) - 1) / int(found[2]) if found else 0.0
-        if done < total:
-            self.tell(sentence, round(PARTS * (done + min(max(within, 0.0), 1.0))), PARTS * total)
+    def stage(self, progress: Progress) -> None:
+        self.tell(progress_words(progress), round(PARTS * share_done(progress)), PARTS)
 
     def report(self, sentence: str) -> None:
         """The last stage, which a diagnosis leaves to whoever writes it down."""
-        self.tell(sentence, PARTS * (self.total - 1), PARTS * self.total)
+        self.tell(sentence, round(PARTS * share_done(Progress(Stage.WRITE))), PARTS)
 
 
 def view_of(d: Diagnosis) -> View:

@@ -10,6 +10,7 @@ from workbench.dashboard.campaigns import last_campaign
 from workbench.dashboard.machines import chosen_machine
 from workbench.dashboard.pages.compare.kept import kept
 from workbench.errors import InputError
+from workbench.kinds import STUDIED, of_kind, studied
 from workbench.machine import Hoist
 from workbench.machine.files import machine_text
 from workbench.references import (
@@ -44,9 +45,10 @@ def chosen_run() -> Shown:
     if what == STUDY:
         return _of_study()
     if what == MEASURED and campaign is not None:
-        machine = campaign.machine
-        if not isinstance(machine, Hoist):
-            raise InputError("is an axis; this drawing is of a hoist", file="machine.yaml", place="kind")
+        machine = studied(campaign.machine)
+        if machine is None:
+            said = f"is {of_kind(campaign.machine)}; this drawing is of {STUDIED}"
+            raise InputError(said, file="machine.yaml", place="kind")
         name = st.selectbox("Run of the campaign", [run.name for run in campaign.runs], key="machine measured")
         return Shown(f"{campaign.name}, {name}", machine, campaign.run(name))
     return _quick()

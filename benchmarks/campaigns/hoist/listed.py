@@ -6,15 +6,13 @@ value under the label's name and under the workbench's, and what it changes in t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.campaigns.causes import TURN, Cause, about, either
 from workbench.machine import Hoist
-
-Numbers = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -52,39 +50,8 @@ def scales_of(m: Hoist, payload_kg: float, low_m: float, high_m: float) -> Scale
     )
 
 
-@dataclass(frozen=True)
-class Cause:
-    """One effect at work.
-
-    name: the effect's, or "unlisted: …". truth: values in place of those of `Truth` (see `campaign.built` for
-    the few that are added); log: what the sensors do; per_run: phases and moments that each run draws anew,
-    name -> range. values: for the label. library: name and parameters in the workbench's library.
-    """
-
-    name: str
-    subsystem: str
-    regime: str
-    values: Numbers
-    truth: Numbers = field(default_factory=dict)
-    log: Numbers = field(default_factory=dict)
-    per_run: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    library: Mapping[str, Numbers] = field(default_factory=dict)
-    alike: tuple[str, ...] = ()
-
-
 Draw = Callable[[np.random.Generator, Scales], Cause]
-TURN = 2.0 * math.pi
 _LEVEL_LIKE = ("torque_offset", "carriage_mass_error", "friction_coulomb_asymmetric")
-
-
-def about(rng: np.random.Generator, low: float, high: float) -> float:
-    """Even on a logarithmic scale."""
-    return float(np.exp(rng.uniform(math.log(low), math.log(high))))
-
-
-def either(rng: np.random.Generator, low: float, high: float) -> float:
-    """As `about`, with either sign."""
-    return float(rng.choice([-1.0, 1.0])) * about(rng, low, high)
 
 
 def _viscous(rng: np.random.Generator, s: Scales) -> Cause:
@@ -260,7 +227,7 @@ def _gain(rng: np.random.Generator, s: Scales) -> Cause:
 def _offset(rng: np.random.Generator, s: Scales) -> Cause:
     offset = s.torque * either(rng, 0.02, 0.08)
     return Cause(
-        "torque_offset", "torque_sensor", "all", {"t_off": offset}, log={"offset_nm": offset},
+        "torque_offset", "torque_sensor", "all", {"t_off": offset}, log={"offset": offset},
         library={"torque_offset": {"offset_nm": offset}}, alike=_LEVEL_LIKE,
     )  # fmt: skip
 
@@ -325,3 +292,24 @@ LISTED: Mapping[str, Draw] = {
 }
 NEARLY_INVISIBLE = ("backlash", "wire_stiffness_length")  # on a hoist whose wire is taut
 USUAL = tuple(name for name in LISTED if name not in NEARLY_INVISIBLE)
+
+# Of two effects at once: these are alike by nature, so no log says which of them it holds.
+ALIKE = (
+    {"torque_offset", "carriage_mass_error", "friction_coulomb_asymmetric", "friction_coulomb"},
+    {"torque_scale", "carriage_mass_error", "payload_mass_error"},
+    {"gearbox_efficiency", "friction_load_dependent", "friction_coulomb"},
+    {"torque_filter", "speed_delay", "gearbox_inertia"},
+)
+
+
+def drawn_pair(rng: np.random.Generator, first: str | None = None) -> tuple[str, str]:
+    """Two usual effects of different subsystems that are not alike by nature."""
+    while True:
+        a, b = first or str(rng.choice(USUAL)), str(rng.choice(USUAL))
+        if a != b and _subsystem(a) != _subsystem(b) and not any({a, b} <= group for group in ALIKE):
+            return a, b
+
+
+def _subsystem(name: str) -> str:
+    one = Scales(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 9.0, (1.0, 1.0), 1.0)
+    return LISTED[name](np.random.default_rng(0), one).subsystem

@@ -10,6 +10,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 STEP_S = 0.001
 KINDS = ("fast", "slow", "steps")
+USUAL_S = 49.76
 
 
 def reference(kind: str, rng: np.random.Generator, *, duration_s: float, speed_rad_s: float, room_rad: float) -> Array:
@@ -18,7 +19,9 @@ def reference(kind: str, rng: np.random.Generator, *, duration_s: float, speed_r
     speed_rad_s: the motors' nominal speed. room_rad: motor angle that it may go down (or up, for the last
     move of a slow run) from the start.
     """
-    lead = rng.uniform(1.7, 2.0)
+    brisk = min(1.0, duration_s / 30.0)  # short runs wait less
+    lead = brisk * rng.uniform(1.7, 2.0)
+    long_s, duration_s = duration_s, min(duration_s, 1.2 * USUAL_S)
     if kind == "fast":
         top = speed_rad_s * rng.uniform(0.70, 1.0)
         down = min(room_rad, top * duration_s * rng.uniform(0.17, 0.19))
@@ -39,7 +42,15 @@ def reference(kind: str, rng: np.random.Generator, *, duration_s: float, speed_r
         moves = [(level, abs(level) * time * stretch * rng.uniform(0.8, 1.2)) for level, time in levels]
         pauses = [rng.uniform(0.9, 1.3) for _ in moves]
         ramps = [speed_rad_s / rng.uniform(1.7, 3.5) for _ in moves]
-    return _joined(lead, moves, pauses, ramps, rng.uniform(0.45, 0.6), duration_s)
+    pauses = [brisk * pause for pause in pauses]
+    round_s = rng.uniform(0.45, 0.6)
+    if long_s > 1.5 * USUAL_S:  # the same again and again, back to where it began each time
+        down, up = (sum(way for speed, way in moves if (speed > 0.0) == hoisting) for hoisting in (False, True))
+        moves = [(speed, way * down / up if speed > 0.0 else way) for speed, way in moves]
+        pauses = [*pauses, *[1.5] * (len(moves) - len(pauses))]
+        times = int(long_s / 30.0)
+        moves, pauses, ramps = moves * times, pauses * times, ramps * times
+    return _joined(lead, moves, pauses, ramps, round_s, long_s)
 
 
 def _joined(
@@ -55,7 +66,7 @@ def _joined(
     out, at = np.zeros(n), round(lead / STEP_S)
     for k, ((speed, distance), ramp) in enumerate(zip(moves, ramps, strict=True)):
         part = _move(speed, distance, ramp, min(round_s, 0.9 * abs(speed) / ramp + 0.25))
-        if at + len(part) > n - round(1.0 / STEP_S):
+        if at + len(part) > n - round(min(1.0, 0.03 * duration_s) / STEP_S):
             break
         out[at : at + len(part)] = part
         at += len(part) + (round(pauses[k] / STEP_S) if k < len(pauses) else 0)

@@ -9,9 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.campaigns.causes import TURN, Cause, about
+from benchmarks.campaigns.families import Family
+from benchmarks.campaigns.standstill import drawn_standstill
 from workbench.machine import Hoist
 
 WIRE_KG_M3 = 7850.0
+CLIPPED = 2.5  # standard deviations: what is further off is no machine that was accepted
 
 
 class Truth(NamedTuple):
@@ -54,7 +58,11 @@ class Truth(NamedTuple):
     turn_m_s: float
     pin_rad: float
     pin_turn: float
+    peak: float = 0.0
+    peak_m_s: float = 1.0
+    relax_s: float = 0.0
     # The run.
+    mp_scale: float = 1.0
     m_p: float = 0.0
     x_0: float = 9.0
     z_0: float = 0.0
@@ -92,6 +100,9 @@ class Truth(NamedTuple):
     ripple2_A: float = 0.0
     ripple2_n: float = 6.0
     ripple2_ph: float = 0.0
+    ripple3_A: float = 0.0
+    ripple3_n: float = 1.0
+    ripple3_ph: float = 0.0
     # What no list holds.
     motor_visc: float = 0.0
     fan_q: float = 0.0
@@ -107,6 +118,28 @@ class Truth(NamedTuple):
     hook_share: float = 0.0
     hook_k: float = 1.0
     hook_c: float = 0.0
+    swell_A: float = 0.0
+    swell_w: float = 1.0
+    swell_ph: float = 0.0
+    tooth_T: float = 0.0
+    tooth_w: float = 0.1
+    tooth_ph: float = 0.0
+    dent_A: float = 0.0
+    dent_th: float = 0.0
+    dent_w: float = 1.0
+    sheave_e: float = 0.0
+    sheave_ph: float = 0.0
+    # A brief event: when it begins in this run, how long it lasts, and what works meanwhile. Torques of motor,
+    # brake, drum and sheave at the motor; brake, guide and sheave work against the motion.
+    event_t: float = 0.0
+    event_s: float = 0.0
+    event_motor: float = 0.0
+    event_brake: float = 0.0
+    event_drum: float = 0.0
+    event_sheave: float = 0.0
+    event_guide: float = 0.0
+    event_payload: float = 0.0
+    event_platform: float = 0.0
 
 
 def nominal_truth(machine: Hoist) -> Truth:
@@ -152,20 +185,24 @@ def nominal_truth(machine: Hoist) -> Truth:
     )
 
 
-def true_truth(machine: Hoist, rng: np.random.Generator) -> Truth:
-    """A machine built after the nominal one: its tolerances drawn, and a little of what every machine has."""
-    p, tol = nominal_truth(machine), machine.tolerances
+def true_truth(machine: Hoist, family: Family, rng: np.random.Generator) -> Truth:
+    """A machine built after the nominal one: its tolerances drawn, and what machines of its family have beside."""
+    p, tol, nuisances = nominal_truth(machine), machine.tolerances, family.nuisances
     motors = machine.motor.count * machine.motor.nominal_torque_nm
-    weight = machine.carriage.mass_kg * machine.gravity_m_s2
     speed = machine.motor.nominal_speed_rad_s * machine.lift_m_per_rad
+    law = drawn_standstill(family.laws, rng)
 
     def off(std: float) -> float:
-        return 1.0 + std * float(np.clip(rng.normal(), -2.5, 2.5))
+        return 1.0 + std * float(np.clip(rng.normal(), -CLIPPED, CLIPPED))
+
+    def some(most: float) -> float:
+        return most * rng.uniform(0.0, 1.0)
 
     J = p.J_m + p.J_w / p.ratio**2
     kp = J * rng.uniform(11.0, 19.0)
-    deflection = float(np.exp(rng.uniform(math.log(1e-4), math.log(6e-4))))
+    deflection = about(rng, 1e-4, 6e-4)
     F = 0.5 * (p.F_up + p.F_dn)
+    viscous = some(nuisances.viscous) * F / speed
     return p._replace(
         J_m=p.J_m * off(tol.rotor_inertia),
         m_c=p.m_c * off(tol.carriage_mass),
@@ -179,20 +216,34 @@ def true_truth(machine: Hoist, rng: np.random.Generator) -> Truth:
         lag_tau=rng.uniform(0.004, 0.012),
         seen_tau=rng.uniform(0.004, 0.01),
         count_rad=float(rng.choice([2.0, 10.0, 40.0])) * 1e-5,
-        bristles=float(rng.random() < 0.5),
+        bristles=law.bristles,
         bristle_m=deflection,
         bristle_tau=0.6 * math.sqrt(p.m_c * deflection / F),  # some 0.3 of critical damping with the empty carriage
-        turn_m_s=float(np.exp(rng.uniform(math.log(5e-4), math.log(4e-3)))),
+        turn_m_s=about(rng, 5e-4, 4e-3),
         pin_rad=rng.uniform(0.003, 0.02),
         pin_turn=rng.uniform(0.004, 0.02),
-        # A little of everything else.
-        B_up=(viscous := 0.0012 * weight / speed * rng.uniform(0.0, 1.0)),
+        peak=law.peak,
+        peak_m_s=law.peak_speed * speed,
+        relax_s=law.relax_s,
+        mp_scale=off(tol.payload),
+        B_up=viscous,
         B_dn=viscous,
-        eta_loss=0.0006 * rng.uniform(0.0, 1.0),
-        ecc_e=3e-4 * p.R * rng.uniform(0.0, 1.0),
-        ecc_ph=rng.uniform(0.0, 2.0 * math.pi),
-        ripple2_A=4e-4 * motors * rng.uniform(0.0, 1.0),
+        eta_loss=some(nuisances.gear_loss),
+        ecc_e=some(nuisances.eccentricity) * p.R,
+        ecc_ph=rng.uniform(0.0, TURN),
+        ripple2_A=some(nuisances.ripple) * motors,
         ripple2_n=6.0,
-        ripple2_ph=rng.uniform(0.0, 2.0 * math.pi),
+        ripple2_ph=rng.uniform(0.0, TURN),
+        ripple3_A=some(nuisances.ripple) * motors,
+        ripple3_n=float(rng.choice([1.0, 2.0])),
+        ripple3_ph=rng.uniform(0.0, TURN),
         k_share=rng.uniform(0.0, 0.2),
     )
+
+
+def ailing(truth: Truth, cause: Cause) -> Truth:
+    """With the cause at work: J_g, dm_c and rho_extra are added, all else takes the place of what was there."""
+    put = dict(cause.truth)
+    added = {"J_m": put.pop("Jg", 0.0), "m_c": put.pop("dm_c", 0.0), "rho": put.pop("rho_extra", 0.0)}
+    truth = truth._replace(**{name: getattr(truth, name) + more for name, more in added.items()})
+    return truth._replace(**put)

@@ -1,9 +1,13 @@
-"""Nominal machines: the two that practice campaigns know, and others of the same kind, consistent in themselves."""
+"""Nominal machines: the three that practice campaigns know, and others of the same kind, consistent in themselves."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from benchmarks.campaigns.causes import about
+from benchmarks.campaigns.families import Family
 from workbench.machine import Hoist
 
 _PRACTICE = (
@@ -39,22 +43,58 @@ _PRACTICE = (
         "carriage": {"mass_kg": 5200.0},
         "guide": {"coulomb_hoisting_n": 3300.0, "coulomb_lowering_n": 3900.0, "atan_slope_s_per_m": 200.0},
     },
+    {
+        "name": "vertical pipe racker gripper-arm winch",
+        "motor": {"count": 2, "rotor_inertia_kg_m2": 1.9, "nominal_torque_nm": 1150.0, "nominal_speed_rad_s": 130.0},
+        "gearbox": {"ratio": 24.0},
+        "winch": {"drum_diameter_m": 0.76, "pin_diameter_m": 0.2, "inertia_kg_m2": 130.0, "mass_kg": 1600.0},
+        "sheave": {"diameter_m": 0.62, "pin_diameter_m": 0.13, "inertia_kg_m2": 6.5, "mass_kg": 110.0},
+        "bearing": {"pin_friction_coefficient": 0.015},
+        "wire": {
+            "youngs_modulus_pa": 1e11,
+            "effective_area_m2": 0.00052,
+            "segment_length_m": 28.0,
+            "damping_time_s": 0.1,
+        },
+        "carriage": {"mass_kg": 13500.0},
+        "guide": {"coulomb_hoisting_n": 8800.0, "coulomb_lowering_n": 7400.0, "atan_slope_s_per_m": 200.0},
+    },
 )
-_FULL_KG = (9000.0, 4950.0)
+_FULL_KG = (9000.0, 4950.0, 13500.0)
 
 
-def practice_machine(which: int) -> tuple[Hoist, float]:
-    """One of the two machines of the practice campaigns, and its full payload, kg."""
-    return Hoist.model_validate(_PRACTICE[which]), _FULL_KG[which]
+@dataclass(frozen=True)
+class Drawn:
+    """A nominal hoist, and its full payload."""
+
+    machine: Hoist
+    full_kg: float
+
+    @property
+    def travel_m(self) -> float:
+        """How far down a long move goes at most."""
+        return 0.24 * self.machine.wire.segment_length_m
 
 
-def drawn_machine(rng: np.random.Generator) -> tuple[Hoist, float]:
-    """Another hoist with a carriage of 2 to 15 t, and its full payload, kg.
+def drawn_hoist(rng: np.random.Generator, family: Family) -> Drawn:
+    """One of the family's given machines, or one of its sizes."""
+    if family.machines:
+        return practice_machine(int(rng.choice(family.machines)))
+    return sized_machine(rng, about(rng, *family.sizes))
+
+
+def practice_machine(which: int) -> Drawn:
+    """One of the three machines of the practice campaigns."""
+    return Drawn(Hoist.model_validate(_PRACTICE[which]), _FULL_KG[which])
+
+
+def sized_machine(rng: np.random.Generator, carriage_kg: float) -> Drawn:
+    """Another hoist, with a carriage of about that mass.
 
     Its motors lift the full payload at 60 to 90 % of their nominal torque; drum, sheave and wire are
     scaled from the practice machines by strength and geometry.
     """
-    carriage = _digits(np.exp(rng.uniform(np.log(2000.0), np.log(15000.0))), 2)
+    carriage = _digits(carriage_kg, 2)
     full = _digits(carriage * rng.uniform(0.8, 1.3), 2)
     weight = (carriage + full) * 9.81
     speed = rng.uniform(0.45, 1.0)
@@ -103,7 +143,7 @@ def drawn_machine(rng: np.random.Generator) -> tuple[Hoist, float]:
             "atan_slope_s_per_m": float(rng.choice([100.0, 200.0, 300.0])),
         },
     }
-    return Hoist.model_validate(data), full
+    return Drawn(Hoist.model_validate(data), full)
 
 
 def _digits(value: float, digits: int) -> float:

@@ -1,0 +1,1 @@
+"""Hoists: their nominal machines, what can ail them, and their motion."""

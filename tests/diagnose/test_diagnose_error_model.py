@@ -1,0 +1,101 @@
+"""Noise and discrepancy in the likelihood: the filter whitens what the dense covariance says."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.noisy_runs import hoist_runs
+from workbench.diagnose.hypotheses.discrepancy import HOIST, carries, discrepancy_of
+from workbench.diagnose.hypotheses.error_model import ErrorModel
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.machine import default_hoist
+
+
+def dense(errors: ErrorModel, scale: float) -> np.ndarray:
+    """The covariance of all rows, term by term."""
+    n = len(errors.white)
+    covariance = np.diag(errors.white**2)
+    for i in range(n):
+        along = 1.0
+        for j in range(i, n):
+            if j > i:
+                along *= errors.carry[j]
+            both = scale**2 * errors.discrepancy[i] * errors.discrepancy[j] * along
+            covariance[i, j] += both
+            covariance[j, i] += both if j > i else 0.0
+    return covariance
+
+
+@st.composite
+def models(draw: st.DrawFn) -> ErrorModel:
+    """Runs of a few rows each."""
+    lengths = draw(st.lists(st.integers(1, 7), min_size=1, max_size=4))
+    n = sum(lengths)
+    seed = draw(st.integers(0, 10_000))
+    random = np.random.default_rng(seed)
+    carry = random.uniform(0.01, 0.999, n)
+    carry[np.cumsum([0, *lengths[:-1]])] = 0.0
+    return ErrorModel(random.uniform(0.1, 2.0, n), random.uniform(0.0, 5.0, n), carry)
+
+
+@given(models(), st.sampled_from([0.5, 1.0, 4.0, 64.0]))
+@settings(max_examples=60, deadline=None)
+def test_whitened_rows_are_independent_and_of_variance_one(errors: ErrorModel, scale: float):
+    n = len(errors.white)
+    whitening = errors.whiten(np.eye(n), scale)
+    assert whitening @ dense(errors, scale) @ whitening.T == pytest.approx(np.eye(n), abs=1e-8)
+    assert errors.log_det(scale) == pytest.approx(np.linalg.slogdet(dense(errors, scale))[1], abs=1e-8)
+
+
+@given(models())
+@settings(max_examples=20, deadline=None)
+def test_a_vector_is_whitened_as_a_column_is(errors: ErrorModel):
+    rows = np.random.default_rng(1).normal(size=(len(errors.white), 3))
+    assert errors.whiten(rows[:, 1]) == pytest.approx(errors.whiten(rows)[:, 1])
+
+
+def test_without_discrepancy_rows_are_divided_by_their_noise():
+    errors = ErrorModel(np.array([0.5, 2.0, 4.0]), np.zeros(3), np.array([0.0, 0.9, 0.9]))
+    assert errors.whiten(np.array([1.0, 1.0, 1.0])) == pytest.approx([2.0, 0.5, 0.25])
+    assert errors.log_det() == pytest.approx(2.0 * math.log(0.5 * 2.0 * 4.0))
+
+
+def test_more_discrepancy_adds_in_squares():
+    errors = ErrorModel(np.ones(2), np.array([3.0, 0.0]), np.zeros(2)).beside(np.array([4.0, 1.0]))
+    assert errors.discrepancy == pytest.approx([5.0, 1.0])
+
+
+def test_a_constant_residual_of_a_long_correlation_counts_as_few_values():
+    """One bias held through a run is one observation of the discrepancy, however many samples show it."""
+    carry = np.full(400, 0.999)
+    carry[0] = 0.0
+    errors = ErrorModel(np.full(400, 0.01), np.ones(400), carry)
+    white = errors.whiten(np.ones(400))
+    assert float(white @ white) < 5.0
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    machine = default_hoist()
+    return Problem(machine, hoist_runs(machine))
+
+
+def test_the_discrepancy_of_a_hoist_grows_with_the_torque_and_near_standstill(problem: Problem):
+    d = discrepancy_of(problem.bench, problem.rows)
+    speed = np.concatenate([np.abs(m.speed[r]) for m, r in zip(problem.bench.motions, problem.rows, strict=True)])
+    torque = np.concatenate([np.abs(u[r]) for u, r in zip(problem.bench.measured, problem.rows, strict=True)])
+    assert np.all(d >= HOIST.load * torque - 1e-9)
+    slow, fast = speed < 0.02 * problem.bench.scale, speed > 0.5 * problem.bench.scale
+    if np.any(slow) and np.any(fast):
+        assert np.mean(d[slow]) > np.mean(d[fast])
+
+
+def test_each_run_begins_anew(problem: Problem):
+    rho = carries(problem.bench, problem.rows)
+    assert np.count_nonzero(rho == 0.0) == len(problem.runs)
+    assert np.all((rho >= 0.0) & (rho < 1.0))

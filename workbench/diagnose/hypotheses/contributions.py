@@ -1,0 +1,42 @@
+"""What each effect of a fit adds to the prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.knobs import Setting
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.effects import Effect, ranges_of
+from workbench.run import Array
+
+
+@dataclass(frozen=True)
+class Part:
+    """An effect's own part of the gap: (samples,), behind the input's rows those of the tension."""
+
+    effect: Effect
+    rows: Array
+
+
+def parts_of(problem: Problem, fit: Fitted, effects: Sequence[Effect]) -> list[Part]:
+    """What each effect alone adds to the prediction, at the fit's values."""
+    settings = [_without(problem, fit, [effect]) for effect in effects]
+    _, change = problem.differences(fit.setting, settings)
+    return [Part(effect, rows) for effect, rows in zip(effects, change, strict=True)]
+
+
+def sum_of(problem: Problem, fit: Fitted, effects: Sequence[Effect]) -> Array:
+    """What all effects together add to the prediction, (samples,)."""
+    return problem.differences(fit.setting, [_without(problem, fit, effects)])[1][0]
+
+
+def _without(problem: Problem, fit: Fitted, effects: Sequence[Effect]) -> Setting:
+    off = {
+        r.symbol: r.vanishes_at
+        for effect in effects
+        for r in ranges_of(effect, problem.machine, problem.runs)
+        if r.vanishes_at is not None
+    }
+    return {**fit.setting, **off}

@@ -1,0 +1,65 @@
+"""How large a machine's discrepancy is: the share of torque that a lumped model of it may miss and still be right.
+
+`Kind.discrepancy` has the defaults: round numbers, set on simulated machines without a gap that are larger than their
+sensors' noise hides. A campaign's own size is estimated beside them, as one factor with a log-normal prior (`SPREAD`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.error_model import ErrorModel
+from workbench.kinds import kind_of
+from workbench.run import Array
+from workbench.simulate.driven import Bench
+from workbench.simulate.lowpass import lowpass
+
+SPREAD = 0.7  # standard deviation of the logarithm of a campaign's own size over the default
+LEAST_LEVEL = 0.02  # of the largest input: a friction level, for a machine.yaml may know of none
+
+
+def discrepancy_of(bench: Bench, rows: list[np.ndarray]) -> Array:
+    """(all rows,) of the input, in its unit."""
+    kind = kind_of(bench.machine)
+    share = kind.discrepancy
+    friction = friction_level(bench)
+    largest = max(float(np.max(np.abs(u))) for u in bench.measured)
+    parts = []
+    for run, motion, measured, at in zip(bench.runs, bench.motions, bench.measured, rows, strict=True):
+        speed = lowpass(run.time_s, motion.speed, bench.band_hz)
+        inertia = kind.rigid(bench.machine, run.payload_kg).inertia
+        load = share.load * (np.full(len(speed), largest) if share.of_largest else np.abs(measured))
+        accelerating = share.inertia * inertia * np.gradient(speed, run.time_s)
+        near = share.standstill * friction * np.exp(-np.abs(speed) / (share.slow * bench.scale))
+        parts.append(np.sqrt(load**2 + accelerating**2 + near**2)[at])
+    return np.concatenate(parts)
+
+
+def friction_level(bench: Bench) -> float:
+    """Coulomb friction at the driven coordinate, both ways on average, in the input's unit."""
+    kind = kind_of(bench.machine)
+    levels = [float(getattr(bench.base[0], symbol)) for symbol in kind.friction.levels]
+    level = float(np.mean(levels)) * kind.lever_of(bench.machine)
+    return max(level, LEAST_LEVEL * max(float(np.max(np.abs(u))) for u in bench.measured))
+
+
+def carries(bench: Bench, rows: list[np.ndarray]) -> Array:
+    """(all rows,): the correlation of each row's discrepancy with that of the row before it in its run."""
+    parts = []
+    for run, at in zip(bench.runs, rows, strict=True):
+        apart = np.diff(run.time_s[at], prepend=-math.inf)
+        parts.append(np.exp(-apart / kind_of(bench.machine).discrepancy.time_s) if len(at) else apart)
+    return np.concatenate(parts)
+
+
+def error_model(bench: Bench, rows: list[np.ndarray], noise: float, share: float, tension: float | None) -> ErrorModel:
+    """noise: rms in the band. share: how many independent values one row of it stands for.
+
+    tension: None, or the discrepancy of the dead line's tension in the unit of its rows, which follow the input's.
+    """
+    d, rho = discrepancy_of(bench, rows), carries(bench, rows)
+    if tension is not None:
+        d, rho = np.concatenate([d, np.full(len(d), tension)]), np.concatenate([rho, rho])
+    return ErrorModel(np.full(len(d), noise / math.sqrt(share)), d, rho)

@@ -1,0 +1,177 @@
+"""Brief events: short stretches of one or a few runs in which a force acts that does so nowhere else.
+
+Found greedily: pulses of all moments and widths are matched with what the base parameters, fitted robustly so that
+an event does not bend them, leave unexplained. Whether they are events and not a force over some variable, the
+marginal likelihood decides: each pulse pays for the choice of its run, moment and width.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnose.location.evidence import Evidence, Weigher
+from workbench.diagnose.location.ports import Port
+from workbench.diagnose.location.survey import Course, Survey, at_rows
+from workbench.run import Array
+
+SHORTEST_S, LONGEST_S, WIDTHS = 0.3, 5.0, 7  # of a pulse, from beginning to end
+MOST = 4  # pulses
+HUBER = 1.5  # of the robust scale
+ROUNDS = 12  # of the robust fit
+HATS = 5  # in a pulse's window: its shape is free
+BESIDE = 0.25  # of its width, on either side
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """A stretch of one run, s on its own clock."""
+
+    run: int
+    from_s: float
+    to_s: float
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """evidence: of pulses at no particular place, their choice paid for. port: what carried it. choices: its price."""
+
+    pulses: tuple[Pulse, ...]
+    evidence: Evidence
+    choices: float
+
+
+def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
+    """The stretches that account for most, as many as earn what their choice costs; None where none does."""
+    left = robust_left(survey)[: survey.inputs]
+    times = [c.at for c in survey.runs]
+    begins = np.cumsum([0, *map(len, times)])
+    widths = widths_of(survey)
+    choices = math.log(sum(max(float(len(t)), 1.0) for t in times) * len(widths))
+    found: list[Pulse] = []
+    best: Pulses | None = None
+    for _ in range(MOST):
+        pulse = _strongest(left, times, begins, widths)
+        if pulse is None:
+            break
+        found = _joined([*found, pulse])
+        columns = torque_columns(survey, found)
+        evidence = weigher.evidence(columns)
+        price = choices * len(found)
+        if best is not None and evidence.log - price <= best.evidence.log - best.choices:
+            break
+        best = Pulses(tuple(found), evidence, price)
+        left = left - weigher.part(columns, evidence)[: survey.inputs] if len(found) == 1 else left
+        for each in found:
+            j = each.run
+            mine = (times[j] >= each.from_s) & (times[j] <= each.to_s)
+            left[begins[j] : begins[j + 1]][mine] = 0.0
+    return best
+
+
+def widths_of(survey: Survey) -> Array:
+    shortest = max(SHORTEST_S if survey.hoist else 0.05, 0.7 / survey.band_hz)
+    longest = min(LONGEST_S, 0.2 * min(float(np.ptp(c.time)) for c in survey.runs))
+    return np.geomspace(shortest, max(longest, 2.0 * shortest), WIDTHS)
+
+
+def robust_left(survey: Survey) -> Array:
+    """(samples,) the residual with the base parameters fitted so that single stretches do not bend them. P. J. Huber,
+    Robust Statistics, 1981, 7.3: weights fall with the residual beyond HUBER scales."""
+    root = math.sqrt(survey.share)
+    weights, left = np.ones(len(survey.residual)), survey.residual
+    hold = np.eye(survey.base.shape[1])
+    for _ in range(ROUNDS):
+        scale = max(1.4826 * float(np.median(np.abs(left))), survey.noise)
+        weights = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-300))
+        a = survey.base * (root / scale)
+        gram = a.T @ (a * weights[:, None]) + hold
+        z = np.linalg.solve(gram, a.T @ (weights * survey.residual) * (root / scale))
+        left = survey.residual - survey.base @ z
+    return np.asarray(left, dtype=float)
+
+
+def _strongest(left: Array, times: list[Array], begins: Array, widths: Array) -> Pulse | None:
+    """The smooth pulse that takes most of the squares."""
+    best, most = None, 0.0
+    for j, t in enumerate(times):
+        mine = left[begins[j] : begins[j + 1]]
+        if len(t) < 4:
+            continue
+        for width in widths:
+            away = (t[:, None] - t) / width
+            shape = np.where(np.abs(away) < 0.5, np.cos(math.pi * away) ** 2, 0.0)
+            gain = (shape.T @ mine) ** 2 / np.maximum(np.sum(shape**2, axis=0), 1e-12)
+            k = int(np.argmax(gain))
+            if gain[k] > most:
+                most = float(gain[k])
+                best = Pulse(j, float(t[k] - (0.5 + BESIDE) * width), float(t[k] + (0.5 + BESIDE) * width))
+    return best
+
+
+def _joined(pulses: list[Pulse]) -> list[Pulse]:
+    """Those that overlap are one."""
+    found: list[Pulse] = []
+    for each in sorted(pulses, key=lambda p: (p.run, p.from_s)):
+        if found and found[-1].run == each.run and each.from_s <= found[-1].to_s:
+            found[-1] = Pulse(each.run, found[-1].from_s, max(found[-1].to_s, each.to_s))
+        else:
+            found.append(each)
+    return found
+
+
+def _hats(survey: Survey, pulses: list[Pulse] | tuple[Pulse, ...]) -> list[Array]:
+    """Of each run (n, k): hats in each window, zero at its ends."""
+    out = []
+    for j, c in enumerate(survey.runs):
+        parts = []
+        for pulse in pulses:
+            knots = np.linspace(pulse.from_s, pulse.to_s, HATS + 2)
+            x = (c.time[:, None] - knots[1:-1]) / (knots[1] - knots[0])
+            parts.append(np.maximum(1.0 - np.abs(x), 0.0) * float(pulse.run == j))
+        out.append(np.hstack(parts))
+    return out
+
+
+def torque_columns(survey: Survey, pulses: list[Pulse] | tuple[Pulse, ...]) -> Array:
+    return _scaled(survey, at_rows(survey, _hats(survey, pulses)), 0.0)
+
+
+def _scaled(survey: Survey, rows: Array, pull: float) -> Array:
+    rows = rows / math.sqrt(max(float(np.mean(np.sum(rows**2, axis=1))), 1e-300))
+    if survey.felt:
+        rows = np.vstack([rows, pull * survey.felt * 0.5 / survey.lever * rows])
+    return rows
+
+
+def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
+    """A force of free shape within the pulses, at each part: friction turns over with the way, and only brakes."""
+    shapes = _hats(survey, pulses.pulses)
+
+    def rows(of: str) -> Array:
+        return at_rows(survey, [x * _carrier(c, of)[:, None] for c, x in zip(survey.runs, shapes, strict=True)])
+
+    free = rows("free")
+    if not survey.hoist:
+        yield Port("axis", "event", "its moment", _scaled(survey, free, 0.0), 0.4)
+        yield Port("axis", "event", "its moment", _scaled(survey, rows("way"), 0.0), 0.4, True)
+        yield Port("torque_sensor", "event", "its moment", _scaled(survey, free, 0.0), 0.3)
+        return
+    rubbing, heavy = rows("way"), rows("mass")
+    yield Port("guide", "event", "its moment", _scaled(survey, rubbing, 1.0), 1.0, True)
+    yield Port("brake", "event", "its moment", _scaled(survey, rubbing, 0.0), 0.6, True)
+    yield Port("sheave", "event", "its moment", _scaled(survey, rubbing, -1.0), 0.3, True)
+    yield Port("motor", "event", "its moment", _scaled(survey, free, 0.0), 0.6)
+    yield Port("drum", "event", "its moment", _scaled(survey, free, 0.0), 0.4)
+    yield Port("torque_sensor", "event", "its moment", _scaled(survey, free, 0.0), 0.6)
+    yield Port("payload", "event", "its moment", _scaled(survey, free, 1.0), 0.7)
+    yield Port("platform", "event", "its moment", _scaled(survey, heavy, 1.0), 0.7)
+
+
+def _carrier(c: Course, of: str) -> Array:
+    if of == "way":
+        return c.way
+    return np.full(len(c.time), c.mass) if of == "mass" else np.ones(len(c.time))

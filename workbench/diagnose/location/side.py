@@ -1,0 +1,32 @@
+"""On which side of the wire a gap lies, where the dead line's tension is logged."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.machine import Hoist
+from workbench.run import Array
+
+DRIVE, CARRIAGE = 0.4, 0.6  # of the pull that a force on the carriage would make in the dead line
+
+
+def side_of(problem: Problem, gap: Array) -> str:
+    """drive or carriage, from whether the dead line feels the force that the torque misses; else unsaid.
+
+    A force on the carriage shows as half of itself in each fall: T = i R W.
+    """
+    machine = problem.machine
+    if not problem.has_tension or not isinstance(machine, Hoist):
+        return "unsaid"
+    torque = gap[: problem.inputs]
+    energy = float(torque @ torque) - problem.noise**2 * problem.inputs  # the noise is in the torque only
+    newtons = machine.gearbox.ratio / (machine.winch.drum_diameter_m / 2.0)  # of pull per N m
+    felt = gap[problem.inputs :] * problem.tension_noise / problem.noise
+    if energy <= 0.0:
+        return "unsaid"
+    part = float(torque @ felt) / (newtons * energy)
+    error = problem.tension_noise * np.sqrt(float(torque @ torque) / problem.share) / (newtons * energy)
+    if part - error > CARRIAGE:
+        return "carriage"
+    return "drive" if part + error < DRIVE else "unsaid"

@@ -1,0 +1,191 @@
+"""A campaign as places are weighed on it: what the base parameters leave unexplained, and how each run went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.knobs import Setting, bounds_of
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.machine import Hoist
+from workbench.run import Array
+from workbench.simulate.driven import changed
+from workbench.simulate.lowpass import lowpass
+
+OVERSAMPLED = 16.0  # samples to a period of the band: what is folded over at standstill is sharper than the band
+RESTING = 0.01  # of the fastest speed
+
+
+@dataclass(frozen=True)
+class Course:
+    """One run as the fitted machine goes through it, thinned: all arrays (n,), SI.
+
+    way: sign of the speed of carriage (axis), turning over as its friction does. speed, acceleration, position:
+    of carriage (axis). turn, turn_rate: of the motor (axis), rad (m). torque: the input that the motion takes; carried:
+    of it, what goes through the gearbox to the load; since_start: s since the machine last came out of rest.
+    mass: of carriage and payload, kg. at: (rows,) s, of the residual's rows.
+    """
+
+    time: Array
+    at: Array
+    way: Array
+    speed: Array
+    acceleration: Array
+    position: Array
+    turn: Array
+    turn_rate: Array
+    turn_acceleration: Array
+    torque: Array
+    carried: Array
+    since_start: Array
+    start_time_s: float
+    payload: float
+    mass: float
+
+
+@dataclass(frozen=True)
+class Survey:
+    """residual: (samples,) measured minus predicted at the nominal machine, linearly. base: (samples, m) what the base
+    parameters add to the prediction, each by one standard deviation of its tolerance.
+
+    noise: rms of a row; share: how many independent values one stands for. runs: the courses. inputs: rows of the
+    input; behind them those of the dead line's tension, on the input's scale: a force there counts `felt` times.
+    lever: input over force at the carriage, of a stiff machine. turns: name -> rad of it per rad of the motor.
+    """
+
+    residual: Array
+    base: Array
+    noise: float
+    share: float
+    runs: tuple[Course, ...]
+    run_of_row: np.ndarray
+    inputs: int
+    felt: float
+    lever: float
+    gravity: float
+    band_hz: float
+    hoist: bool
+    turns: Mapping[str, float]
+
+    @property
+    def gap_rms(self) -> float:
+        """Of the input's residual once the base parameters took what they can, N m (N)."""
+        return float(np.sqrt(np.mean(self.left[: self.inputs] ** 2)))
+
+    @property
+    def left(self) -> Array:
+        """(samples,) the residual with the base parameters at their best within their tolerances."""
+        root = np.sqrt(self.share) / self.noise
+        a = np.vstack([root * self.base, np.eye(self.base.shape[1])])
+        y = np.concatenate([root * self.residual, np.zeros(self.base.shape[1])])
+        return np.asarray(self.residual - self.base @ np.linalg.lstsq(a, y, rcond=None)[0], dtype=float)
+
+
+def survey_of(problem: Problem, fit: Fitted) -> Survey:
+    """fit: the base parameters' own, within their tolerances."""
+    _, _, std = bounds_of(fit.knobs)
+    held = np.array([bool(getattr(k, "logarithmic", False)) for k in fit.knobs for _ in k.lowest])
+    # What nobody knows (a factor, either way) is looked at from where the fit put it; the rest from its nominal value.
+    back = np.where(held, 0.0, fit.z)
+    usual = np.where(np.isfinite(std), std, 1.0)
+    machine, lever, turns = problem.machine, 1.0, {}
+    if isinstance(machine, Hoist):
+        lever = machine.lift_m_per_rad
+        ratio = machine.gearbox.ratio
+        turns = {
+            "motor": 1.0,
+            "drum": 1.0 / ratio,
+            "sheave": machine.winch.drum_diameter_m / machine.sheave.diameter_m / (2.0 * ratio),
+        }
+    elif problem.bench.plant.kind == "axis-rotary":
+        turns = {"motor": 1.0}
+    felt = 0.0
+    if problem.has_tension:
+        felt = problem.noise / problem.tension_noise
+    setting = fit.setting
+    return Survey(
+        residual=fit.residual - fit.jacobian @ back,
+        base=-fit.jacobian * usual,
+        noise=problem.noise,
+        share=problem.share,
+        runs=tuple(courses_of(problem, setting)),
+        run_of_row=np.asarray(problem.run_of_row),
+        inputs=problem.inputs,
+        felt=felt,
+        lever=lever,
+        gravity=machine.gravity_m_s2 if isinstance(machine, Hoist) else 9.81,
+        band_hz=problem.band_hz,
+        hoist=isinstance(machine, Hoist),
+        turns=turns,
+    )
+
+
+def courses_of(problem: Problem, setting: Setting) -> list[Course]:
+    """Every run as a machine of these values goes through it."""
+    bench = problem.bench
+    values = [_of_run(bench.base[j], setting, j) for j in range(len(problem.runs))]
+    predicted = bench.predict([values])[0]
+    return [_course(problem, j, values[j], *predicted[j]) for j in range(len(problem.runs))]
+
+
+def _course(problem: Problem, j: int, p, torque: Array, states: Array) -> Course:  # type: ignore[no-untyped-def]
+    bench, run = problem.bench, problem.bench.runs[j]
+    motion, t, band = bench.motions[j], run.time_s, problem.band_hz
+    stride = max(1, int(1.0 / (OVERSAMPLED * band * run.sample_time_s)))
+    smooth = lowpass(t, np.stack([motion.speed, torque], axis=1), 2.0 * band)
+    alpha = np.gradient(smooth[:, 0], t)
+    travelled = motion.position - motion.position[0]
+    if isinstance(problem.machine, Hoist):
+        position, speed = states[:, 1], states[:, 3]
+        way = np.arctan(p.slope * speed) * (2.0 / np.pi)
+        acceleration = np.gradient(lowpass(t, speed, 2.0 * band), t)
+        first = bench.plant.start_of(run.start_position_m, float(motion.speed[0]), p)[0][0]
+        turn = first + travelled
+        inertia = p.n_m * p.J_m + p.J_w / p.ratio**2
+        carried = smooth[:, 1] - inertia * alpha
+        mass = p.m_c + run.payload_kg
+        payload = run.payload_kg
+    else:
+        position, speed, turn = motion.position, smooth[:, 0], motion.position
+        way = np.clip(speed / p.v_s, -1.0, 1.0)
+        acceleration, mass, payload = alpha, p.M, run.payload_kg
+        carried = p.G * np.sin(position) + p.C
+    cut = slice(None, None, stride)
+    return Course(
+        time=t[cut], at=t[problem.rows[j]], way=way[cut], speed=speed[cut], acceleration=acceleration[cut],
+        position=position[cut], turn=turn[cut], turn_rate=smooth[cut, 0], turn_acceleration=alpha[cut],
+        torque=smooth[cut, 1], carried=np.broadcast_to(carried, t.shape)[cut],
+        since_start=_since_start(t, motion.speed)[cut], start_time_s=run.start_time_s - float(t[0]),
+        payload=float(payload), mass=float(mass),
+    )  # fmt: skip
+
+
+def _since_start(t: Array, speed: Array) -> Array:
+    """(n,) s since the machine last came out of rest, 0 where it rests; from the run's beginning before that."""
+    going = np.abs(speed) > RESTING * np.max(np.abs(speed))
+    begins = np.flatnonzero(np.diff(np.concatenate([[False], going]).astype(int)) == 1)
+    if not len(begins):
+        return np.asarray(t - t[0])
+    which = np.clip(np.searchsorted(begins, np.arange(len(t)), side="right") - 1, 0, None)
+    return np.maximum(t - t[begins][which], 0.0)
+
+
+def _of_run(base, setting: Setting, j: int):  # type: ignore[no-untyped-def]
+    known = {key: value for key, value in setting.items() if hasattr(base, key)}
+    return changed(base, {key: value[j] if isinstance(value, tuple) else value for key, value in known.items()})
+
+
+def at_rows(survey: Survey, columns: Sequence[Array]) -> Array:
+    """Each run's columns, (n, k), low-passed as the residual is, at its rows: (inputs, k)."""
+    return np.concatenate([_smooth(c, x, survey.band_hz) for c, x in zip(survey.runs, columns, strict=True)])
+
+
+def _smooth(course: Course, columns: Array, band_hz: float) -> Array:
+    out = lowpass(course.time, columns, band_hz)
+    right = np.clip(np.searchsorted(course.time, course.at), 1, len(course.time) - 1)
+    left = right - 1
+    share = ((course.at - course.time[left]) / (course.time[right] - course.time[left]))[:, None]
+    return np.asarray((1.0 - share) * out[left] + share * out[right], dtype=float)

@@ -1,0 +1,208 @@
+"""The axes: one inertia, driven directly, linear or rotary."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from workbench.kinds.record import (
+    TIME,
+    BaseValue,
+    CrossCheck,
+    Directions,
+    Discrepancy,
+    Drive,
+    Friction,
+    Kind,
+    Moved,
+    Port,
+    RigidBody,
+    SignalSet,
+    Table,
+    Trace,
+    Turning,
+)
+from workbench.kinds.sizes import Sizes
+from workbench.machine.axis import OFFSET_TOLERANCE, Axis, LinearAxis, RotaryAxis
+from workbench.plants import Plant
+from workbench.plants.axis import AXIS_LINEAR, AXIS_ROTARY, friction
+from workbench.run import Array, Run
+from workbench.trace.expr import absolute
+
+DIRECTIONS = Directions(
+    ("forward", "backward"), (("go forward", "a way back"), ("go backward", "a way forward")), "Forward"
+)
+
+
+def sizes(kind: str, m: Axis, runs: Sequence[Run]) -> Sizes:
+    """An axis says little about its own sizes, so its runs are asked where there are any."""
+    inertia = m.role("inertia")
+    force = max([float(np.max(np.abs(run[m.input_signal]))) for run in runs], default=0.0)
+    coulomb = 0.5 * (m.role("coulomb_forward") + m.role("coulomb_backward"))
+    said = coulomb + abs(m.role("gravity_sine")) + abs(m.role("gravity_constant"))
+    length = max([_travel(m, run) for run in runs], default=0.0) or (1.0 if m.input_signal == "force_n" else math.pi)
+    speed = max([_fastest(m, run) for run in runs], default=0.0) or length  # once through it in a second
+    force = force or said or inertia * length
+    return Sizes(
+        kind=kind,
+        force=force,
+        torque=force,
+        speed=speed,
+        motor_speed=speed,
+        length=length,
+        radius=length,
+        drum_angle=length,
+        mass=inertia,
+        inertia=inertia,
+    )
+
+
+def _travel(m: Axis, run: Run) -> float:
+    if m.position_signal in run:
+        return float(np.ptp(run[m.position_signal]))
+    return float(np.ptp(np.cumsum(run[m.speed_signal]) * run.sample_time_s))
+
+
+def _fastest(m: Axis, run: Run) -> float:
+    if m.speed_signal in run:
+        return float(np.max(np.abs(run[m.speed_signal])))
+    # The mean over a hundredth of the run: one sample's step of a noisy encoder is no speed.
+    window = max(1, len(run.time_s) // 100)
+    position, time = run[m.position_signal], run.time_s
+    return float(np.max(np.abs((position[window:] - position[:-window]) / (time[window:] - time[:-window]))))
+
+
+def rigid(m: Axis, payload_kg: float) -> RigidBody:
+    """It need not hold its load: friction may. A sine load goes with the angle."""
+    return RigidBody(m.role("inertia"), 0.0, wave=m.role("gravity_sine") != 0.0)
+
+
+def cross_checks(
+    m: Axis, run: Run, position: Array, smooth: Callable[[Array], Array], slope: Callable[[Array, Array], float]
+) -> Iterator[CrossCheck]:
+    """Position against speed, where both are logged."""
+    at, speed = m.position_signal, m.speed_signal
+    if at in run and speed in run:
+        ratio = slope(smooth(run[speed]), np.gradient(smooth(run[at]), run.time_s))
+        yield CrossCheck(
+            ratio,
+            f"{at} changes {ratio:.3g} times as fast as {speed} says; is the sign of one of them flipped, "
+            "or are they in different units?",
+        )
+
+
+def _way(s: Any, p: Any) -> Array:
+    return np.clip(s.v / p.v_s, -1.0, 1.0)
+
+
+def _base(machine: type[Axis], standstill: str) -> tuple[BaseValue, ...]:
+    """The dynamics of an axis are what a fit looks for: free there, and held in a diagnosis."""
+    key = machine.value_of
+    relative = {
+        "inertia": "inertia",
+        "viscous": "viscous",
+        "coulomb_forward": "coulomb",
+        "coulomb_backward": "coulomb",
+        "gravity_sine": "gravity",
+        "gravity_constant": "gravity",
+    }
+    gain, offset = (key[role].rpartition(".")[2] for role in ("gain", "offset"))
+    return (
+        *(
+            BaseValue(key[role], tolerance, in_fit=False, signed=tolerance == "gravity")
+            for role, tolerance in relative.items()
+            if key[role]
+        ),
+        BaseValue(key["gain"], gain),
+        BaseValue(key["offset"], offset, spread="absolute", default=OFFSET_TOLERANCE, signed=True),
+        BaseValue(standstill, spread="factor", in_fit=False),
+    )
+
+
+def axis_kind(
+    machine: type[Axis],
+    plant: Plant,
+    *,
+    family: tuple[str, ...],
+    drive: Drive,
+    moved: Moved,
+    standstill: str,
+    turning: tuple[Turning, ...] = (),
+    more: dict[str, Any] | None = None,
+) -> Kind:
+    """The record of an axis of one motion. more: further fields, or others in place of an axis' own."""
+    key, unit = machine.value_of, drive.suffix
+    position, speed = machine.position_signal, machine.speed_signal
+    levels = [key[role] for role in ("coulomb_forward", "coulomb_backward", "gravity_sine", "gravity_constant")]
+    over = (Table(speed, "axis", lambda s, p: absolute(s.v)), Table(position, "axis", lambda s, p: s.x))
+    turns = (Table("angle_in_turn_rad", "axis", lambda s, p: s.x, turn=True),) if turning else ()
+    clocks = (
+        Table("time_s", "axis", lambda s, p: s.t),
+        Table("campaign_time_s", "axis", lambda s, p: s.t + p.start_time_s),
+    )
+    fields: dict[str, Any] = {
+        "name": plant.kind,
+        "noun": "axis",
+        "plant": plant,
+        "family": family,
+        "words": {"n": unit, "m": moved.unit, "input": unit, "up": "forward", "dn": "backward"},
+        "drive": drive,
+        "moved": moved,
+        "directions": DIRECTIONS,
+        "signals": SignalSet(
+            needed=(((TIME,),), ((machine.input_signal,),), ((position,), (speed,))),
+            optional=(machine.reference_signal,),
+        ),
+        "reference": (machine.reference_signal, position),
+        "speed_scale": ("the largest measured speed", "largest"),
+        "sensor": (key["gain"], key["offset"]),
+        "friction": Friction(("F_f", "F_b"), {"B": 0.0}, speed, friction, viscous=True, unit=drive.unit),
+        "base": _base(machine, standstill),
+        "free": tuple(
+            key[role] for role in ("inertia", "viscous", "coulomb_forward", "coulomb_backward", "gravity_constant")
+        ),
+        "sizes": partial(sizes, plant.kind),
+        "rigid": rigid,
+        "tables": (*over, *turns, *clocks),
+        "ports": {"axis": Port("axis_force", drive.unit, "v", lambda s, p: s.switch, _way, levered=False)},
+        "floor": "own",
+        # Cogging of a few tenths of a per cent of the largest input, and bristles of a thousandth of the travel.
+        "traces": (
+            Trace("torque_ripple", lambda m, sizes: 0.003 * sizes.force, fitted=False),
+            Trace("presliding", lambda m, sizes: 0.001 * sizes.length, fitted=False),
+        ),
+        "discrepancy": Discrepancy(load=0.004, inertia=0.004, standstill=0.05, slow=0.05, time_s=0.06, of_largest=True),
+        "whole": "axis",
+        "sized_by_runs": {
+            **{name: "input" for name in (*levels, key["gain"], key["offset"]) if name},
+            key["viscous"]: "input/speed",
+        },
+        # The two Coulomb levels and the constant load show as two levels only: forward + load, backward - load.
+        "ties": (((key["coulomb_forward"], key["coulomb_backward"]), key["gravity_constant"]),),
+        "turning": turning,
+        "cross_checks": cross_checks,
+    }
+    return Kind(**{**fields, **(more or {})})
+
+
+LINEAR = axis_kind(
+    LinearAxis,
+    AXIS_LINEAR,
+    family=("axis-linear", "axis"),
+    drive=Drive("force", "N", "n"),
+    moved=Moved("axis", "m", "position of the axis", placed_by_log=True),
+    standstill="friction.standstill_speed_m_s",
+)
+ROTARY = axis_kind(
+    RotaryAxis,
+    AXIS_ROTARY,
+    family=("axis-rotary", "axis"),
+    drive=Drive("torque", "N m", "nm"),
+    moved=Moved("axis", "rad", "position of the axis", placed_by_log=True),
+    standstill="friction.standstill_speed_rad_s",
+    turning=(Turning("axis", lambda m: 1.0 / (2.0 * math.pi), ("angle", "angle within a turn")),),
+)
