@@ -1,7 +1,7 @@
 # `make demo` and `make test` do all the set-up on a fresh machine with Python 3.11 or newer and make.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo app test bench docs lint lock clean
+.PHONY: help demo app check test bench docs notebook lint lock clean
 
 VENV := .venv
 PY := $(VENV)/bin/python
@@ -15,6 +15,10 @@ DEMO_CAMPAIGN ?= ../shared/data/campaigns/01
 DEMO_OUT := results/demo
 # More words for pytest: make test ARGS="-k replay -x"
 ARGS ?=
+# The rooms whose tests are quick: physics, files, the face. The tasks, the dashboard and the pages wait for `make test`.
+CHECK = $(addprefix tests/,trace machine plants control references metrics effects simulate logs face test_imports.py)
+# Containers often forbid bytecode; here it is kept, for the tests start many processes.
+unexport PYTHONDONTWRITEBYTECODE
 SOURCES = $(wildcard workbench tests benchmarks app.py)
 
 # An environment whose interpreter has gone (a system upgrade) is set up again.
@@ -39,6 +43,10 @@ demo: $(STAMP) ## a study, a recorded campaign where there is one, and the diagn
 app: $(STAMP) ## open the dashboard in a browser; Ctrl-C ends it
 	@$(PY) -m workbench app
 
+check: $(STAMP) ## ruff and the quick tests, for daily use
+	$(PY) -m ruff check --quiet --output-format concise .
+	$(PY) -m pytest -n 2 -q $(CHECK) $(ARGS)
+
 test: $(STAMP) ## run all tests
 	$(PY) -m pytest -n 2 $(ARGS)
 
@@ -48,6 +56,9 @@ bench: $(BENCH_STAMP) ## measure against the peers; writes benchmarks/results.js
 docs: $(DOCS_STAMP) ## build the pages of docs/ as a site that needs no network; a warning is an error
 	$(PY) -m sphinx -W --keep-going -q -d build/docs-cache docs build/docs
 	@echo "open build/docs/index.html"
+
+notebook: $(STAMP) ## run the cells of docs/log_to_decision.ipynb and keep their outputs
+	$(PY) docs/site/notebook.py docs/log_to_decision.ipynb
 
 lint: $(STAMP) ## ruff and mypy, all three whatever the first one says
 	@status=0; set -x; \
@@ -59,7 +70,7 @@ lint: $(STAMP) ## ruff and mypy, all three whatever the first one says
 lock: ## write requirements.lock anew for what pyproject.toml names; UPGRADE=1 takes the newest of all
 	@$(MAKE) -s $(PY)
 	@[ -x $(VENV)-lock/bin/uv ] || { $(PY) -m venv $(VENV)-lock && $(VENV)-lock/bin/python -m pip install -qq uv; }
-	$(VENV)-lock/bin/uv pip compile pyproject.toml --extra app --extra test --extra dev \
+	$(VENV)-lock/bin/uv pip compile pyproject.toml --extra app --extra multibody --extra test --extra dev \
 	  --universal --python-version 3.11 --fork-strategy fewest --only-binary :all: \
 	  --no-emit-index-url --no-emit-find-links --no-annotate --custom-compile-command "make lock" \
 	  $(if $(UPGRADE),--upgrade) --quiet -o requirements.lock

@@ -7,6 +7,8 @@ does a session in which anything was skipped for a reason that does not begin wi
 from __future__ import annotations
 
 import os
+import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
@@ -15,7 +17,16 @@ import hypothesis
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+
+# A shell that runs the tests in the background (nohup, some CI) has them ignore Ctrl-C, and every child inherits that;
+# the tests that interrupt a child would wait for ever.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 REQUIRE_ALL = os.environ.get("WORKBENCH_REQUIRE_DATA") == "1"
+
+# Many containers set PYTHONDONTWRITEBYTECODE. pytest then rewrites 3,600 asserts at each collection, which takes 5 s.
+sys.dont_write_bytecode = False
 
 # A first call compiles for seconds, so no example has a deadline. CI draws the same examples each time.
 hypothesis.settings.register_profile("local", deadline=None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.util
+import json
 import re
 import shlex
 import tomllib
@@ -15,10 +16,12 @@ import click
 import pytest
 
 from workbench.cli import COMMANDS
+from workbench.diagnose.diagnose import diagnose
+from workbench.logs import Campaign
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md"))]
 FENCE = re.compile(r"^```(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"(?:^|(?<=\n\n))((?: {4}.*\n|\n(?= {4}))+)")
 LINK = re.compile(r"!?\[[^\]]*\]\(([^()\s]+)\)")
@@ -165,18 +168,56 @@ def test_every_python_block_compiles_and_imports_what_there_is(page: Path):
                 assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == [], node.module
 
 
-def test_the_examples_of_the_api_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+@pytest.fixture
+def one_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A diagnosis of the demo campaign takes half a minute: the first one serves all pages."""
+    import workbench.face.diagnose as face
+
+    def kept(campaign: Campaign, **options: object) -> object:
+        key = (campaign.name, *sorted(options.items()))
+        if key not in DIAGNOSES:
+            DIAGNOSES[key] = diagnose(campaign, **options)  # type: ignore[arg-type]
+        return DIAGNOSES[key]
+
+    monkeypatch.setattr(face, "find_cause", kept)
+
+
+DIAGNOSES: dict[tuple[object, ...], object] = {}
+
+
+@pytest.mark.usefixtures("one_diagnosis")
+def test_the_examples_of_the_api_page_run_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
     monkeypatch.chdir(tmp_path)
-    blocks = [body for language, body in FENCE.findall((DOCS / "api.md").read_text(encoding="utf-8"))]
-    examples = [body for body in blocks if body.startswith("from workbench")]
-    assert len(examples) == 6
+    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    examples = [body for language, body in FENCE.findall(text) if language == "python"]
+    assert len(examples) == 8
+    assert max(len(body.splitlines()) for body in examples) <= 12
+    names: dict[str, object] = {}
     for body in examples:
-        if "diagnose(" not in body:  # half a minute; its own tests run it
-            exec(compile(body, "api.md", "exec"), {})
+        exec(compile(body, "api.md", "exec"), names)
     assert (tmp_path / "identified.yaml").is_file()
     said = capsys.readouterr().out
     assert "9000kg_ruckig_equal_time" in said and "OperatingPoint(payload_kg=" in said
+    assert "friction_load_dependent" in said
+
+
+@pytest.mark.usefixtures("one_diagnosis")
+def test_the_cells_of_the_notebook_run_and_its_outputs_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    notebook = DOCS / "log_to_decision.ipynb"
+    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    site = of_the_site("notebook")
+    shown = [site.run_cell(source, names, number) for number, source in enumerate(site.code_cells(notebook), 1)]
+    cells = [cell for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    for cell, (printed, value) in zip(cells, shown, strict=True):
+        assert bool(cell["outputs"]) == bool(printed or value is not None), cell["source"]
+    kept = json.dumps([cell["outputs"] for cell in cells], ensure_ascii=False)
+    assert names["diagnosis"].verdict.effects[0] in kept  # type: ignore[attr-defined]
+    assert kept.count('"image/png"') >= 3
+    assert notebook.stat().st_size < 1_000_000
 
 
 def test_every_name_of_the_api_page_exists_and_says_what_it_is():

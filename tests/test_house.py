@@ -84,7 +84,7 @@ def test_the_lock_holds_exact_pins_and_names_no_place():
 
 def test_the_lock_pins_everything_that_pyproject_names():
     extras = PROJECT["optional-dependencies"]
-    wanted = named(PROJECT["dependencies"] + extras["app"] + extras["test"] + extras["dev"])
+    wanted = named(PROJECT["dependencies"] + extras["app"] + extras["multibody"] + extras["test"] + extras["dev"])
     assert wanted - set(pins()) == set()
     assert "streamlit" in pins()
 

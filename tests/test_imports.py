@@ -15,12 +15,15 @@ PACKAGE = ROOT / "workbench"
 
 # Each row may import the rows above it. Neighbours in one row do not know each other.
 LAYERS = [
-    ("errors",),
-    ("yaml_strict", "whole_folder", "tables", "json_records"),
+    ("errors", "verb"),
+    ("tables", "json_records"),
+    ("shown",),
+    ("yaml_strict", "whole_folder"),
     ("run",),
+    ("log_formats",),
     ("trace",),
     ("machine",),
-    ("plants",),
+    ("plants", "multibody"),
     ("kinds",),
     ("engine",),
     ("logs", "control", "references", "metrics"),
@@ -33,7 +36,7 @@ LAYERS = [
     ("diagnose",),
     ("figures",),
     ("reports",),
-    ("dashboard",),
+    ("face", "dashboard"),
     ("cli",),
     ("__main__",),
 ]

@@ -9,11 +9,14 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
+from workbench.errors import InputError, nearest
+from workbench.shown import Shown
+
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
     """Signals of one run of one machine.
 
     time_s: (n,) rising, need not be regular. signals: name -> (n,), names and units of
@@ -40,6 +43,9 @@ class Run:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
 
     def __getitem__(self, signal: str) -> Array:
+        """A signal (n,). InputError with the nearest name where the run has none of this name."""
+        if signal not in self.signals:
+            raise InputError(f"run {self.name} has no signal '{signal}'; {nearest(signal, self.signals)}")
         return self.signals[signal]
 
     def __contains__(self, signal: str) -> bool:

@@ -84,6 +84,10 @@ _AXIS = Family(
 _FAMILIES = (
     _PRACTICE,
     replace(
+        _PRACTICE, name="hoist_double", text="the larger machine of the practice campaigns, whose nuisances show",
+        sizes=(13500.0, 13500.0), machines=(2,), nuisances=_SHOWING, laws=_ALL_LAWS,
+    ),
+    replace(
         _HOIST, name="hoist_small", text="hoists of 1 to 6 t", sizes=(1000.0, 6000.0), runs=(5, 6),
         lengths_s=(30.0, 50.0),
     ),

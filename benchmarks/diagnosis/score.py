@@ -180,23 +180,29 @@ def _misses(rows: Sequence[Row], most: int) -> list[str]:
     """The misses, largest effects over the noise first."""
 
     def size(row: Row) -> float:
-        change = row["label"].get("torque_change_rms_nm") or 0.0
-        return float(change / row["noise"]) if row["noise"] else math.nan
+        """Over the noise; not a number where the label or the answer says nothing of it."""
+        change = row["label"].get("torque_change_rms_nm")
+        return float(change / row["noise"]) if change is not None and row["noise"] else math.nan
 
-    wrong = sorted((row for row in rows if not right(row)), key=lambda row: -size(row) if row["noise"] else math.inf)
-    lines = [
-        "| family | campaign | in the machine | size / noise | answer | probability |",
-        "|---|---|---|---|---|---|",
-    ]
+    def order(row: Row) -> tuple[bool, float]:
+        return math.isnan(size(row)), -size(row)
+
+    wrong = sorted((row for row in rows if not right(row)), key=order)
+    headings = ("family", "campaign", "in the machine", "size / noise", "answer", "probability")
+    lines = [f"| {' | '.join(headings)} |", "|---" * len(headings) + "|"]
     for row in wrong[:most]:
         said = "+".join(row["names"]) or row["word"]
         told = "+".join(row["label"]["effects"]) or "none"
         kept = " (withheld)" if row["withheld"] else ""
         lines.append(
-            f"| {criteria.family_of(row)} | {row['folder']} | {told}{kept} | {size(row):.1f} | {said} | "
+            f"| {criteria.family_of(row)} | {row['folder']} | {told}{kept} | {_number(size(row))} | {said} | "
             f"{row['ranking'][0][2]:.2f} |"
         )
     return lines
+
+
+def _number(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.1f}"
 
 
 if __name__ == "__main__":

@@ -260,7 +260,7 @@ def test_a_campaign_that_the_diagnosis_refuses_is_a_miss_that_says_so(tmp_path: 
     assert row["warnings"]
     assert not criteria.right(row)
     assert by_family([row])["answers"]["single named"].startswith("0/1")
-    assert "| answers | still | friction_viscous | nan | refused | 1.00 |" in score.report([row], misses=1)
+    assert "| answers | still | friction_viscous | – | refused | 1.00 |" in score.report([row], misses=1)
 
 
 def test_answers_are_read_in_the_order_of_their_names(tmp_path: Path):

@@ -477,7 +477,7 @@ def test_a_glitch_shows_while_its_event_lasts_and_not_otherwise():
     _, record, _ = plain_run("fast")
     window = Window(10.0, 2.0)
     changed = shown(record, window, glitch=20.0)[0] - record[:, TORQUE]
-    time = np.arange(len(record)) * RECORD_S
+    time = RECORD_S * np.arange(len(record), dtype=np.float64)
     assert np.max(np.abs(changed[(time < 10.0) | (time > 12.0)])) == 0.0
     assert changed[round(11.0 / RECORD_S)] == pytest.approx(20.0)
     assert np.sum(changed) * RECORD_S == pytest.approx(20.0, rel=1e-3)  # half of size times length
@@ -497,7 +497,7 @@ AT_MOTOR = {
 def test_an_event_takes_its_torque_at_its_place_while_it_lasts(name):
     size = 100.0 / (0.5 * ARM) if name in ("event_guide", "event_payload") else 100.0
     change, _, record, _ = change_of("fast", {name: size, "event_t": 6.0, "event_s": 4.0})
-    time = np.arange(len(record)) * RECORD_S
+    time = RECORD_S * np.arange(len(record), dtype=np.float64)
     expected = AT_MOTOR[name](record) * Window(6.0, 4.0).pulse(time)
     assert np.sqrt(np.mean((change - expected)[(time > 5.5) & (time < 10.5)] ** 2)) < 8.0
     assert np.max(np.abs(change[time < 5.9])) < 1e-9
@@ -506,7 +506,7 @@ def test_an_event_takes_its_torque_at_its_place_while_it_lasts(name):
 
 def test_a_jolt_of_the_platform_weighs_all_that_hangs():
     change, p, record, _ = change_of("fast", {"event_platform": 0.5, "event_t": 6.0, "event_s": 4.0})
-    time = np.arange(len(record)) * RECORD_S
+    time = RECORD_S * np.arange(len(record), dtype=np.float64)
     expected = 0.5 * ((p.m_c + p.m_p) * 0.5 * ARM) * Window(6.0, 4.0).pulse(time)
     during = (time > 6.5) & (time < 9.5)
     assert np.corrcoef(change[during], expected[during])[0, 1] > 0.98

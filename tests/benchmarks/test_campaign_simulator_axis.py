@@ -282,13 +282,14 @@ def test_an_encoders_speed_is_its_counts_over_time_and_as_coarse_as_they_are():
 
 def test_jitter_takes_samples_beside_their_stamps():
     _, _, record, _ = plain_run()
-    wanted = {"rate_hz": 500.0}
     logs = []
     for jitter_s in (0.0, 2e-4):
         sensors = Sensors(input_noise=0.0, speed_noise=0.0, speed_turn=1.0, count=1e-6, jitter_s=jitter_s)
         streams = np.random.default_rng(1), np.random.default_rng(2)
         logs.append(
-            sampled(record[:, FORCE], record[:, SPEED], record[:, POSITION], RECORD_S, sensors, *streams, **wanted)[0]
+            sampled(
+                record[:, FORCE], record[:, SPEED], record[:, POSITION], RECORD_S, sensors, *streams, rate_hz=500.0
+            )[0]
         )
     assert np.array_equal(logs[0].time_s, logs[1].time_s)
     speed = logs[0].speed

@@ -29,6 +29,7 @@ from workbench.dashboard.pages.gap import work as gap_work
 from workbench.dashboard.pages.gap.results import TAB
 from workbench.dashboard.pages.gap.view import VIEW, read_view, write_view
 from workbench.diagnose import diagnose as orchestration
+from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.records import Diagnosis
 from workbench.effects import check
 from workbench.errors import InputError
@@ -368,14 +369,13 @@ def test_all_candidates_are_those_of_the_library(server):
 def test_the_bar_moves_on_within_the_search(tmp_path):
     told: list[tuple[str, int, int]] = []
     progress = gap_work._Progress(lambda stage, done, total: told.append((stage, done, total)))  # type: ignore[arg-type]
-    progress.stage("reading the logs", 0, 8)
-    progress.stage("effect 3 of 8: backlash", 1, 8)
-    progress.stage("done", 8, 8)
+    progress.stage(Progress(Stage.READ))
+    progress.stage(Progress(Stage.SEARCH, Task.SINGLE, 3, 8, ("backlash",)))
     progress.report("writing the report")
     assert told == [
         ("reading the logs", 0, 800), ("effect 3 of 8: backlash", 125, 800), ("writing the report", 700, 800),
     ]  # fmt: skip
-    assert len(gap_watch.STAGES) == orchestration.STAGES
+    assert len(gap_watch.STAGES) == len(Stage)
 
 
 def test_a_view_is_read_as_it_was_written(tmp_path):

@@ -34,7 +34,7 @@ from workbench.study.conclude.side_studies import over_payload, over_ramps
 from workbench.study.execute.run import run_study
 from workbench.study.scenario.load import load_study, plan_study
 from workbench.study.scenario.record import Scenario
-from workbench.study.scenario.standalone import alone_text, read_alone
+from workbench.study.scenario.standalone import read_standalone, standalone_text
 from workbench.yaml_strict import loads
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -228,7 +228,7 @@ def test_a_saved_scenario_is_read_by_the_study_command(tmp_path: Path):
     desk = Desk(Controls(payloads_kg=(0.0, 7000.0), split=True, lowering=(0.5, 0.4, 0.6), by="gains"))
     scenario = scenario_of(desk, machine)
     file = tmp_path / "saved.yaml"
-    file.write_text(alone_text(scenario, machine), encoding="utf-8")
+    file.write_text(standalone_text(scenario, machine), encoding="utf-8")
     study = load_study(file)
     assert study.machine == machine
     assert study.specs[0].limits == plan_study(scenario, machine).specs[0].limits
@@ -238,7 +238,7 @@ def test_a_saved_scenario_is_read_by_the_study_command(tmp_path: Path):
 
 def test_what_no_control_shows_is_kept_from_a_loaded_scenario():
     text = SCENARIO + "events: {emergency_stop_s: 5.0, emergency_deceleration_m_s2: 2.0}\nsettle_s: 4.5\n"
-    scenario = read_alone(loads(text, "s.yaml"))
+    scenario = read_standalone(loads(text, "s.yaml"))
     again = scenario_of(desk_of(scenario, default_hoist()), default_hoist())
     assert again.events == scenario.events and again.settle_s == 4.5
     assert plan_study(again, default_hoist()).specs[0].limits == plan_study(scenario, default_hoist()).specs[0].limits
@@ -246,17 +246,17 @@ def test_what_no_control_shows_is_kept_from_a_loaded_scenario():
 
 def test_moves_that_are_not_up_and_down_stay_as_loaded():
     text = SCENARIO.replace("[{by_m: 10.0}, {dwell_s: 1.5}, {by_m: -10.0}]", "[{to_m: 9.0}, {by_m: 2.0}]")
-    scenario = read_alone(loads(text, "s.yaml"))
+    scenario = read_standalone(loads(text, "s.yaml"))
     desk = desk_of(scenario, default_hoist())
     assert desk.controls.own_moves
     assert scenario_of(desk, default_hoist()).moves == scenario.moves
 
 
 def test_a_machine_that_a_scenario_names_may_be_given_by_hand():
-    scenario = read_alone(loads(SCENARIO + "machine: mine.yaml\n", "s.yaml"), default_hoist())
+    scenario = read_standalone(loads(SCENARIO + "machine: mine.yaml\n", "s.yaml"), default_hoist())
     assert isinstance(scenario, Scenario) and scenario.machine == "mine.yaml"
     with pytest.raises(InputError, match=r"s\.yaml:9: machine: 'mine\.yaml' is another file"):
-        read_alone(loads(SCENARIO + "machine: mine.yaml\n", "s.yaml"))
+        read_standalone(loads(SCENARIO + "machine: mine.yaml\n", "s.yaml"))
 
 
 def test_rigid_gains_go_to_bandwidth_and_damping_and_back():

@@ -7,7 +7,9 @@ import json
 import zipfile
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -19,10 +21,10 @@ from hypothesis import strategies as st
 
 from tests.support.log_campaign import RUNS, csv_text, hoist_columns, write_campaign
 from workbench.dashboard.uploads import campaign as uploads
-from workbench.dashboard.uploads import size as uploads_size
 from workbench.dashboard.uploads import zip_members as uploads_zip
 from workbench.dashboard.uploads.campaign import KEPT, Uploaded, read_uploaded
 from workbench.errors import InputError
+from workbench.log_formats import known
 
 
 @pytest.fixture
@@ -67,6 +69,12 @@ def told(given_: list[Uploaded], workspace: Path) -> str:
     except InputError as error:
         return str(error)
     return ""
+
+
+def limit_uploads(monkeypatch: pytest.MonkeyPatch, **limits: Any) -> None:
+    """Every log format with other limits for what is uploaded."""
+    smaller = [replace(each, uploaded=replace(each.uploaded, **limits)) for each in known.FORMATS]
+    monkeypatch.setattr(known, "FORMATS", smaller)
 
 
 def as_zip(files: Mapping[str, bytes], workspace: Path, root: str = "lifts/") -> str:
@@ -205,29 +213,48 @@ def test_names_that_need_a_file_and_a_folder_at_once_are_refused(files, workspac
 
 
 def test_a_parquet_bomb_is_refused_by_its_footer(files, workspace, monkeypatch, tmp_path):
-    monkeypatch.setattr(uploads_size, "MOST_ROWS", 1_000_000)
+    limit_uploads(monkeypatch, rows=1_000_000)
     zeros = np.zeros(3_000_000)
     pyarrow.parquet.write_table(pa.table(dict.fromkeys(hoist_columns(3), zeros)), tmp_path / "zeros.parquet")
     packed = (tmp_path / "zeros.parquet").read_bytes()
     assert len(packed) < 200_000
     runs = RUNS.replace("lift.csv", "lift.parquet").encode()
     said = as_zip({**files, "runs.yaml": runs, "runs/lift.parquet": packed}, workspace)
-    assert said == "runs/lift.parquet: holds 3 million rows, expected at most 1; cut it"
+    assert said == "runs/lift.parquet: lift: holds more than 1 million rows, the most that is read; cut it"
 
 
-def test_a_mat_bomb_is_refused_while_it_unpacks(files, workspace, monkeypatch, tmp_path):
-    monkeypatch.setattr(uploads_size, "MOST_BYTES", 5_000_000)
-    scipy.io.savemat(tmp_path / "zeros.mat", {"time_s": np.zeros(3_000_000)}, do_compression=True)
+def test_a_mat_bomb_is_refused_before_it_unpacks(files, workspace, monkeypatch, tmp_path):
+    limit_uploads(monkeypatch, bytes=5_000_000)
+    zeros = np.zeros(300_000)
+    scipy.io.savemat(tmp_path / "zeros.mat", dict.fromkeys(hoist_columns(3), zeros), do_compression=True)
     packed = (tmp_path / "zeros.mat").read_bytes()
     assert len(packed) < 200_000
     runs = RUNS.replace("lift.csv", "lift.mat").encode()
     said = as_zip({**files, "runs.yaml": runs, "runs/lift.mat": packed}, workspace)
-    assert said == "runs/lift.mat: unpacks to more than 5 MB; cut it or leave columns out"
+    assert said == (
+        "runs/lift.mat: lift: unpacks to more than 5 MB, the most that is read; cut it or leave columns out"
+    )
 
 
-def test_a_long_csv_is_refused_by_its_lines(files, workspace, monkeypatch):
-    monkeypatch.setattr(uploads_size, "MOST_ROWS", 400)
-    assert "rows, expected at most" in as_zip(files, workspace)
+@pytest.mark.parametrize("end", [b"\n", b"\r", b"\r\n"])
+def test_a_long_csv_is_refused_by_its_rows_whatever_ends_them(files, workspace, monkeypatch, end):
+    limit_uploads(monkeypatch, rows=400)
+    files["runs/lift.csv"] = files["runs/lift.csv"].replace(b"\n", end)
+    assert as_zip(files, workspace) == "runs/lift.csv: lift: holds more than 400 rows, the most that is read; cut it"
+
+
+def test_a_mat_file_of_zeros_is_refused_at_once(files, workspace):
+    runs = RUNS.replace("lift.csv", "lift.mat").encode()
+    said = as_zip({**files, "runs.yaml": runs, "runs/lift.mat": bytes(50_000_000)}, workspace)
+    assert said == "runs/lift.mat: lift: is not a readable MAT file: it begins with zeros"
+
+
+def test_a_log_that_takes_too_long_is_refused(files, workspace, monkeypatch):
+    limit_uploads(monkeypatch, seconds=1.0)
+    runs = RUNS.replace("lift.csv", "lift.mat").encode()
+    endless = bytes([1]) + bytes(19) + bytes(100_000_000)  # version 4: five million variables without a name
+    said = as_zip({**files, "runs.yaml": runs, "runs/lift.mat": endless}, workspace)
+    assert said.startswith("runs/lift.mat: lift: ")
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "mat"])

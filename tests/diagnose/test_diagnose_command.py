@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,13 +15,16 @@ from tests.support.made_diagnosis import KINDS, VISCOUS, made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.cli.diagnose_progress import shown
 from workbench.cli.diagnose_show import show
+from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import check, forget_users
 from workbench.errors import InputError
 from workbench.machine import default_hoist, load_machine
 from workbench.reports.diagnosis.hypotheses import candidates_table
+from workbench.reports.diagnosis.progress import progress_words
 
 OWN_EFFECT = '''\
 from workbench.effects import Parameter, effect
+from workbench.reports.diagnosis.progress import progress_words
 
 
 @effect(
@@ -52,15 +54,15 @@ class Called:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.how: dict[str, Any] = {}
         self.answer: Any = made_diagnosis("named")
-        self.steps: list[tuple[str, int, int]] = []
+        self.steps: list[Progress] = []
         module = ModuleType("workbench.diagnose.diagnose")
         module.diagnose = self  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, module.__name__, module)
 
-    def __call__(self, campaign: Any, *, tell: Callable[[str, int, int], None], **how: Any) -> Any:
+    def __call__(self, campaign: Any, *, tell: Tell, **how: Any) -> Any:
         self.how = {"campaign": campaign, **how}
         for step in self.steps:
-            tell(*step)
+            tell(step)
         if isinstance(self.answer, BaseException):
             raise self.answer
         return self.answer
@@ -177,19 +179,21 @@ def test_what_stops_it_leaves_nothing(
 
 
 def test_each_step_is_a_plain_line_where_there_is_no_terminal(workbench: Commands, folder: Path, called: Called):
-    called.steps = [("base parameters", 0, 0), ("candidates: heave", 3, 9), ("candidates: heave", 3, 9)]
+    heave = Progress(Stage.SEARCH, Task.SINGLE, 3, 8, ("heave",))
+    called.steps = [Progress(Stage.SEARCH, Task.BASE), heave, heave]
     done = workbench("diagnose", folder)
-    assert done.err.splitlines()[-2:] == ["base parameters", "4/8 candidates: heave"]
+    assert done.err.splitlines()[-2:] == ["2/7 base parameters", "2/7 effect 3 of 8: heave"]
 
 
 def test_the_stages_are_counted_without_a_gap_to_the_last(
     workbench: Commands, folder: Path, called: Called, tmp_path: Path
 ):
-    called.steps = [*((f"stage {k}", k, 8) for k in range(7)), ("done", 8, 8)]
+    called.steps = [Progress(stage) for stage in Stage if stage is not Stage.WRITE]
+    words = [progress_words(step) for step in called.steps]
     told = workbench("diagnose", folder, "--out", tmp_path / "out").err.splitlines()[-8:]
-    assert told == [*(f"{k + 1}/8 stage {k}" for k in range(7)), "8/8 writing the report"]
+    assert told == [*(f"{k + 1}/8 {words[k]}" for k in range(7)), "8/8 writing the report"]
     told = workbench("diagnose", folder).err.splitlines()[-7:]
-    assert told == [f"{k + 1}/7 stage {k}" for k in range(7)]  # there is no report to write
+    assert told == [f"{k + 1}/7 {words[k]}" for k in range(7)]  # there is no report to write
 
 
 def test_a_terminal_gets_a_bar_that_is_gone_at_the_end(
@@ -197,13 +201,12 @@ def test_a_terminal_gets_a_bar_that_is_gone_at_the_end(
 ):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with shown(writes=True) as stages:
-        stages.tell("signatures", 0, 0)
-        stages.tell("candidates", 2, 9)
-        stages.tell("done", 9, 9)
+        stages.tell(Progress(Stage.SEARCH, Task.SIGNATURES))
+        stages.tell(Progress(Stage.LOCATE))
         stages.writing("the report")
     said = capsys.readouterr()
     assert said.out == ""
-    assert "4/9" not in said.err
+    assert "4/8" not in said.err
 
 
 def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsys: pytest.CaptureFixture[str]):

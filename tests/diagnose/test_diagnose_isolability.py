@@ -103,7 +103,7 @@ def test_visible_amounts_are_in_the_first_parameters_unit_and_below_what_was_put
     name, amount = found.visible["friction_position_dependent"]
     machine = heavier.problem.machine
     assert name == "peak_n"
-    assert amount > least / machine.lift_m_per_rad  # type: ignore[union-attr]
+    assert amount > least / machine.lift_m_per_rad
 
 
 def test_a_signature_half_as_strong_is_visible_from_twice_the_amount():

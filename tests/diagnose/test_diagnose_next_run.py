@@ -98,7 +98,7 @@ def test_the_menu_stays_within_what_the_logs_show(heavier: Found):
     assert seen.speed == pytest.approx(0.5, rel=0.05)
     assert seen.high - seen.low == pytest.approx(2.0, rel=0.1)
     for planned in menu(problem):
-        speed = planned.run["speed_motor_rad_s"] * problem.machine.lift_m_per_rad  # type: ignore[union-attr]
+        speed = planned.run["speed_motor_rad_s"] * problem.machine.lift_m_per_rad
         way = planned.run.start_position_m + np.cumsum(speed) * planned.run.sample_time_s
         assert np.max(np.abs(speed)) <= 1.001 * seen.speed
         assert seen.low - 0.05 < np.min(way) and np.max(way) < seen.high + 0.05

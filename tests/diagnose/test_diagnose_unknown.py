@@ -33,7 +33,7 @@ Case = tuple[Problem, Fitted, Explained]
 
 def base_fit(problem: Problem) -> Fitted:
     knobs = list(base_knobs(problem.machine, problem.runs).values())
-    return fit_knobs(problem, (), knobs, np.zeros(len(knobs)), problem.noise, 40)
+    return fit_knobs(problem, (), knobs, np.zeros(len(knobs)), 40)
 
 
 def explained(folder: Path) -> Case:

@@ -19,7 +19,7 @@ from workbench.machine import default_hoist
 from workbench.study.execute.chunk import run_specs
 from workbench.study.scenario.record import Scenario
 from workbench.study.variations.axes import Distribution, RangeBlock, SampleBlock
-from workbench.study.variations.check import expand
+from workbench.study.variations.check import plan_runs
 from workbench.study.variations.run_spec import RunSpec
 from workbench.study.variations.sampling import distributions, draws
 
@@ -37,7 +37,7 @@ BASE: dict[str, Any] = {
 
 def specs_of(**changes: Any) -> Any:
     scenario = Scenario.model_validate({**BASE, **changes})
-    return expand(scenario, default_hoist())
+    return plan_runs(scenario, default_hoist())
 
 
 def test_without_sweep_and_sample_each_payload_runs_with_each_reference() -> None:
@@ -334,4 +334,4 @@ def test_a_written_scenario_is_read_back_with_its_sweep_and_sample(tmp_path: Pat
     )
     said = json.loads(json.dumps(study.scenario.model_dump(mode="json")))
     assert Scenario.model_validate(said) == study.scenario
-    assert [s.run_id for s in study.specs] == [s.run_id for s in expand(study.scenario, study.machine)]
+    assert [s.run_id for s in study.specs] == [s.run_id for s in plan_runs(study.scenario, study.machine)]

@@ -14,7 +14,7 @@ from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.tables import run_head, run_table
 from workbench.study.results.labels import field_label, metric_label
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import drawn_columns, said, swept_axes
+from workbench.study.variations.varying import drawn_columns, run_in_words, swept_axes
 
 LIMIT = 768.0
 JERK, ACCELERATION = "sweep.limits.jerk_m_s3", "sweep.limits.acceleration_m_s2"
@@ -177,7 +177,7 @@ def test_extremes_name_the_run_in_words():
 
 def test_a_drawn_run_is_said_with_the_number_of_its_draw():
     one = Row("9000kg_ruckig_s017", "s", "ok", "", 9000.0, "ruckig", {}, {"sample.machine.carriage.mass_kg": 8000.0})
-    assert said(one, []) == "9000 kg, ruckig, draw 017"
+    assert run_in_words(one, []) == "9000 kg, ruckig, draw 017"
 
 
 def test_a_carriage_that_ends_elsewhere_is_told_with_by_how_much():

@@ -28,6 +28,18 @@ def rotary_axis() -> Axis:
     return machine
 
 
+def two_inertia() -> Axis:
+    text = (
+        "kind: two_inertia\nmotor: {inertia_kg_m2: 0.02, friction: {coulomb_forward_nm: 0.6, coulomb_backward_nm: 0.5, "
+        "viscous_nm_s_per_rad: 0.02}}\ncoupling: {stiffness_nm_per_rad: 900.0, damping_nm_s_per_rad: 1.5}\n"
+        "load: {inertia_kg_m2: 0.05, friction: {coulomb_forward_nm: 0.8, coulomb_backward_nm: 0.8, "
+        "viscous_nm_s_per_rad: 0.05}, gravity: {sine_nm: 0.0, constant_nm: 0.3}}\n"
+    )
+    machine = machine_from(loads(text, "machine.yaml"))
+    assert isinstance(machine, Axis)
+    return machine
+
+
 MACHINES: dict[str, Hoist | Axis] = {
-    "hoist": default_hoist(), "axis-linear": linear_axis(), "axis-rotary": rotary_axis()
+    "hoist": default_hoist(), "axis-linear": linear_axis(), "axis-rotary": rotary_axis(), "two_inertia": two_inertia()
 }  # fmt: skip

@@ -24,6 +24,8 @@ from workbench.diagnose.records import (
     Isolability,
     NextRun,
     Profile,
+    Reason,
+    ReasonKind,
     RunCondition,
     Shrink,
     Unknown,
@@ -57,10 +59,10 @@ friction: {coulomb_forward_n: 2.0, coulomb_backward_n: 2.0, viscous_n_s_per_m: 2
 
 
 REASONS = (
-    "an unlisted effect explains more: weigh it with `--candidates friction_step`",
-    "the best hypothesis leaves 3.6 times the noise away from standstill",
+    Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, ("friction_step",)),
+    Reason(ReasonKind.LEAVES_MUCH, value=3.6, percent=0.8),
 )
-CLOSE = ("it sits on the bound of one of its parameters",)
+CLOSE = (Reason(ReasonKind.ON_A_BOUND),)
 
 
 @cache

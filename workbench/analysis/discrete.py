@@ -40,8 +40,8 @@ class Sampled:
         return out
 
     def poles(self) -> Complex:
-        found: Complex = np.linalg.eigvals(self.A).astype(np.complex128)
-        return found
+        eigenvalues: Complex = np.linalg.eigvals(self.A).astype(np.complex128)
+        return eigenvalues
 
     def run(self, inputs: Array) -> Array:
         """Outputs (n, outputs) from rest under inputs (n, inputs)."""

@@ -121,7 +121,7 @@ def linearise(
 
 def _moved(A: Array, B: Array, kept: Sequence[int], memory: Sequence[int]) -> list[int]:
     """Of the effects' memory what the motion moves; the rest stays where it is and is no part of the loop."""
-    found: list[int] = []
-    while more := [i for i in memory if i not in found and (np.any(A[i, [*kept, *found]]) or B[i, 0] != 0.0)]:
-        found += more
-    return found
+    reached: list[int] = []
+    while more := [i for i in memory if i not in reached and (np.any(A[i, [*kept, *reached]]) or B[i, 0] != 0.0)]:
+        reached += more
+    return reached

@@ -94,10 +94,10 @@ def _bandwidth(at: Callable[[float], complex], f: Array, T: Array) -> float:
     k = int(below[0])
     if k == 0:
         return float(f[0])
-    found = _roots(
+    roots = _roots(
         lambda x: abs(1.0 - 1.0 / (1.0 + at(x))) - HALF_POWER, f[k - 1 : k + 1], T[k - 1 : k + 1] - HALF_POWER
     )
-    return found[0] if found else float(f[k])
+    return roots[0] if roots else float(f[k])
 
 
 def _roots(function: Callable[[float], float], f: Array, values: Array) -> list[float]:
@@ -114,8 +114,8 @@ def _peak(function: Callable[[float], float], f: Array, values: Array) -> tuple[
 
     k = int(np.argmax(values))
     low, high = f[max(k - 1, 0)], f[min(k + 1, len(f) - 1)]
-    found = minimize_scalar(
+    optimum = minimize_scalar(
         lambda x: -function(x), bounds=(low, high), method="bounded", options={"xatol": 1e-8 * high}
     )
-    best = (float(-found.fun), float(found.x))
+    best = (float(-optimum.fun), float(optimum.x))
     return max(best, (float(values[k]), float(f[k])))

@@ -74,8 +74,8 @@ class Search:
         a, b = np.log(T[(*rows, before)] / HALF_POWER), np.log(T[(*rows, k)] / HALF_POWER)
         part = np.where(a > b, a / np.where(a > b, a - b, 1.0), 1.0)
         f = np.log(self.frequency_hz)
-        found = np.exp(f[before] + np.clip(part, 0.0, 1.0) * (f[k] - f[before]))
-        return np.where(below.any(axis=-1), found, np.inf)
+        crossing = np.exp(f[before] + np.clip(part, 0.0, 1.0) * (f[k] - f[before]))
+        return np.where(below.any(axis=-1), crossing, np.inf)
 
 
 def make_search(
@@ -91,7 +91,7 @@ def make_search(
     """
     dt = settings.sample_time_s
     linear = [linearise(machine, point, effects=effects) for point in points]
-    plants = [sampled_plant(each, dt, machine.drive.torque_lag_s) for each in linear]
+    plants = [sampled_plant(point, dt, machine.drive.torque_lag_s) for point in linear]
     f = _grid(plants, dt)
     responses = np.array([plant.response(f)[:, 0, 0] for plant in plants])
     units = [linear_controller(settings, machine, gains=gains) for gains in ((1.0, 0.0), (0.0, 1.0))]

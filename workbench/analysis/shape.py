@@ -129,8 +129,8 @@ def kp_for(search: Search, bandwidth_hz: Array, ratio: Array) -> Array:
         middle = 0.5 * (low + high)
         enough = search.judge(np.exp(middle), np.exp(middle) * ratio).bandwidth_hz >= bandwidth_hz
         low, high = np.where(enough, low, middle), np.where(enough, middle, high)
-    found: Array = np.exp(high)
-    return found
+    smallest_kp: Array = np.exp(high)
+    return smallest_kp
 
 
 def _allowed(judged: Judged, ms_limit: float) -> np.ndarray:

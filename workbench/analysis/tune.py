@@ -22,6 +22,7 @@ from workbench.errors import InputError
 from workbench.machine import Hoist
 from workbench.plants import NO_EFFECTS, Effects
 from workbench.run import Array
+from workbench.shown import Brief
 
 DRAWN, KEPT = 256, 64  # Sobol' points drawn, and those of them that are simulated
 ROUNDS = 5
@@ -76,8 +77,8 @@ class Candidate:
     cost: float
 
 
-@dataclass(frozen=True, eq=False)
-class Tuned:
+@dataclass(frozen=True, eq=False, repr=False)
+class Tuned(Brief):
     """The outcome: the winner, the shaped gains it began from, all that was tried, and the winner's family."""
 
     goal: Goal

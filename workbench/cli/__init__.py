@@ -18,15 +18,15 @@ from workbench.errors import InputError, nearest
 # so that the help imports no numpy, numba or pydantic.
 COMMANDS: dict[str, tuple[str, str]] = {
     "app": ("workbench.cli.app:command", "Open the dashboard in a browser."),
-    "compare": ("workbench.cli.compare:command", "Compare two results, metric by metric; say what got worse."),
-    "diagnose": ("workbench.cli.diagnose:command", "Name what a machine lacks in its campaign; say how surely."),
-    "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign; write the machine."),
-    "loop": ("workbench.cli.loop:command", "Margins of the sampled speed loop over payloads and heights."),
-    "replay": ("workbench.cli.replay:command", "Replay a campaign's measured torque; compare the speeds."),
-    "report": ("workbench.cli.report:command", "Report of a finished study: one page to send and to print."),
-    "schema": ("workbench.cli.schema:command", "Print a file's JSON Schema, for completion in an editor."),
-    "study": ("workbench.cli.study:command", "Run scenario files: closed-loop moves, tables, figures."),
-    "tune": ("workbench.cli.tune:command", "Gains for a bandwidth or for best rejection; a controller block."),
+    "compare": ("workbench.cli.compare:command", "Compare two results metric by metric; report regressions."),
+    "diagnose": ("workbench.cli.diagnose:command", "Find the missing effect behind a sim-to-real gap."),
+    "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign."),
+    "loop": ("workbench.cli.loop:command", "Stability margins of the sampled speed loop."),
+    "replay": ("workbench.cli.replay:command", "Replay measured torque on the model; compare speeds."),
+    "report": ("workbench.cli.report:command", "Write the report of a finished study: one HTML page."),
+    "schema": ("workbench.cli.schema:command", "Print a JSON Schema, for completion in an editor."),
+    "study": ("workbench.cli.study:command", "Run scenarios in closed loop; tables and figures."),
+    "tune": ("workbench.cli.tune:command", "Find controller gains for a bandwidth or best rejection."),
 }
 
 EXIT_BAD_INPUT = 2

@@ -22,16 +22,23 @@ EXIT_TERMINATED = 143
 
 
 @click.command(name="app")
-@click.option("--port", type=click.IntRange(1, 65535), help=f"Port to listen on; the first free one from {FIRST_PORT}.")
 @click.option(
-    "--address", default="127.0.0.1", show_default=True, help="Address to listen on; this computer's own only."
+    "--port", type=click.IntRange(1, 65535), help=f"Port to listen on. Default: the first free one from {FIRST_PORT}."
 )
-@click.option("--host", "hosts", multiple=True, help="Name that a proxy passes on; one an option. Others are refused.")
+@click.option(
+    "--address",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on. The default is reachable from this computer only.",
+)
+@click.option(
+    "--host", "hosts", multiple=True, help="Host name that a proxy forwards; may be repeated. Other names are rejected."
+)
 @click.option("--no-browser", is_flag=True, help="Open no browser window.")
 def command(port: int | None, address: str, hosts: tuple[str, ...], no_browser: bool) -> int:
-    """Open the dashboard: studies by slider, comparison, loops, validation, diagnosis, batches.
+    """Open the dashboard in a browser: studies, comparison, loops, validation, diagnosis, batches.
 
-    Ends with Ctrl-C. Who else may reach the address may use the dashboard: it has no login of its own.
+    Ctrl-C ends it. The dashboard has no login: everybody who can reach the address can use it.
     """
     if importlib.util.find_spec("streamlit") is None:
         raise InputError("the dashboard needs the extra 'app'; from a checkout: pip install '.[app]'")

@@ -30,10 +30,10 @@ MOST_LINES = 10
 )
 @click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write all figures to this file too.")
 def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -> int:
-    """Compare result B with result A, folders that `workbench study` made.
+    """Compare result folder B with result folder A, both written by `workbench study`.
 
-    Runs are matched by their id, or by payload, reference and swept values. Exit status 1 where a
-    metric got worse than its limit allows, or, with a limit, a run fails that did not; 2 where no run is in both.
+    Runs are matched by id, or by payload, reference and swept values. Exit status 1: with --max-regression, a
+    metric got worse than its limit or a run fails in B only. Exit status 2: no run is in both results.
     """
     from workbench.study.compare.as_json import as_json
     from workbench.study.compare.compare import compare, judged, parse_limits, regressions

@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import campaign_argument, effects_option
 
 if TYPE_CHECKING:
     from workbench.diagnose.records import Diagnosis
 
 
 @click.command(name="diagnose")
-@click.argument("campaign", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to make: diagnosis.json, machine.yaml, report.")
+@campaign_argument
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="New folder for diagnosis.json, machine.yaml and the report."
+)
 @click.option(
     "--baseline",
     type=click.Choice(["tolerances", "nominal"]),
@@ -23,16 +25,24 @@ if TYPE_CHECKING:
     show_default=True,
     help="Base parameters: refitted within their tolerances, or held at their nominal values.",
 )
-@click.option("--candidates", help="Effects to weigh, with commas between; 'all' for the unlisted ones too.")
+@click.option("--candidates", help="Candidate effects, separated by commas; 'all' includes the unlisted ones.")
 @click.option(
-    "--max-effects", type=click.IntRange(1, 2), default=2, show_default=True, help="Missing at once, at most."
+    "--max-effects",
+    type=click.IntRange(1, 2),
+    default=2,
+    show_default=True,
+    help="Largest number of effects that may be missing at once.",
 )
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The same seed, the same output."
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of random numbers; the same seed gives the same output.",
 )
-@click.option("--runs", help="Names of the runs to take, with commas between; all without it.")
+@click.option("--runs", help="Names of the runs to use, separated by commas. Default: all.")
 @click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml to start from.")
-@click.option("--band", type=float, help="Band of the comparison, Hz (-3 dB); chosen by the machine without it.")
+@click.option("--band", type=float, help="Band of the torque residual (-3 dB) in Hz. Default: from the machine.")
 @effects_option
 def command(
     campaign: Path,
@@ -45,10 +55,10 @@ def command(
     machine: Path | None,
     band: float | None,
 ) -> None:
-    """Say what the machine of CAMPAIGN lacks: the gap, its place, its cause, and how far it shrinks.
+    """Find the effect that the machine of CAMPAIGN lacks: size, location and cause of the gap, and what remains.
 
-    With --out a report is written, diagnosis.json, and a corrected machine.yaml that replay and study
-    accept. Exit status 0 whatever the verdict.
+    --out writes a report, diagnosis.json, and a corrected machine.yaml that replay and study accept. The exit
+    status is 0 for every verdict.
     """
     from workbench.cli.campaign import chosen_candidates, load_campaign
     from workbench.cli.diagnose_progress import shown

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import campaign_argument, effects_option
 
 
 @click.command(name="identify")
-@click.argument("campaign", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to make, for machine.yaml and the figures.")
-@click.option("--free", help="Keys of machine.yaml to fit, with commas between; the machine's usual ones without it.")
-@click.option("--runs", help="Names of the runs to take, with commas between; all without it.")
+@campaign_argument
+@click.option("--out", type=click.Path(path_type=Path), help="New folder for machine.yaml, numbers and figures.")
+@click.option("--free", help="Keys of machine.yaml to fit, separated by commas. Default: see --list.")
+@click.option("--runs", help="Names of the runs to use, separated by commas. Default: all.")
 @click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml to start from.")
-@click.option("--band", type=float, help="Band of the comparison, Hz (-3 dB); chosen by the machine without it.")
-@click.option("--list", "list_keys", is_flag=True, help="Print the keys that --free takes, and stop.")
+@click.option("--band", type=float, help="Band of the torque residual (-3 dB) in Hz. Default: from the machine.")
+@click.option("--list", "list_keys", is_flag=True, help="Print the keys that --free accepts, and exit.")
 @effects_option
 def command(
     campaign: Path,
@@ -30,8 +30,7 @@ def command(
 ) -> None:
     """Fit the machine of CAMPAIGN to its runs; print values with standard errors.
 
-    With --out the identified machine.yaml is written, which every other command accepts, with the
-    figures and numbers behind it.
+    --out writes the identified machine.yaml, which every other command accepts, with figures and numbers.
     """
     from workbench.cli.campaign import load_campaign
     from workbench.cli.show import print_notes, print_table, print_text

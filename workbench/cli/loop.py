@@ -10,21 +10,29 @@ from workbench.cli.options import effects_option
 
 
 @click.command(name="loop")
-@click.option("--machine", type=click.Path(path_type=Path), help="A machine.yaml; the scenario's or the default one.")
-@click.option("--scenario", type=click.Path(path_type=Path), help="Take machine, controller and payloads from here.")
-@click.option("--controller", type=click.Path(path_type=Path), help="A file with a controller block, such as tune's.")
-@click.option("--payloads", help="Payloads in kg, with commas between.")
-@click.option("--heights", help="Carriage heights in m, with commas between; bottom, middle and top without it.")
+@click.option(
+    "--machine",
+    type=click.Path(path_type=Path),
+    help="A machine.yaml. Default: the scenario's machine, or the built-in one.",
+)
+@click.option(
+    "--scenario", type=click.Path(path_type=Path), help="Scenario that gives machine, controller and payloads."
+)
+@click.option(
+    "--controller", type=click.Path(path_type=Path), help="A file with a controller block, such as the output of tune."
+)
+@click.option("--payloads", help="Payloads in kg, separated by commas.")
+@click.option("--heights", help="Carriage heights in m, separated by commas. Default: bottom, middle, top.")
 @click.option(
     "--motion",
     type=click.Choice(["hoisting", "lowering", "at_rest"]),
     default="hoisting",
     show_default=True,
-    help="Moving, where friction is saturated, or at rest, on its slope.",
+    help="Operating point: in motion (saturated friction) or at rest (slope of the friction law).",
 )
-@click.option("--free-length", is_flag=True, help="Stiffen the wire as its free length shortens.")
-@click.option("--ms", type=float, default=1.4, show_default=True, help="The bound on Ms that the figures show.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to make, for loop.html and loop.json.")
+@click.option("--free-length", is_flag=True, help="Wire stiffness in proportion to 1/free length.")
+@click.option("--ms", type=float, default=1.4, show_default=True, help="Bound on Ms shown in the figures.")
+@click.option("--out", type=click.Path(path_type=Path), help="New folder for loop.html and loop.json.")
 @effects_option
 def command(
     machine: Path | None,
@@ -37,7 +45,7 @@ def command(
     ms: float,
     out: Path | None,
 ) -> None:
-    """Analyse the sampled speed loop, with the drive's lag, filter and delay, as it is simulated."""
+    """Compute the stability margins of the sampled speed loop, including the drive's lag, filter and delay."""
     from workbench.analysis.family import family, operating_points
     from workbench.analysis.linearise import STIFFNESS_BY_LENGTH
     from workbench.analysis.tune import Goal

@@ -11,6 +11,15 @@ import click
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
+def campaign_argument(command: Command) -> Command:
+    """CAMPAIGN, and the sentence of the help that says what it is, with the log formats that are read."""
+    from workbench.log_formats import listed
+
+    folder = f"a folder with machine.yaml, runs.yaml and logs ({listed()})"
+    command.__doc__ = f"{(command.__doc__ or '').rstrip()}\n\n    CAMPAIGN is {folder}.\n    "
+    return click.argument("campaign", type=click.Path(path_type=Path))(command)
+
+
 def effects_option(command: Command) -> Command:
     """`--effects FILE`: a user's effects are known by name before the command reads anything else.
 
@@ -25,7 +34,7 @@ def effects_option(command: Command) -> Command:
         callback=_load,
         expose_value=False,
         is_eager=True,
-        help="A Python file of your own effects, see docs/effects.md; may be repeated.",
+        help="Python file with your own effects, see docs/effects.md; may be repeated.",
     )(command)
 
 

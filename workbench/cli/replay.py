@@ -6,21 +6,21 @@ from pathlib import Path
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import campaign_argument, effects_option
 
 
 @click.command(name="replay")
-@click.argument("campaign", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to make, for replay.json and replay.html.")
-@click.option("--runs", help="Names of the runs to take, with commas between; all without it.")
+@campaign_argument
+@click.option("--out", type=click.Path(path_type=Path), help="New folder for replay.json and replay.html.")
+@click.option("--runs", help="Names of the runs to use, separated by commas. Default: all.")
 @click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml, such as an identified one.")
-@click.option("--band", type=float, help="Band of the torque residual, Hz (-3 dB); chosen by the machine without it.")
+@click.option("--band", type=float, help="Band of the torque residual (-3 dB) in Hz. Default: from the machine.")
 @effects_option
 def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | None, band: float | None) -> None:
-    """Replay the runs of CAMPAIGN, a folder with machine.yaml, runs.yaml and logs.
+    """Replay the runs of CAMPAIGN.
 
-    The measured torque (force) drives the model; its speed is compared with the measured one, open loop
-    and restarted every 2 s. Beside it stands the torque that the measured motion should have taken.
+    The measured torque (force) drives the model. The simulated speed is compared with the measured speed, open
+    loop and restarted every 2 s, and the measured torque with the torque that the measured motion requires.
     """
     from workbench.cli.campaign import load_campaign
     from workbench.cli.show import print_notes, print_table, print_text

@@ -11,7 +11,7 @@ import click
 @click.argument("results", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="The page to write; without it report.html in RESULTS.")
 def command(results: Path, out: Path | None) -> None:
-    """Write the report of RESULTS, a folder that `workbench study` made: one HTML file that needs no network."""
+    """Write the report of RESULTS, a folder written by `workbench study`: one HTML file that needs no network."""
     from workbench.cli.show import print_text
     from workbench.reports.study.page import write_study_report
     from workbench.reports.study.words import conclusions

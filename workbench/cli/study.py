@@ -26,14 +26,14 @@ MOST_IN_TABLE = 40
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Folder to make, of several files the folder to make theirs in; without it results/<name of the study>.",
+    help="New folder for the results (with several FILEs: their parent folder). Default: results/<name of the study>.",
 )
-@click.option("--cluster", metavar="ADDRESS", help="Run on Dask: tcp://host:port, or local:N for N processes here.")
+@click.option("--cluster", metavar="ADDRESS", help="Run on Dask: tcp://host:port, or local:N for N local processes.")
 @effects_option
 def command(files: tuple[Path, ...], out: Path | None, cluster: str | None) -> None:
-    """Run the scenario of each FILE: every run in closed loop.
+    """Simulate every run of each scenario FILE in closed loop.
 
-    What is done is kept: after Ctrl-C the same command goes on where it stopped.
+    Finished runs are stored. After Ctrl-C the same command continues where it stopped.
     """
     from workbench.cli.progress import shown
     from workbench.study.results.folder import place_for

@@ -10,17 +10,27 @@ from workbench.cli.options import effects_option
 
 
 @click.command(name="tune")
-@click.option("--machine", type=click.Path(path_type=Path), help="A machine.yaml; the scenario's or the default one.")
 @click.option(
-    "--scenario", type=click.Path(path_type=Path), help="Take machine, drive, controller and moves from here."
+    "--machine",
+    type=click.Path(path_type=Path),
+    help="A machine.yaml. Default: the scenario's machine, or the built-in one.",
 )
-@click.option("--bandwidth", type=float, help="Wanted closed-loop bandwidth in Hz, of the slowest payload.")
-@click.option("--reject", is_flag=True, help="Best rejection of load steps instead; so without --bandwidth too.")
-@click.option("--ms", type=float, default=1.4, show_default=True, help="Largest Ms of the worst payload.")
-@click.option("--payloads", help="Payloads in kg, with commas between.")
-@click.option("--heights", help="Carriage heights in m, with commas between; bottom, middle and top without it.")
-@click.option("--weights", default="1,2,1", show_default=True, help="Of tracking error, torque peak and effort.")
-@click.option("--out", type=click.Path(path_type=Path), help="File to make, with a controller block for scenarios.")
+@click.option(
+    "--scenario", type=click.Path(path_type=Path), help="Scenario that gives machine, drive, controller and moves."
+)
+@click.option("--bandwidth", type=float, help="Closed-loop bandwidth of the slowest payload, in Hz.")
+@click.option(
+    "--reject", is_flag=True, help="Optimise the rejection of load steps instead (default without --bandwidth)."
+)
+@click.option("--ms", type=float, default=1.4, show_default=True, help="Upper bound on Ms of the worst payload.")
+@click.option("--payloads", help="Payloads in kg, separated by commas.")
+@click.option("--heights", help="Carriage heights in m, separated by commas. Default: bottom, middle, top.")
+@click.option(
+    "--weights", default="1,2,1", show_default=True, help="Weights of tracking error, torque peak and rms torque."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="New file for the controller block, to be used in scenarios."
+)
 @effects_option
 def command(
     machine: Path | None,
@@ -33,9 +43,9 @@ def command(
     weights: str,
     out: Path | None,
 ) -> None:
-    """Find kp, ki and the set-point weight: loop shaping first, then runs of the nonlinear closed loop.
+    """Find kp, ki and the set-point weight by loop shaping and by simulation of the nonlinear closed loop.
 
-    Everything else of the controller, filters and feed-forward say, stays as the scenario has it.
+    All other controller settings, such as filters and feed-forward, stay as in the scenario.
     """
     from workbench.analysis.family import operating_points
     from workbench.analysis.tune import Goal, tune

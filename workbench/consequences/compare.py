@@ -20,6 +20,7 @@ from workbench.control import PiSettings
 from workbench.errors import InputError
 from workbench.kinds import STUDIED, kind_of, studied
 from workbench.machine import Axis, Hoist
+from workbench.metrics import find
 from workbench.references import motion_time_s
 from workbench.run import Run
 from workbench.study.conclude.variation_sentences import NO_CHANGE
@@ -58,7 +59,7 @@ def consequences_of(
     loops = tuple(_weakest_loop(machine, study) for machine in (was, now))
     wanted = goal or Goal(_bandwidth(loops[0]), MS_LIMIT)
     before, after, old = _gains(study, was, now, wanted)
-    found = Consequences(
+    consequences = Consequences(
         effects=_new(was, now),
         study=study,
         rows=rows,
@@ -71,7 +72,7 @@ def consequences_of(
         choices=_choices(rows),
         sentences=(),
     )
-    return replace(found, sentences=sentences_of(found, now)), ""
+    return replace(consequences, sentences=sentences_of(consequences, now)), ""
 
 
 def _new(nominal: Hoist, corrected: Hoist) -> tuple[str, ...]:
@@ -94,8 +95,8 @@ def _runs(study: SmallStudy, cases: Sequence[tuple[float, str]], machine: Hoist,
     """Of a machine with numbers of its own for each run, such as a phase, the worst of several."""
     # Machine by machine: as many runs at a time, so that one compiled kernel serves all.
     rows = [
-        [row for row, _ in run_specs([_spec(study, each, *case, length_s) for case in cases])]
-        for each in at_phases(machine)
+        [row for row, _ in run_specs([_spec(study, machine_at_phase, *case, length_s) for case in cases])]
+        for machine_at_phase in at_phases(machine)
     ]
     return [_worst(alike) for alike in zip(*rows, strict=True)]
 
@@ -121,10 +122,7 @@ def _spec(study: SmallStudy, machine: Hoist, payload_kg: float, reference: str, 
 def _worst(rows: Sequence[Row]) -> RunFigures:
     """Of the runs of one case each figure's worst; a failed run fails the case."""
     reason = next((row.reason for row in rows if not row.ok), "")
-    worst = {
-        name: (min if name == "min_wire_tension_n" else max)(row[name] for row in rows) if not reason else math.nan
-        for name in METRICS
-    }
+    worst = {name: find(name).worst([row[name] for row in rows]) if not reason else math.nan for name in METRICS}
     return RunFigures(reason=reason, **(worst | {"move_time_s": rows[0]["move_time_s"]}))
 
 

@@ -82,12 +82,12 @@ def small_study(
     )
     low, high = machine.rail.lowest_position_m, machine.highest_position_m
     bottom, top = low + END_OF_RAIL * (high - low), high - END_OF_RAIL * (high - low)
-    found = [motion for run in runs if (motion := _motion(machine, run)) and motion[0] > LEAST_SPEED * nominal]
-    if found:
-        speed = min(max(motion[0] for motion in found), 0.99 * nominal)
-        acceleration = min(max(motion[1] for motion in found), speed / 0.2)
-        start = max(min(motion[2] for motion in found), bottom)
-        end = min(max(motion[3] for motion in found), top)
+    motions = [motion for run in runs if (motion := _motion(machine, run)) and motion[0] > LEAST_SPEED * nominal]
+    if motions:
+        speed = min(max(motion[0] for motion in motions), 0.99 * nominal)
+        acceleration = min(max(motion[1] for motion in motions), speed / 0.2)
+        start = max(min(motion[2] for motion in motions), bottom)
+        end = min(max(motion[3] for motion in motions), top)
     else:
         speed, acceleration = 0.9 * nominal, 0.9 * nominal / 1.2
         start = low + 0.25 * (high - low)
@@ -101,7 +101,7 @@ def small_study(
         travel_m=_digits(min(end - start, LONGEST_S * speed)),
         limits=Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed)),
         controller=usual_controller(machine) if controller is None else controller,
-        from_runs=bool(found),
+        from_runs=bool(motions),
         controller_given=controller is not None,
     )
 

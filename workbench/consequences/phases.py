@@ -11,7 +11,7 @@ PHASES = 4
 def per_run(machine: Hoist) -> tuple[str, ...]:
     """The machine's effects that have a number of their own in each run."""
     known = effects_for("hoist")
-    return tuple(name for name in machine.effects if any(each.per_run for each in known[name].parameters))
+    return tuple(name for name in machine.effects if any(parameter.per_run for parameter in known[name].parameters))
 
 
 def from_the_cold(machine: Hoist) -> tuple[str, ...]:
@@ -27,12 +27,14 @@ def at_phases(machine: Hoist) -> list[Hoist]:
     if not own:
         return [machine]
     sizes, known = sizes_of(machine), effects_for("hoist")
-    found = []
+    machines = []
     for k in range(PHASES):
         effects = {name: dict(values) for name, values in machine.effects.items()}
         for name in own:
-            for each in known[name].ranges(sizes):
-                if each.per_run:
-                    effects[name][each.name] = each.lowest + (each.highest - each.lowest) * k / PHASES
-        found.append(machine.model_copy(update={"effects": effects}))
-    return found
+            for parameter in known[name].ranges(sizes):
+                if parameter.per_run:
+                    effects[name][parameter.name] = (
+                        parameter.lowest + (parameter.highest - parameter.lowest) * k / PHASES
+                    )
+        machines.append(machine.model_copy(update={"effects": effects}))
+    return machines

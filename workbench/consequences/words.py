@@ -17,26 +17,27 @@ GAIN_MOVES = 3.0  # per cent of a gain: less is within what tuning by hand leave
 AT_LIMIT = 99.9  # per cent of the torque limit
 
 
-def sentences_of(found: Consequences, corrected: Hoist) -> tuple[str, ...]:
+def sentences_of(consequences: Consequences, corrected: Hoist) -> tuple[str, ...]:
     """In order: what was run, failures, torque, tracking, wire, time, better reference, loop, gains, caveats."""
     return (
-        _what(found),
-        *_failures(found.rows),
-        *_limited(found.rows, corrected),
-        *_figures(found.rows),
-        *_time(found.rows),
-        *(_better(found.choices, metric, words) for metric, words in _CHOSEN_BY),
-        _loop(found),
-        _gains(found),
+        _what(consequences),
+        *_failures(consequences.rows),
+        *_limited(consequences.rows, corrected),
+        *_figures(consequences.rows),
+        *_time(consequences.rows),
+        *(_better(consequences.choices, metric, words) for metric, words in _CHOSEN_BY),
+        _loop(consequences),
+        _gains(consequences),
         *_caveats(corrected),
     )
 
 
-def _what(found: Consequences) -> str:
-    s = found.study
+def _what(consequences: Consequences) -> str:
+    s = consequences.study
     source = "as the campaign's runs do at most" if s.from_runs else "by default"
     origin = "" if s.controller_given else ", by rule"
-    effects = f"without and with {listed(found.effects)}" if found.effects else "before and after its correction"
+    known = consequences.effects
+    effects = f"without and with {listed(known)}" if known else "before and after its correction"
     payloads = listed([f"{load:g}" for load in s.payloads_kg])
     return (
         f"The machine {effects}: up by {s.travel_m:g} m from {s.start_position_m:g} m and down again, "
@@ -147,8 +148,8 @@ def _name(reference: str) -> str:
     return "neither" if reference == "alike" else reference
 
 
-def _loop(found: Consequences) -> str:
-    a, b = found.loop_before, found.loop_after
+def _loop(consequences: Consequences) -> str:
+    a, b = consequences.loop_before, consequences.loop_after
     if not b.stable:
         was = "" if a.stable else ", as before"
         return f"The speed loop is unstable at {b.payload_kg:g} kg and {b.height_m:g} m{was}."
@@ -181,11 +182,11 @@ def _db(value: float) -> str:
     return f"{value:.1f} dB" if math.isfinite(value) else "without bound"
 
 
-def _gains(found: Consequences) -> str:
-    bandwidth, ms = found.gains_goal
+def _gains(consequences: Consequences) -> str:
+    bandwidth, ms = consequences.gains_goal
     goal = "the best rejection of load steps" if bandwidth is None else f"a bandwidth of {bandwidth:g} Hz"
     bound = f"Ms {'' if bandwidth is None else 'and Mt '}at most {ms:g}"
-    before, after = found.gains_before, found.gains_after
+    before, after = consequences.gains_before, consequences.gains_after
     if not after.ok:
         was = "" if before.ok else ", nor before"
         return f"For {goal} with {bound} loop shaping finds no gains{was}: {after.reason}."
@@ -196,7 +197,7 @@ def _gains(found: Consequences) -> str:
     ki = percent(before.ki_nm_per_rad, after.ki_nm_per_rad)
     if max(abs(kp), abs(ki)) < GAIN_MOVES:
         return f"For {goal} with {bound} the recommended gains stay: {now}."
-    old = found.old_gains_bandwidth_hz
+    old = consequences.old_gains_bandwidth_hz
     left = "make the loop unstable" if math.isnan(old) else f"give {old:.3g} Hz"
     return (
         f"For {goal} with {bound} the recommended gains are others now: {now} instead of kp "

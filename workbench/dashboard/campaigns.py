@@ -24,13 +24,14 @@ import streamlit as st
 from workbench.dashboard import session
 from workbench.dashboard.uploads.campaign import KEPT, Uploaded, read_uploaded
 from workbench.effects import check
+from workbench.log_formats import suffixes
 from workbench.logs import Campaign, read_campaign
 
 VARIABLE = "WORKBENCH_CAMPAIGNS"
 ROOT = Path(__file__).parents[2]
 SHIPPED = (ROOT / "campaigns", ROOT / "scenarios" / "demo_campaign")
 UPLOAD = "upload a campaign"
-TYPES = ["zip", "yaml", "csv", "parquet", "pq", "mat"]
+TYPES = ["zip", "yaml", *(suffix.removeprefix(".") for suffix in suffixes())]
 _UPLOADED, _LAST, _READ = "campaigns uploaded", "campaign chosen", "campaigns read"
 
 

@@ -11,3 +11,7 @@ unexplained   an unknown cause as a table over what explains it best
 
 Beside them: candidates (rows of the report), machines (a fit as machine.yaml), shrink, words.
 """
+
+from workbench.verb import make_callable
+
+make_callable(__name__)

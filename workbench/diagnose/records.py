@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 from workbench.run import Array
+from workbench.shown import Shown
 
 if TYPE_CHECKING:
     from workbench.consequences import Consequences
@@ -286,8 +287,8 @@ class Unknown:
     sentences: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
     """Everything one diagnosis found, in the order of its steps. corrected: machine.yaml for replay and study."""
 
     campaign: Campaign
@@ -308,3 +309,17 @@ class Diagnosis:
     found: Found = field(repr=False, compare=False)
     judged: Judged = field(repr=False, compare=False)
     warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """The answer in a few lines; `table()` and `plot()` show the rest."""
+        likeliest = sorted(self.verdict.ranking, key=lambda row: -row.probability)[:3]
+        shrink = self.shrink
+        lines = [
+            f"Diagnosis of {self.campaign.name}",
+            f"  {self.verdict.sentence}",
+            *(f"  {row.probability:.2f} {' + '.join(row.effects) or row.verdict}" for row in likeliest),
+            f"  held-out residual: {shrink.before:.3g} to {shrink.after:.3g} {shrink.unit}, noise {shrink.noise:.3g}",
+        ]
+        if self.where is not None:
+            lines.append(f"  where: {self.where.subsystem}, {self.where.regime}")
+        return "\n".join(lines)

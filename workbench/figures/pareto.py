@@ -14,7 +14,7 @@ from workbench.run import Array
 from workbench.study.conclude.pareto import Front, cost
 from workbench.study.results.labels import drawn_in
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import Axis, said
+from workbench.study.variations.varying import SweptAxis, run_in_words
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def pareto(
     rows: Sequence[Row],
     fronts: Sequence[Front],
-    axes: Sequence[Axis],
+    axes: Sequence[SweptAxis],
     second: str,
     first: str = "move_time_s",
     height: int = 560,
@@ -63,14 +63,14 @@ def _costs(rows: Sequence[Row], name: str) -> Array:
 
 def _points(
     panels: Panels, column: int, rows: Sequence[Row], costs: tuple[str, str], name: str, look: dict[str, Any],
-    axes: Sequence[Axis],
+    axes: Sequence[SweptAxis],
 ) -> None:  # fmt: skip
     if not rows:
         return
     rows = rows[:: -(-len(rows) // MOST_POINTS)]  # a cloud's shape; the front has all of its own
     x, y = (_costs(rows, cost) for cost in costs)
     panels.line(
-        0, column, x, y, name, {}, mode="markers", marker=look, text=[said(row, axes) for row in rows],
+        0, column, x, y, name, {}, mode="markers", marker=look, text=[run_in_words(row, axes) for row in rows],
         hovertemplate=_HOVER,
     )  # fmt: skip
 
@@ -85,13 +85,13 @@ def _chosen(panels: Panels, column: int, rows: Sequence[Row], costs: tuple[str, 
         panels.line(0, column, x, y, name, {}, mode="markers", marker=look, hovertemplate=hover)
 
 
-def _front(panels: Panels, column: int, front: Front, axes: Sequence[Axis]) -> None:
+def _front(panels: Panels, column: int, front: Front, axes: Sequence[SweptAxis]) -> None:
     x, y = (_costs(front.rows, name) for name in front.costs)
     look = {"color": BLACK, "width": 1.6, "shape": "hv", "simplify": False}
     panels.line(
         0, column, x, y, "front: beaten by no run", look, mode="lines+markers",
         marker={"size": 9, "symbol": "circle-open", "color": BLACK},
-        text=[said(row, axes) for row in front.rows], hovertemplate=_HOVER,
+        text=[run_in_words(row, axes) for row in front.rows], hovertemplate=_HOVER,
     )  # fmt: skip
     if front.knee is None:
         return

@@ -53,7 +53,7 @@ def torque_profiles(runs: Sequence[Run], nominal_torque_nm: float) -> Figure:
 
 def input_profiles(runs: Sequence[Run], signal: str, unit: str) -> Figure:
     """Fig. 6 for an axis: the measured force (torque) in its own unit, a panel a run."""
-    quantity = signal.rpartition("_")[0]
+    quantity = signal.rpartition("_")[0].replace("_", " ")
     panels, places, height = _grid(f"Measured {quantity}", f"{quantity} ({unit})", [run.name for run in runs])
     for (row, column), run in zip(places, runs, strict=True):
         panels.line(row, column, run.time_s, run[signal], "measured", line("measured", width=1.2), unit)

@@ -13,7 +13,7 @@ from workbench.metrics import Metric, View, shown_in
 from workbench.study.conclude.variation_sentences import NO_CHANGE
 from workbench.study.results.labels import drawn_in, shown
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import Axis, Point
+from workbench.study.variations.varying import Point, SweptAxis
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -23,7 +23,7 @@ MOST_COLUMNS = 3
 
 
 def metrics_over_axis(
-    rows: Sequence[Row], axis: Axis, nominal_torque_nm: float, torque_limit_nm: float, height: int = 900
+    rows: Sequence[Row], axis: SweptAxis, nominal_torque_nm: float, torque_limit_nm: float, height: int = 900
 ) -> Figure:
     """The metrics that change along an axis, a panel each; a column a payload, a line a reference.
 
@@ -82,7 +82,7 @@ def metrics_over_axis(
     return figure
 
 
-def changing(rows: Sequence[Row], axis: Axis) -> list[Metric]:
+def changing(rows: Sequence[Row], axis: SweptAxis) -> list[Metric]:
     """The metrics whose worst value at a point of the axis is not the same along it."""
     return [
         metric
@@ -91,7 +91,7 @@ def changing(rows: Sequence[Row], axis: Axis) -> list[Metric]:
     ]
 
 
-def _changes(rows: Sequence[Row], axis: Axis, metric: Metric) -> bool:
+def _changes(rows: Sequence[Row], axis: SweptAxis, metric: Metric) -> bool:
     worst: dict[tuple[float, str], dict[Point, float]] = {}
     for row in rows:
         case = worst.setdefault((row.payload_kg, row.reference), {})

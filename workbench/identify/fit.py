@@ -12,14 +12,15 @@ from workbench.identify.least_squares import minimise
 from workbench.identify.models import OutputModel
 from workbench.identify.parameters import Free
 from workbench.run import Array
+from workbench.shown import Brief
 
 STEP = 1e-3  # of a parameter's own scale, for derivatives
 POOR = 0.95  # correlation beyond which two values are told apart poorly
 ROUNDS = 3  # of fitting and measuring the residual anew
 
 
-@dataclass(frozen=True)
-class Fit:
+@dataclass(frozen=True, repr=False)
+class Fit(Brief):
     """A fit's outcome. value, std_error: in each parameter's own unit; correlation: (m, m).
 
     std_prior: what the tolerance alone would allow, None where nothing held the value.

@@ -13,12 +13,13 @@ from workbench.identify.parameters import free_parameters
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, with_values
+from workbench.shown import Shown
 from workbench.simulate.driven import Bench
 from workbench.simulate.replay import ReplayResult, replay_runs
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, repr=False)
+class Identification(Shown):
     """An identification: the machine, the fit, the paper's iteration, and replays before and after."""
 
     campaign: Campaign

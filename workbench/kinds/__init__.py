@@ -25,10 +25,11 @@ from workbench.kinds.record import (
     Trace,
 )
 from workbench.kinds.sizes import Sizes
+from workbench.kinds.two_inertia import KIND as TWO_INERTIA
 from workbench.machine import Hoist
 from workbench.plants import plant_of
 
-KINDS = {kind.name: kind for kind in (HOIST, LINEAR, ROTARY)}
+KINDS = {kind.name: kind for kind in (HOIST, LINEAR, ROTARY, TWO_INERTIA)}
 
 
 def kind_of(machine: Any) -> Kind:
@@ -57,6 +58,7 @@ __all__ = [
     "STANDSTILL_LOG_STD",
     "STUDIED",
     "TIME",
+    "TWO_INERTIA",
     "BaseValue",
     "CrossCheck",
     "DeadLine",

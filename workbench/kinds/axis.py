@@ -95,6 +95,10 @@ def cross_checks(
         )
 
 
+def _transmitted(p: Any, s: Any, u: Array, acceleration: Array, payload_kg: float) -> tuple[Array, float]:
+    return np.asarray(p.G * np.sin(s.x) + p.C), float(p.M)
+
+
 def _way(s: Any, p: Any) -> Array:
     return np.clip(s.v / p.v_s, -1.0, 1.0)
 
@@ -167,6 +171,7 @@ def axis_kind(
         ),
         "sizes": partial(sizes, plant.kind),
         "rigid": rigid,
+        "transmitted": _transmitted,
         "tables": (*over, *turns, *clocks),
         "ports": {"axis": Port("axis_force", drive.unit, "v", lambda s, p: s.switch, _way, levered=False)},
         "floor": "own",

@@ -122,6 +122,12 @@ def _cross_checks(
         )
 
 
+def _transmitted(p: Any, s: Any, torque: Array, acceleration: Array, payload_kg: float) -> tuple[Array, float]:
+    """What the rotors and the drum do not take, N m; carriage and stated payload, kg."""
+    inertia = p.n_m * p.J_m + p.J_w / p.ratio**2
+    return torque - inertia * acceleration, float(p.m_c + payload_kg)
+
+
 def _guide_sign(s: Any, p: Any) -> Scalar:
     """Linear around standstill and exact beyond: the guide's own switch never quite ends."""
     return clip(p.slope * s.v, -1.0, 1.0)
@@ -179,6 +185,7 @@ KIND = Kind(
         "sensors.torque_offset_nm",
     ),
     sizes=_sizes,
+    transmitted=_transmitted,
     rigid=_rigid,
     tables=(
         Table("position_carriage_m", "guide", lambda s, p: s.x),
@@ -198,6 +205,7 @@ KIND = Kind(
     floor="sensors",
     traces=(
         Trace("gearbox_efficiency", lambda m, sizes: float(m.tolerances.gearbox_loss)),
+        Trace("friction_load_dependent", lambda m, sizes: float(m.tolerances.load_friction)),
         Trace("friction_viscous", lambda m, sizes: float(m.tolerances.viscous) * _level(m) / sizes.speed),
         Trace("friction_stribeck", lambda m, sizes: float(m.tolerances.stribeck) * _level(m)),
         Trace("drum_eccentricity", lambda m, sizes: float(m.tolerances.eccentricity) * sizes.radius),
@@ -208,7 +216,7 @@ KIND = Kind(
     lever=lift,
     nominal_speed=lambda m: float(m.motor.nominal_speed_rad_s),
     motor_torque=lambda m: float(m.motor.nominal_torque_nm),
-    log_timing=False,
+    log_timing=True,
     payload=True,
     studies=True,
     start=Start(
@@ -218,6 +226,7 @@ KIND = Kind(
     ),
     limits=_limits,
     weight=_weight,
+    gravity=lambda m: float(m.gravity_m_s2),
     dead_line=DeadLine(
         TENSION,
         _tension,
@@ -227,6 +236,7 @@ KIND = Kind(
     turning=(
         Turning("drum", lambda m: 4.0 / (2.0 * np.pi * m.winch.drum_diameter_m), ("drum_angle", "drum's angle")),
         Turning("motor", lambda m: 1.0 / (2.0 * np.pi * m.lift_m_per_rad)),
+        Turning("sheave", lambda m: 2.0 / (2.0 * np.pi * m.sheave.diameter_m)),
     ),
     to_log=(HEIGHT, TENSION),
     zero_input="a hoist's motors hold its load",

@@ -23,6 +23,7 @@ from workbench.trace.expr import Scalar
 # What turns over at standstill is a property that nobody knows: a factor of ten either way.
 STANDSTILL_LOG_STD = math.log(10.0)
 TIME = "time_s"
+STANDARD_GRAVITY = 9.81  # m/s^2, where machine.yaml has none
 
 
 @dataclass(frozen=True)
@@ -258,6 +259,8 @@ class Kind:
     ties: ((two keys), third): what runs show of the three is two sums only, so the two are held alike in a fit.
     floor: what a machine without a gap leaves: its sensors' noise, or ripple and resonances of its own. traces,
     discrepancy: what a diagnosis allows for besides.
+    transmitted(p, frame, input, acceleration, payload_kg): of an input, (n,), what goes through to the load, and the
+    mass or inertia that moves there. gravity: m/s^2.
     log_timing: whether one sampling step between the channels of a log is a base parameter.
     payload: whether runs carry payloads. studies: whether studies, loop, tune and the dashboard's drawing are for
     it. whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
@@ -280,6 +283,7 @@ class Kind:
     base: tuple[BaseValue, ...]
     free: tuple[str, ...]
     sizes: Callable[[Any, Sequence[Run]], Sizes]
+    transmitted: Callable[[Any, SimpleNamespace, Array, Array, float], tuple[Array, float]]
     rigid: Callable[[Any, float], RigidBody]
     tables: tuple[Table, ...]
     ports: Mapping[str, Port]
@@ -298,6 +302,7 @@ class Kind:
     start: Start | None = None
     limits: Callable[[Any], Limits] | None = None
     weight: Callable[[Any, float], float] | None = None
+    gravity: Callable[[Any], float] = lambda machine: STANDARD_GRAVITY
     dead_line: DeadLine | None = None
     turning: tuple[Turning, ...] = ()
     to_log: tuple[str, ...] = ()
@@ -352,7 +357,7 @@ class Kind:
         coordinate; t; start_time_s is the run's. states: (n, others), as `Bench.predict` gives them."""
         plant = self.plant
         names = (*plant.positions[1:], *plant.speeds[1:])
-        others = dict(zip(names, states.T, strict=True))
+        others = dict(zip(names, states.T[: len(names)], strict=True))  # the effects' memory stands behind
         if self.moved.placed_by_log:
             return SimpleNamespace(t=run.time_s, x=position, v=speed, angle=position, w=speed)
         first = plant.start_of(run.start_position_m, float(speed[0]), p)[0][0]

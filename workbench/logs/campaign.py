@@ -11,16 +11,18 @@ import numpy as np
 
 from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of
+from workbench.log_formats.opening import expect
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Entry, read_runs
 from workbench.machine import Axis, Hoist, load_machine
 from workbench.machine.files import CheckEffects
 from workbench.run import Run
+from workbench.shown import Shown
 from workbench.yaml_strict import Document
 
 
-@dataclass(frozen=True)
-class Campaign:
+@dataclass(frozen=True, repr=False)
+class Campaign(Shown):
     """Measured runs of one machine. `notes` concern the campaign; each run carries its own."""
 
     name: str
@@ -48,12 +50,14 @@ def read_campaign(
     *,
     select: Sequence[str] | str | None = None,
     confined: bool = False,
+    uploaded: bool = False,
     check_effects: CheckEffects | None = None,
 ) -> Campaign:
     """Reads a campaign from its folder, or from its runs.yaml.
 
     select: names of the runs to read, as a sequence or separated by commas; all when None.
     confined: refuse logs outside the folder (for campaigns that strangers upload).
+    uploaded: a stranger sent the logs: they are parsed apart from this process and may take less, see docs/formats.md.
     check_effects: see `load_machine`.
     InputError for everything that is wrong with the files, one line, naming file and place.
     """
@@ -62,15 +66,19 @@ def read_campaign(
     wanted = kind_of(machine).signals
     runs_file, document = read_runs(runs_yaml, machine, wanted.names)
     entries = _selected(runs_file.runs, select, runs_yaml)
+    expect((folder / entry.file for entry in entries), uploaded=uploaded)
     notes = _entry_notes(entries, folder)
     runs: list[Run] = []
     ignored: dict[str, list[str]] = {}
+    chosen = {entry.name for entry in entries}
     for index, entry in enumerate(runs_file.runs):
-        if entry not in entries:
+        if entry.name not in chosen:
             continue
         place = ("runs", index, "file")
         file = _log_path(folder, entry, document, place, confined=confined)
-        run, unused = read_run(entry, file, machine, wanted, runs_file.columns, document.line(place), runs_yaml)
+        run, unused = read_run(
+            entry, file, machine, wanted, runs_file.columns, document.line(place), runs_yaml, uploaded=uploaded
+        )
         for column in unused:
             ignored.setdefault(column, []).append(entry.name)
         runs.append(run)

@@ -158,11 +158,12 @@ def _torque(
     text = (
         f"{label(name)} is {mean:.4g} N m on average while moving; holding carriage and payload takes {holding:.4g} N m"
     )
-    if not TORQUE_RATIO[0] <= abs(mean) / holding <= TORQUE_RATIO[1]:
+    # Compared as products: a machine whose load is nearly nothing has no ratio.
+    if not TORQUE_RATIO[0] * holding <= abs(mean) <= TORQUE_RATIO[1] * holding:
         raise fault(f"{text}; is it in kN m or per cent, or is the payload wrong?")
     if mean < 0.0:
         notes.append(f"{text}; is its sign flipped?")
-    elif not TORQUE_RATIO_NOTE[0] <= mean / holding <= TORQUE_RATIO_NOTE[1]:
+    elif not TORQUE_RATIO_NOTE[0] * holding <= mean <= TORQUE_RATIO_NOTE[1] * holding:
         half = "; is it one motor's only?" if limits.motors > 1 and mean < holding else ""
         notes.append(f"{text}{half}")
     return notes

@@ -9,14 +9,17 @@ import numpy as np
 
 from workbench.errors import InputError
 from workbench.kinds import TIME, Kind, SignalSet, kind_of
+from workbench.log_formats.opening import open_log
 from workbench.logs.channels import clipped, drop_dead, is_constant, refuse_infinite
 from workbench.logs.clock import check_time, merge_repeated, time_notes
+from workbench.logs.dropouts import drop_frozen, whole_part
 from workbench.logs.faults import Fault, fault_of
 from workbench.logs.gaps import fill_gaps
 from workbench.logs.plausible import check_plausible, driven_signals
 from workbench.logs.runs_file import Column, Entry
+from workbench.logs.scales import check_sizes, drop_wrong_scale
 from workbench.logs.signals import Raw, read_signals
-from workbench.logs.table import open_log
+from workbench.logs.spikes import bridge_spikes
 from workbench.machine import Axis, Hoist
 from workbench.run import Array, Run
 from workbench.yaml_strict import readable_file
@@ -30,11 +33,13 @@ def read_run(
     columns: Mapping[str, Column],
     line: int | None,
     runs_yaml: Path,
+    *,
+    uploaded: bool = False,
 ) -> tuple[Run, tuple[str, ...]]:
     """The run, and the columns of its file that were not used.
 
     InputError names file and run. A file that is not there is a fault of runs.yaml,
-    so that file and line are named, with the path that was tried.
+    so that file and line are named, with the path that was tried. uploaded: see `open_log`.
     """
     try:
         readable_file(file)
@@ -42,7 +47,8 @@ def read_run(
         raise InputError(f"{entry.file}: {error.problem}", file=runs_yaml, line=line, place=entry.name) from error
     fault = fault_of(file, entry.name)
     try:
-        raw = read_signals(open_log(file), wanted, columns, entry.name)
+        with open_log(file, uploaded=uploaded) as log:
+            raw = read_signals(log, wanted, columns, entry.name)
     except InputError as error:
         if error.place is not None and error.place.startswith(entry.name):
             raise
@@ -62,11 +68,19 @@ def _checked(entry: Entry, file: Path, machine: Hoist | Axis, wanted: SignalSet,
     time_s, values, notes = _repaired(raw, wanted, fault)
     values, more = _with_sum(kind, values, raw)
     notes += more
+    part = whole_part(time_s, values, kind, machine, raw.label, fault)
+    entry = _entry_of(part.first, entry, kind, machine, time_s, values)
+    time_s, values = time_s[part.first : part.end], {n: column[part.first : part.end] for n, column in values.items()}
+    notes += part.notes
     values, more = _without_dead_motion(kind, values, raw)
     notes += more
     start_m = _start(kind, entry, values)
     notes += check_plausible(machine, entry.payload_kg or 0.0, start_m, time_s, values, raw.label, fault)
     values, more = drop_dead(values, wanted.optional, _true_zeros(kind, values), raw.label)
+    notes += more
+    values, more = drop_frozen(time_s, values, _can_freeze(kind, wanted), raw.label)
+    notes += more
+    values, more = drop_wrong_scale(kind, machine, entry.payload_kg or 0.0, time_s, values, raw.label)
     notes += more
     for name in kind.can_clip:
         if name in raw.values and name in values and (sentence := clipped(time_s, values[name])):
@@ -83,13 +97,42 @@ def _checked(entry: Entry, file: Path, machine: Hoist | Axis, wanted: SignalSet,
     )
 
 
+def _entry_of(
+    first: int, entry: Entry, kind: Kind, machine: Hoist | Axis, time_s: Array, values: Mapping[str, Array]
+) -> Entry:
+    """The entry of a run that begins at sample `first` only: it starts later, and where the motion has taken it."""
+    if first == 0:
+        return entry
+    position, speed = driven_signals(kind)
+    start = entry.start_position_m
+    if start is not None or position not in values:
+        if position in values:
+            way = float(values[position][first] - values[position][0])
+        else:
+            v = values[speed][: first + 1]
+            way = float(np.sum(0.5 * (v[1:] + v[:-1]) * np.diff(time_s[: first + 1])))
+        start = (start or 0.0) + kind.lever_of(machine) * way
+    began = (entry.start_time_s or 0.0) + float(time_s[first] - time_s[0])
+    return entry.model_copy(update={"start_position_m": start, "start_time_s": began})
+
+
+def _can_freeze(kind: Kind, wanted: SignalSet) -> tuple[str, ...]:
+    """Optional signals that measure something: a reference may well rest."""
+    return tuple(name for name in wanted.optional if name != kind.reference[0])
+
+
 def _repaired(raw: Raw, wanted: SignalSet, fault: Fault) -> tuple[Array, dict[str, Array], list[str]]:
     time_s = raw.values[TIME]
     values = {name: column for name, column in raw.values.items() if name != TIME}
     check_time(time_s, raw.table.row_name, raw.label(TIME), fault)
     refuse_infinite(time_s, values, raw.label, fault)
     time_s, values, notes = merge_repeated(time_s, values, fault)
-    time_s, values, more = fill_gaps(time_s, values, _needed(values, wanted), raw.label, fault)
+    needed = _needed(values, wanted)
+    time_s, values, more = fill_gaps(time_s, values, needed, raw.label, fault)
+    notes += more
+    values, more = bridge_spikes(time_s, values, raw.label)
+    notes += more
+    values, more = check_sizes(values, tuple(needed), raw.label, fault)
     check_time(time_s, raw.table.row_name, raw.label(TIME), fault)  # again: repairs may have shortened the run
     return time_s, values, notes + more + time_notes(time_s)
 

@@ -4,6 +4,7 @@ from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
 from workbench.machine.correction import HoistCorrection, LinearCorrection, MeasuredCorrection, RotaryCorrection
 from workbench.machine.files import default_hoist, load_machine, machine_from, save_machine
 from workbench.machine.hoist import Hoist
+from workbench.machine.two_inertia import TwoInertia
 from workbench.machine.values import get_value, value_names, with_correction, with_values
 
 Machine = Hoist | Axis
@@ -18,6 +19,7 @@ __all__ = [
     "MeasuredCorrection",
     "RotaryAxis",
     "RotaryCorrection",
+    "TwoInertia",
     "default_hoist",
     "get_value",
     "load_machine",

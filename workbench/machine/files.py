@@ -12,10 +12,11 @@ from typing import TypeVar
 from workbench.errors import InputError, nearest
 from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
 from workbench.machine.hoist import Hoist
+from workbench.machine.two_inertia import TwoInertia
 from workbench.yaml_strict import Document, dumps, load, validate
 
 # What machine.yaml may describe. A kind of several motions has a record for each.
-RECORDS: tuple[type[Hoist] | type[Axis], ...] = (Hoist, LinearAxis, RotaryAxis)
+RECORDS: tuple[type[Hoist] | type[Axis], ...] = (Hoist, LinearAxis, RotaryAxis, TwoInertia)
 T = TypeVar("T")
 CheckEffects = Callable[[Hoist | Axis], None]
 _HEAD = ("format", "kind", "motion", "name")

@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from workbench.machine.arm import Arm
 from workbench.machine.correction import HoistCorrection, MeasuredCorrection
 from workbench.machine.record import EffectValues, Finite, Identified, NotNegative, Positive, Record
 
@@ -98,10 +99,11 @@ class HoistTolerances(Record):
     wire_stiffness: NotNegative = 0.05
     torque_gain: NotNegative = 0.005
     torque_offset_nm: NotNegative = 3.0
-    # Of what every machine has a little of: loss of the gearbox; viscous friction at nominal speed and Stribeck's peak,
-    # of the friction level; eccentricity of the drum, of its radius; ripple of the
-    # torque, of the motors' nominal torque together.
+    # Of what every machine has a little of: loss of the gearbox; guide friction over the payload's weight; viscous
+    # friction at nominal speed and Stribeck's peak, of the friction level; eccentricity of the drum, of its radius;
+    # ripple of the torque, of the motors' nominal torque together.
     gearbox_loss: NotNegative = 0.002
+    load_friction: NotNegative = 0.002
     viscous: NotNegative = 0.03
     stribeck: NotNegative = 0.1
     eccentricity: NotNegative = 0.0003
@@ -159,6 +161,7 @@ class Hoist(Record):
     gravity_m_s2: Positive = 9.81
     drive: Drive = Drive()
     rail: Rail = Rail()
+    arm: Arm = Arm()
     sensors: HoistSensors = HoistSensors()
     tolerances: HoistTolerances = HoistTolerances()
     effects: EffectValues = Field(default_factory=dict)

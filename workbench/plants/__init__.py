@@ -10,8 +10,9 @@ from typing import Any
 from workbench.plants.axis import AXIS_LINEAR, AXIS_ROTARY
 from workbench.plants.base import NO_EFFECTS, Effects, Memory, Output, Plant
 from workbench.plants.hoist import HOIST
+from workbench.plants.two_inertia import TWO_INERTIA
 
-PLANTS = {plant.kind: plant for plant in (HOIST, AXIS_LINEAR, AXIS_ROTARY)}
+PLANTS = {plant.kind: plant for plant in (HOIST, AXIS_LINEAR, AXIS_ROTARY, TWO_INERTIA)}
 PLACES = {place: meaning for plant in PLANTS.values() for place, meaning in plant.places.items()}
 
 

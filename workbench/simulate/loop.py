@@ -20,6 +20,7 @@ from workbench.machine import Hoist
 from workbench.metrics import observer
 from workbench.plants import HOIST, NO_EFFECTS, Effects
 from workbench.run import Array, Run
+from workbench.shown import Brief, Shown
 from workbench.simulate.equipped import Equipped
 
 NO_EVENTS = Events()
@@ -47,8 +48,8 @@ class Outcome(enum.Enum):
     LEFT_THE_RAIL = "the carriage left the rail"
 
 
-@dataclass(frozen=True)
-class LoopCase:
+@dataclass(frozen=True, repr=False)
+class LoopCase(Brief):
     """One closed-loop run: a machine, a load, a controller and the motor speed it shall follow.
 
     speed_reference_rad_s: (n,) at the controller's samples. The drive and the effects are the
@@ -65,8 +66,8 @@ class LoopCase:
     start_time_s: float = 0.0
 
 
-@dataclass(frozen=True)
-class LoopResult:
+@dataclass(frozen=True, repr=False)
+class LoopResult(Shown):
     """The run (signals at every `record_every`-th sample), its metrics, and how it ended.
 
     metrics are taken at every controller sample. end_position_m is the carriage's last height.
@@ -127,7 +128,7 @@ def _simulate_alike(
         numbers = {
             **vars(p),
             **loop_values(case.controller, case.machine.drive, hold),
-            **_limits(case),
+            **case_limits(case),
             **case.events.values(),
             "decay": lag_left(case.machine.drive.torque_lag_s, sample_time / substeps),
         }
@@ -187,7 +188,7 @@ def shares(machine: Hoist) -> tuple[float, float]:
     return max(first, 1.0 - first) if n == 2 else first, 1.0 / (n - 1)
 
 
-def _limits(case: LoopCase) -> dict[str, float]:
+def case_limits(case: LoopCase) -> dict[str, float]:
     """Torque limits, shares and ends of the rail by symbol. The harder-worked motor limits them all."""
     machine = case.machine
     one = machine.motor.nominal_torque_nm * machine.drive.overload
@@ -221,16 +222,16 @@ def _result(
 ) -> LoopResult:
     signals = dict(zip(RECORDED, out.T.copy(), strict=True)) if out.shape[1] else {}
     if signals:
-        signals |= _motors(case, time, signals["torque_motor_nm"])
+        signals |= motor_torques(case, time, signals["torque_motor_nm"])
     else:
         time = time[:0]
     run = Run(case.name, time, signals, case.payload_kg, case.start_position_m, case.start_time_s)
     metrics = observer().finish(sums, SimpleNamespace(**values), duration)
-    outcome, at = _outcome(case.machine, time, signals, end, metrics)
+    outcome, at = loop_outcome(case.machine, time, signals, end, metrics)
     return LoopResult(case, run, metrics, outcome, at, float(end[2]), hold)
 
 
-def _motors(case: LoopCase, time: Array, torque: Array) -> dict[str, Array]:
+def motor_torques(case: LoopCase, time: Array, torque: Array) -> dict[str, Array]:
     """The torque of the first and of the second motor (of equal ones: of each); after a failure the first works on."""
     n = case.machine.motor.count
     first = case.machine.drive.torque_share if n == 2 else 1.0 / n
@@ -243,7 +244,7 @@ def _motors(case: LoopCase, time: Array, torque: Array) -> dict[str, Array]:
     }
 
 
-def _outcome(
+def loop_outcome(
     machine: Hoist, time: Array, signals: dict[str, Array], end: Array, metrics: dict[str, float]
 ) -> tuple[Outcome, str]:
     """How the run ended, judged at every sample of the controller; when, as far as signals were kept."""

@@ -16,13 +16,14 @@ from workbench.engine import kernels
 from workbench.machine import Axis, Hoist
 from workbench.plants import Plant
 from workbench.run import Array, Run
+from workbench.shown import Brief, Shown
 from workbench.simulate.driven import Balance, Bench, pooled_rms, sensor, start_point
 
 RESTART_S = 2.0
 
 
-@dataclass(frozen=True)
-class Replay:
+@dataclass(frozen=True, repr=False)
+class Replay(Brief):
     """One run's replay; errors in per cent of `speed_scale`.
 
     simulated: the run as the model moves under the measured input. restarted: (n,)
@@ -43,9 +44,9 @@ class Replay:
         return self.simulated.name
 
 
-@dataclass(frozen=True)
-class ReplayResult:
-    """All runs, and the figures over all samples of all runs."""
+@dataclass(frozen=True, repr=False)
+class ReplayResult(Shown):
+    """All runs, the figures over all samples of all runs, and the machine that was replayed."""
 
     runs: tuple[Replay, ...]
     speed_rmse_percent: float
@@ -55,6 +56,7 @@ class ReplayResult:
     residual_percent: float
     noise_rms: float
     band_hz: float
+    machine: Hoist | Axis
 
 
 def replay_runs(machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> ReplayResult:
@@ -96,6 +98,7 @@ def _together(bench: Bench, replays: Sequence[Replay]) -> ReplayResult:
         100.0 * residual / pooled_rms([b.measured[b.inside] for b in balances]),
         float(np.sqrt(np.mean([b.noise_rms**2 for b in balances]))),
         bench.band_hz,
+        bench.machine,
     )
 
 

@@ -40,7 +40,7 @@ def validate(model: type[Model], document: Document) -> Model:
         first = lines[0]
         rest = [str(line) for line in lines[1:]]
         raise InputError(
-            "\n".join([first.problem, *rest]), file=first.file, line=first.line, place=first.place
+            "; ".join([first.problem, *rest]), file=first.file, line=first.line, place=first.place
         ) from error
 
 
@@ -51,16 +51,21 @@ def problem_lines(
 
     beside: the keys that whoever wrote the key at a place has written beside it; without it all of its block.
     """
-    details = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
-    found: dict[tuple[Place, str], None] = {}
+    # Only what is shown is worded: a file of junk may hold a problem in every line.
+    details = sorted(error.errors(include_url=False), key=lambda detail: detail["type"] != "extra_forbidden")
+    shown: dict[tuple[Place, str], None] = {}
+    more: set[tuple[Place, str]] = set()
     for detail in details:
         place = _place_in(data, detail["loc"])
-        found[(place, _sentence(model, place, detail, beside or (lambda p: _present(data, p[:-1]))))] = None
-    problems = list(found)
-    if len(problems) > MAX_PROBLEMS:
-        place, text = problems[MAX_PROBLEMS - 1]
-        problems[MAX_PROBLEMS - 1] = (place, f"{text} (and {len(problems) - MAX_PROBLEMS} more problems)")
-    return problems[:MAX_PROBLEMS]
+        if len(shown) == MAX_PROBLEMS:
+            more.add((place, detail["type"]))
+            continue
+        shown[(place, _sentence(model, place, detail, beside or (lambda p: _present(data, p[:-1]))))] = None
+    problems = list(shown)
+    if more:
+        place, text = problems[-1]
+        problems[-1] = (place, f"{text} (and {len(more)} more problem{'s' if len(more) > 1 else ''})")
+    return problems
 
 
 def _place_in(data: object, location: tuple[int | str, ...]) -> Place:

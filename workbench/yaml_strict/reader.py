@@ -70,6 +70,7 @@ class _Builder:
         self.file = file
         self.events: Iterator[yaml.Event] = iter(yaml.parse(text, Loader=_Loader))
         self.anchors: dict[str, _Node] = {}
+        self.nodes = 0
         self.values = 0
 
     def fail(self, problem: str, line: int, place: str | None = None) -> InputError:
@@ -89,6 +90,9 @@ class _Builder:
 
     def node(self, event: yaml.Event, depth: int) -> _Node:
         line = _line(event)
+        self.nodes += 1  # counted before anything is built of it
+        if self.nodes > MAX_VALUES:
+            raise self.fail(f"holds more than {MAX_VALUES} values", line)
         if depth > MAX_DEPTH:
             raise self.fail(f"is nested more than {MAX_DEPTH} deep", line)
         if isinstance(event, yaml.AliasEvent):

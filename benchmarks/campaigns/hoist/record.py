@@ -78,7 +78,7 @@ def truth(drawn: Drawn, family: Family, rng: np.random.Generator) -> Truth:
 
 
 def in_run(truth: Truth, plan: RunPlan, rng: np.random.Generator) -> Truth:
-    """Half of the bristles' bend is left by the last motion; most operators let it go before they log."""
+    """In three of ten runs a part of the bristles' bend is left from the last motion."""
     left = rng.uniform(-0.8, 0.8) * (rng.random() < 0.3)
     return truth._replace(
         m_p=truth.mp_scale * plan.payload_kg, x_0=plan.start, start_time_s=plan.start_time_s, z_0=left * truth.bristles

@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
-from workbench.dashboard.uploads.size import check_unpacked
 from workbench.dashboard.uploads.zip_members import MB, Files, unzipped
 from workbench.effects import check
 from workbench.errors import InputError, nearest
@@ -44,10 +43,7 @@ def read_uploaded(uploads: Sequence[Uploaded], workspace: Path) -> Campaign:
     try:
         files, name = _files(uploads)
         folder = _stored(files, workspace)
-        for log in folder.rglob("*"):
-            if log.is_file():
-                check_unpacked(log)
-        campaign = read_campaign(folder, confined=True, check_effects=check)
+        campaign = read_campaign(folder, confined=True, uploaded=True, check_effects=check)
     except BaseException as error:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)

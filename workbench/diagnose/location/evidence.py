@@ -75,7 +75,7 @@ class Weigher:
                 c, share = np.sum(vector, axis=0), 1.0 / (1.0 + s2 * value)
                 mean, spread = self.sizes * np.sum(share * c * along, axis=1), np.sqrt(np.sum(share * c**2, axis=1))
                 table[i] += math.log(2.0) + log_ndtr(mean / spread)
-        i, j = np.unravel_index(int(np.argmax(table)), table.shape)
+        i, j = (int(k) for k in np.unravel_index(int(np.argmax(table)), table.shape))
         log = float(logsumexp(table) - math.log(table.size))
         return Evidence(log, float(self.sizes[j]), float(self.misfits[i]))
 

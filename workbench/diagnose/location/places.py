@@ -69,7 +69,7 @@ def _at_rows_of(problem: Problem, narrow: Problem, part: Array) -> Array:
 def weighed(survey: Survey) -> Placed:
     """Every port weighed on a survey."""
     weigher = Weigher(survey)
-    best: dict[tuple[str, str], tuple[float, Port, Evidence]] = {}
+    best: dict[str, tuple[float, Port, Evidence]] = {}
     logs: dict[str, list[float]] = {}
     pulses = pulses_of(survey, weigher)
     brief = list(event_ports(survey, pulses)) if pulses is not None else []

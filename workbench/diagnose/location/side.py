@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.run import Array
 
 DRIVE, CARRIAGE = 0.4, 0.6  # of the pull that a force on the carriage would make in the dead line
@@ -16,12 +16,12 @@ def side_of(problem: Problem, gap: Array) -> str:
 
     A force on the carriage shows as half of itself in each fall: T = i R W.
     """
-    machine = problem.machine
-    if not problem.has_tension or not isinstance(machine, Hoist):
+    line = kind_of(problem.machine).dead_line
+    if not problem.has_tension or line is None:
         return "unsaid"
     torque = gap[: problem.inputs]
     energy = float(torque @ torque) - problem.noise**2 * problem.inputs  # the noise is in the torque only
-    newtons = machine.gearbox.ratio / (machine.winch.drum_diameter_m / 2.0)  # of pull per N m
+    newtons = line.pull_per_input(problem.machine)
     felt = gap[problem.inputs :] * problem.tension_noise / problem.noise
     if energy <= 0.0:
         return "unsaid"

@@ -10,12 +10,13 @@ import numpy as np
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Setting, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
 from workbench.run import Array
 from workbench.simulate.driven import changed
 from workbench.simulate.lowpass import lowpass
 
 OVERSAMPLED = 16.0  # samples to a period of the band: what is folded over at standstill is sharper than the band
+TURN = 2.0 * np.pi
 RESTING = 0.01  # of the fastest speed
 
 
@@ -91,17 +92,9 @@ def survey_of(problem: Problem, fit: Fitted) -> Survey:
     # What nobody knows (a factor, either way) is looked at from where the fit put it; the rest from its nominal value.
     back = np.where(held, 0.0, fit.z)
     usual = np.where(np.isfinite(std), std, 1.0)
-    machine, lever, turns = problem.machine, 1.0, {}
-    if isinstance(machine, Hoist):
-        lever = machine.lift_m_per_rad
-        ratio = machine.gearbox.ratio
-        turns = {
-            "motor": 1.0,
-            "drum": 1.0 / ratio,
-            "sheave": machine.winch.drum_diameter_m / machine.sheave.diameter_m / (2.0 * ratio),
-        }
-    elif problem.bench.plant.kind == "axis-rotary":
-        turns = {"motor": 1.0}
+    kind, machine = kind_of(problem.machine), problem.machine
+    lever = kind.lever_of(machine)
+    turns = {part.part: TURN * part.turns_per_way(machine) * lever for part in kind.turning}
     felt = 0.0
     if problem.has_tension:
         felt = problem.noise / problem.tension_noise
@@ -116,9 +109,9 @@ def survey_of(problem: Problem, fit: Fitted) -> Survey:
         inputs=problem.inputs,
         felt=felt,
         lever=lever,
-        gravity=machine.gravity_m_s2 if isinstance(machine, Hoist) else 9.81,
+        gravity=kind.gravity(machine),
         band_hz=problem.band_hz,
-        hoist=isinstance(machine, Hoist),
+        hoist=not kind.whole,
         turns=turns,
     )
 
@@ -137,29 +130,19 @@ def _course(problem: Problem, j: int, p, torque: Array, states: Array) -> Course
     stride = max(1, int(1.0 / (OVERSAMPLED * band * run.sample_time_s)))
     smooth = lowpass(t, np.stack([motion.speed, torque], axis=1), 2.0 * band)
     alpha = np.gradient(smooth[:, 0], t)
-    travelled = motion.position - motion.position[0]
-    if isinstance(problem.machine, Hoist):
-        position, speed = states[:, 1], states[:, 3]
-        way = np.arctan(p.slope * speed) * (2.0 / np.pi)
-        acceleration = np.gradient(lowpass(t, speed, 2.0 * band), t)
-        first = bench.plant.start_of(run.start_position_m, float(motion.speed[0]), p)[0][0]
-        turn = first + travelled
-        inertia = p.n_m * p.J_m + p.J_w / p.ratio**2
-        carried = smooth[:, 1] - inertia * alpha
-        mass = p.m_c + run.payload_kg
-        payload = run.payload_kg
-    else:
-        position, speed, turn = motion.position, smooth[:, 0], motion.position
-        way = np.clip(speed / p.v_s, -1.0, 1.0)
-        acceleration, mass, payload = alpha, p.M, run.payload_kg
-        carried = p.G * np.sin(position) + p.C
+    kind = kind_of(problem.machine)
+    here = kind.frame(run, motion.position, smooth[:, 0] if kind.moved.placed_by_log else motion.speed, states, p)
+    port = next(iter(kind.ports.values()))  # where what moves rubs
+    way = port.way(here, p)
+    acceleration = alpha if kind.moved.placed_by_log else np.gradient(lowpass(t, here.v, 2.0 * band), t)
+    carried, mass = kind.transmitted(p, here, smooth[:, 1], alpha, run.payload_kg)
     cut = slice(None, None, stride)
     return Course(
-        time=t[cut], at=t[problem.rows[j]], way=way[cut], speed=speed[cut], acceleration=acceleration[cut],
-        position=position[cut], turn=turn[cut], turn_rate=smooth[cut, 0], turn_acceleration=alpha[cut],
+        time=t[cut], at=t[problem.rows[j]], way=way[cut], speed=here.v[cut], acceleration=acceleration[cut],
+        position=here.x[cut], turn=here.angle[cut], turn_rate=smooth[cut, 0], turn_acceleration=alpha[cut],
         torque=smooth[cut, 1], carried=np.broadcast_to(carried, t.shape)[cut],
         since_start=_since_start(t, motion.speed)[cut], start_time_s=run.start_time_s - float(t[0]),
-        payload=float(payload), mass=float(mass),
+        payload=float(run.payload_kg), mass=float(mass),
     )  # fmt: skip
 
 

@@ -162,8 +162,9 @@ def beyond_trace(problem: Problem, fit: Fitted, name: str, merit: float) -> floa
     standard deviations would explain."""
     known = traces(problem.machine, problem.runs, name)
     sizes = [float(np.mean(fit.setting[symbol])) / std for symbol, std in known.items()]
-    least = min(((TRACE / max(size, 1e-300)) ** 2 for size in sizes), default=0.0)
-    return merit * max(1.0 - least, 0.0) if merit > 0.0 else merit
+    if merit <= 0.0 or not sizes:
+        return merit
+    return merit * max(1.0 - (TRACE / max(*sizes, TRACE)) ** 2, 0.0)
 
 
 def judge(found: Found) -> Judged:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,32 +63,50 @@ def load_case(
     heights: str | None,
 ) -> LoopCaseFile:
     """InputError with file and place for whatever cannot be read or does not fit."""
+    hoist: Hoist | None = None
+    if machine is not None:
+        read = load_machine(machine, check_effects=check)
+        hoist = studied(read)
+        if hoist is None:
+            raise InputError(f"is {of_kind(read)}; a speed loop is analysed for {STUDIED}", file=machine)
+    given = None if controller is None else (read_controller(controller), f"of {controller}")
+    return loop_case(
+        hoist,
+        given,
+        None if payloads is None else numbers(payloads, "--payloads"),
+        None if heights is None else numbers(heights, "--heights"),
+        scenario,
+    )
+
+
+def loop_case(
+    machine: Hoist | None,
+    controller: tuple[PiSettings, str] | None,
+    payloads_kg: Sequence[float] | None,
+    heights_m: Sequence[float] | None,
+    scenario: str | os.PathLike[str] | None,
+) -> LoopCaseFile:
+    """The case of these values. What is None comes from the scenario, else it is the usual one.
+
+    controller: the settings, and where they came from in words.
+    """
     study: Study | None = None
-    settings, origin = None, ""
-    hoist = default_hoist()
     loads: Sequence[float] = USUAL_PAYLOADS_KG
     if scenario is not None:
         from workbench.study.scenario.load import load_study
 
         study = load_study(scenario)
         # What the scenario itself says; a sweep's or a sample's points go their own ways from there.
-        hoist, settings, origin = study.machine, study.scenario.controller, f"of {scenario}"
+        controller = controller or (study.scenario.controller, f"of {scenario}")
+        machine = study.machine if machine is None else machine
         loads = sorted({spec.payload_kg for spec in study.specs[:200]})
-    if machine is not None:
-        read = load_machine(machine, check_effects=check)
-        given = studied(read)
-        if given is None:
-            raise InputError(f"is {of_kind(read)}; a speed loop is analysed for {STUDIED}", file=machine)
-        hoist = given
-    if controller is not None:
-        settings, origin = read_controller(controller), f"of {controller}"
-    if settings is None:
-        settings, origin = usual_controller(hoist), f"by rule: crossover about {USUAL_CROSSOVER_HZ:g} Hz"
-    wanted = tuple(loads) if payloads is None else numbers(payloads, "--payloads")
-    places = usual_heights(hoist) if heights is None else numbers(heights, "--heights")
+    machine = default_hoist() if machine is None else machine
+    settings, origin = controller or (usual_controller(machine), f"by rule: crossover about {USUAL_CROSSOVER_HZ:g} Hz")
+    wanted = tuple(loads if payloads_kg is None else payloads_kg)
+    places = tuple(usual_heights(machine) if heights_m is None else heights_m)
     if len(wanted) * len(places) > MOST:
         raise InputError(f"{len(wanted)} payloads at {len(places)} heights, expected at most {MOST} loops in all")
-    return LoopCaseFile(hoist, settings, origin, wanted, places, study)
+    return LoopCaseFile(machine, settings, origin, wanted, places, study)
 
 
 def read_controller(path: Path) -> PiSettings:

@@ -20,7 +20,7 @@ from workbench.study.conclude.variation_sentences import sweeps_limits
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.finished import Finished
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import Axis, drawn_columns, swept_axes
+from workbench.study.variations.varying import SweptAxis, drawn_columns, swept_axes
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -37,22 +37,22 @@ def figures_of(result: Finished) -> list[Noted]:
     if not good:
         return []
     axes, drawn = swept_axes(result.rows), drawn_columns(result.rows)
-    found: list[Noted] = []
+    figures: list[Noted] = []
     if sweeps_limits(good):
-        found += _paretos(good, axes)
+        figures += _paretos(good, axes)
     elif not axes and len({row.reference for row in good}) > 2 and not drawn:
         pass
     if drawn:
-        found += _scatter(good, drawn)
-    found += [_over(result, good, axis) for axis in axes if changing(good, axis)]
+        figures += _scatter(good, drawn)
+    figures += [_over(result, good, axis) for axis in axes if changing(good, axis)]
     if not axes and not drawn and len({row.payload_kg for row in good}) > 1:
-        found.append((_over_payload(result, good), ""))
+        figures.append((_over_payload(result, good), ""))
     if (curves := _curves(result, good, axes, bool(drawn))) is not None:
-        found += curves
-    return found
+        figures += curves
+    return figures
 
 
-def _paretos(good: Sequence[Row], axes: Sequence[Axis]) -> list[Noted]:
+def _paretos(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[Noted]:
     note = (
         "Each point is a run; the line joins those that no other run beats in both. The knee is the run farthest below "
         "the line between the front's ends: beyond it on either side a little of one cost is bought dearly."
@@ -68,8 +68,8 @@ def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:
     ranked = [
         (f"{payload:g} kg, {kind}", rank_correlations(rows, drawn, PEAK)) for (payload, kind), rows in groups.items()
     ]
-    ranked = [each for each in ranked if each[1]][-MOST_GROUPS:]
-    found: list[Noted] = [
+    ranked = [group for group in ranked if group[1]][-MOST_GROUPS:]
+    figures: list[Noted] = [
         (
             spread(good, _spread(good)),
             "Above the histogram, below the share of runs at or below a value; ticks: 5, 50, 95 %.",
@@ -77,8 +77,8 @@ def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:
     ]
     if ranked:
         note = "Spearman's rank correlation of each drawn value with the metric: ±1 is a fixed order, 0 no relation."
-        found.append((tornado(ranked, PEAK), note))
-    return found
+        figures.append((tornado(ranked, PEAK), note))
+    return figures
 
 
 def _spread(good: Sequence[Row]) -> list[str]:
@@ -86,7 +86,7 @@ def _spread(good: Sequence[Row]) -> list[str]:
     return [m.name for m in shown_in(View.SPREAD) if all(row.metrics.get(m.name) is not None for row in good)]
 
 
-def _over(result: Finished, good: Sequence[Row], axis: Axis) -> Noted:
+def _over(result: Finished, good: Sequence[Row], axis: SweptAxis) -> Noted:
     motor = result.machine.motor
     figure = metrics_over_axis(good, axis, motor.nominal_torque_nm, motor_torque_limit_nm(result.machine))
     several = len(good) > len({(row.payload_kg, row.reference, axis.at(row)) for row in good})
@@ -108,7 +108,7 @@ def _over_payload(result: Finished, good: Sequence[Row]) -> Figure:
     return peak_torque_over_payload(payloads, peaks, machine.motor.nominal_torque_nm, limit, static)
 
 
-def _curves(result: Finished, good: Sequence[Row], axes: Sequence[Axis], drawn: bool) -> list[Noted] | None:
+def _curves(result: Finished, good: Sequence[Row], axes: Sequence[SweptAxis], drawn: bool) -> list[Noted] | None:
     """Signals over time, and torque over speed, of a choice of runs that can be told apart."""
     runs, what = _chosen(result, good, axes, drawn)
     if not runs:
@@ -144,7 +144,7 @@ def _first_ramp(run: Run) -> tuple[float, float]:
 
 
 def _chosen(
-    result: Finished, good: Sequence[Row], axes: Sequence[Axis], drawn: bool
+    result: Finished, good: Sequence[Row], axes: Sequence[SweptAxis], drawn: bool
 ) -> tuple[list[tuple[str, Run]], str]:
     kept = [row for row in good if row.run_id in result.runs]
     if not kept or drawn:

@@ -63,17 +63,17 @@ def what_was_run(result: Finished) -> Table:
 
 
 def _varied(rows: Sequence[Row]) -> list[tuple[str, str]]:
-    found = []
+    lines = []
     for axis in swept_axes(rows):
         points = ", ".join(axis.short(point) for point in axis.points)
         if len(axis.points) > 12:
             points = f"{axis.short(axis.points[0])} to {axis.short(axis.points[-1])}, {len(axis.points)} values"
-        found.append((f"swept: {axis.words}", points))
+        lines.append((f"swept: {axis.words}", points))
     for column in drawn_columns(rows):
         values = [float(value) for row in rows if not isinstance(value := row.assigned[column], str)]
         label = field_label(column)
-        found.append((f"drawn: {label.words}", f"{shown(min(values))} to {shown(max(values))} {label.unit}"))
-    return found
+        lines.append((f"drawn: {label.words}", f"{shown(min(values))} to {shown(max(values))} {label.unit}"))
+    return lines
 
 
 def _some(values: Sequence[float]) -> str:

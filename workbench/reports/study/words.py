@@ -10,7 +10,7 @@ from workbench.study.conclude.sentences import sentences
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.finished import Finished
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import said, swept_axes
+from workbench.study.variations.varying import run_in_words, swept_axes
 
 
 def conclusions(result: Finished) -> list[str]:
@@ -59,7 +59,7 @@ def _heat(good: Sequence[Row]) -> list[str]:
         return []
     hot = max(known, key=lambda row: row["thermal_load_percent"])
     load, seconds = hot["thermal_load_percent"], hot["i2t_s"]
-    where = said(hot, swept_axes(good))
+    where = run_in_words(hot, swept_axes(good))
     above = max(row["overload_time_s"] for row in known)
     text = f"The motors' thermal load is at most {load:.0f} % of nominal ({where})"
     if load > 100.0:
@@ -90,8 +90,8 @@ def _wire(good: Sequence[Row]) -> list[str]:
     least = min(good, key=lambda row: row["min_wire_tension_n"])
     axes = swept_axes(good)
     text = (
-        f"A fall of wire carries between {least['min_wire_tension_n'] / 1000.0:.1f} kN ({said(least, axes)}) and "
-        f"{most['max_wire_tension_n'] / 1000.0:.1f} kN ({said(most, axes)})"
+        f"A fall of wire carries between {least['min_wire_tension_n'] / 1000.0:.1f} kN ({run_in_words(least, axes)}) "
+        f"and {most['max_wire_tension_n'] / 1000.0:.1f} kN ({run_in_words(most, axes)})"
     )
     factors = [row["wire_safety_factor"] for row in good if row.metrics.get("wire_safety_factor") is not None]
     if factors:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from workbench.errors import InputError, nearest
 from workbench.metrics import by_name, metrics
+from workbench.shown import Shown
 from workbench.study.compare.scale import least, percent
 from workbench.study.results.row import Row
 
@@ -73,8 +74,8 @@ class Regression:
     worse: float
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
     """changes: of every metric. only_a, only_b: runs without a partner. newly_failed: ok in a, failed in b."""
 
     pairs: tuple[Pair, ...]

@@ -26,11 +26,11 @@ def why_unmatched(a: Sequence[Row], b: Sequence[Row]) -> str:
 
 def _fields(a: Sequence[Row], b: Sequence[Row]) -> list[str]:
     """Fields that only one of the two varies."""
-    found = []
+    texts = []
     for one, name_of_one, other in ((a, "A", b), (b, "B", a)):
         if own := [field_label(name).words for name in _varied(one) if name not in _varied(other)]:
-            found.append(f"only {name_of_one} varies {_listed(own)}")
-    return found
+            texts.append(f"only {name_of_one} varies {_listed(own)}")
+    return texts
 
 
 def _apart(words: str, a: Sequence[Row], b: Sequence[Row], of: Callable[[Row], str]) -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from workbench.references import BASELINE, planned_kinds
 from workbench.study.conclude.variation_sentences import against_baseline, effects, knees, scatter, span, sweeps_limits
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import Axis, drawn_columns, said, swept_axes
+from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_words, swept_axes
 
 MOST_FAILED = 5
 ASTRAY_M = 0.05
@@ -25,7 +25,7 @@ def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
     return [*first, *_limits(good, torque_limit_nm, axes), *_slack(good, axes), *_astray(good, axes), *_failures(rows)]
 
 
-def _varied_runs(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+def _varied_runs(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
     if drawn_columns(good):
         return [*scatter(good), *against_baseline(good, axes)] if not axes else [*span(good, axes), *scatter(good)]
     paid = [*knees(good, axes)] if sweeps_limits(good) else []
@@ -84,7 +84,7 @@ def _verb(percent: float) -> str:
     return f"takes {-percent:.0f} % off" if percent < 0.0 else f"adds {percent:.0f} % to"
 
 
-def _limits(good: Sequence[Row], torque_limit_nm: float, axes: Sequence[Axis]) -> list[str]:
+def _limits(good: Sequence[Row], torque_limit_nm: float, axes: Sequence[SweptAxis]) -> list[str]:
     if any("drive." in column or "motor." in column for row in good[:1] for column in row.assigned):
         return []  # each run has a limit of its own
     at_limit = [row for row in good if row["peak_torque_motor_nm"] >= torque_limit_nm * (1.0 - 1e-9)]
@@ -93,7 +93,7 @@ def _limits(good: Sequence[Row], torque_limit_nm: float, axes: Sequence[Axis]) -
     return [f"The torque limit of {torque_limit_nm:.0f} N m per motor is reached{_which(at_limit, good, axes)}."]
 
 
-def _slack(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+def _slack(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
     slack = [row for row in good if row["slack_time_s"] > 0.0]
     if not slack:
         return []
@@ -106,7 +106,7 @@ def _slack(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
     ]
 
 
-def _astray(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+def _astray(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
     """Runs that do not end where they should."""
     astray = [row for row in good if abs(row["position_error_end_m"]) > ASTRAY_M]
     if not astray:
@@ -127,7 +127,7 @@ def _failures(rows: Sequence[Row]) -> list[str]:
     return said
 
 
-def _which(rows: Sequence[Row], good: Sequence[Row], axes: Sequence[Axis]) -> str:
+def _which(rows: Sequence[Row], good: Sequence[Row], axes: Sequence[SweptAxis]) -> str:
     """`: a, b, c` of a few runs; of many how many, and the first."""
     names = [_name(row, axes) for row in rows]
     sign = "; " if rows[0].assigned else ", "
@@ -136,5 +136,5 @@ def _which(rows: Sequence[Row], good: Sequence[Row], axes: Sequence[Axis]) -> st
     return f" in {len(names)} of {len(good)} runs, the first {names[0]}"
 
 
-def _name(row: Row, axes: Sequence[Axis]) -> str:
-    return said(row, axes) if row.assigned else row.run_id
+def _name(row: Row, axes: Sequence[SweptAxis]) -> str:
+    return run_in_words(row, axes) if row.assigned else row.run_id

@@ -13,7 +13,7 @@ import numpy as np
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.results.labels import field_label, shown
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import Axis, drawn_columns, said, swept_axes
+from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_words, swept_axes
 from workbench.tables import Column, Table, words
 
 QUANTILES = (0.05, 0.5, 0.95)
@@ -93,7 +93,7 @@ def quantile_table(rows: Sequence[Row]) -> Table:
     return Table([*_CASE, Column("runs"), words("quantile"), *metric_heads(columns)], lines, note)
 
 
-def extremes_table(rows: Sequence[Row], axes: Sequence[Axis]) -> Table:
+def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> Table:
     """The runs at the ends of what matters; where all runs are alike no line."""
     good = [row for row in rows if row.ok]
     columns = shown_in(View.EXTREMES)
@@ -106,7 +106,7 @@ def extremes_table(rows: Sequence[Row], axes: Sequence[Axis]) -> Table:
             continue
         for name, sign in metric.ends:
             row = known[int(np.argmax(sign * values))]
-            which = textwrap.fill(said(row, axes), WIDEST_RUN)
+            which = textwrap.fill(run_in_words(row, axes), WIDEST_RUN)
             lines.append([name, which, *(column.text(row.get(column.name)) for column in columns)])
     return Table([words("run with the"), words("which"), *metric_heads(columns)], lines)
 

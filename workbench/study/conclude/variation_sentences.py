@@ -12,14 +12,14 @@ from workbench.study.conclude.pareto import Front, fronts
 from workbench.study.conclude.rank import rank_correlations
 from workbench.study.results.labels import metric_label, shown
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import Axis, drawn_columns, said, swept_axes
+from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_words, swept_axes
 
 PEAK, ERROR = "peak_torque_motor_nm", "speed_error_max_rad_s"
 NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
 MOST_FRONTS = 3
 
 
-def span(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+def span(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
     """Between which runs the torque peak and the speed error lie."""
     if not good:
         return []
@@ -28,13 +28,13 @@ def span(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
         low, high = (choose(good, key=lambda row: row[metric]) for choose in (min, max))
         what = metric_label(metric)
         texts.append(
-            f"Over {len(good)} runs the {what.words} goes from {low[metric]:.3g} {what.unit} ({said(low, axes)}) "
-            f"to {high[metric]:.3g} {what.unit} ({said(high, axes)})."
+            f"Over {len(good)} runs the {what.words} goes from {low[metric]:.3g} {what.unit} "
+            f"({run_in_words(low, axes)}) to {high[metric]:.3g} {what.unit} ({run_in_words(high, axes)})."
         )
     return texts
 
 
-def effects(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+def effects(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
     """What each axis does at the heaviest payload, of all runs at a value the worst."""
     if not good:
         return []
@@ -43,7 +43,7 @@ def effects(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
     return [text for axis in axes for text in _effect(axis, here, heaviest)]
 
 
-def _effect(axis: Axis, rows: Sequence[Row], payload_kg: float) -> Iterator[str]:
+def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float) -> Iterator[str]:
     groups = {point: [row for row in rows if axis.at(row) == point] for point in axis.points}
     groups = {point: members for point, members in groups.items() if members}
     if len(groups) < 2:
@@ -70,7 +70,7 @@ def listed(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-def _course(axis: Axis, points: Sequence[tuple[float | str, ...]], values: Sequence[float], unit: str) -> str:
+def _course(axis: SweptAxis, points: Sequence[tuple[float | str, ...]], values: Sequence[float], unit: str) -> str:
     """From end to end, with the extreme between them where there is one; of words each."""
     if not axis.numeric:
         return "is " + ", ".join(f"{v:.3g} {unit} with {shown(p[0])}" for p, v in zip(points, values, strict=True))
@@ -90,13 +90,13 @@ def sweeps_limits(rows: Sequence[Row]) -> bool:
     return any(".limits." in column for axis in swept_axes(rows) for column in axis.columns)
 
 
-def knees(good: Sequence[Row], axes: Sequence[Axis], second: str = PEAK) -> list[str]:
+def knees(good: Sequence[Row], axes: Sequence[SweptAxis], second: str = PEAK) -> list[str]:
     """Where the fronts of move time against torque turn, and what the ends of them cost."""
     texts = [_knee(front, axes) for front in fronts(good, second) if front.knee is not None]
     return texts[-MOST_FRONTS:]
 
 
-def _knee(front: Front, axes: Sequence[Axis]) -> str:
+def _knee(front: Front, axes: Sequence[SweptAxis]) -> str:
     knee, fast, slow = front.knee, front.rows[0], front.rows[-1]
     assert knee is not None
     what = metric_label(front.costs[1])
@@ -143,7 +143,7 @@ def _hangs_on(rows: Sequence[Row], columns: Sequence[str]) -> str:
     )
 
 
-def against_baseline(good: Sequence[Row], axes: Sequence[Axis]) -> list[str]:
+def against_baseline(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
     """Each planned kind of reference against the baseline at equal settings, over all points that have both.
 
     Of the heaviest payload that has both. A kind that takes the baseline's time is left out: its limits are others.
@@ -175,7 +175,7 @@ def _against_baseline(payload_kg: float, name: str, pairs: Sequence[tuple[Row, R
     )
 
 
-def _settings(row: Row, axes: Sequence[Axis]) -> tuple[object, ...]:
+def _settings(row: Row, axes: Sequence[SweptAxis]) -> tuple[object, ...]:
     drawn = row.run_id.rpartition("_s")[2] if any(name.startswith("sample.") for name in row.assigned) else ""
     return (*(axis.at(row) for axis in axes), drawn)
 

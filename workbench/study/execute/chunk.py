@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from workbench.errors import InputError
@@ -21,7 +21,7 @@ def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tupl
     wrong on its way, is a row with its reason; the others go on.
     """
     done: dict[int, tuple[Row, Run | None]] = {}
-    cases: dict[tuple[int, float], list[tuple[int, RunSpec, Plan, LoopCase]]] = {}
+    cases: dict[tuple[int, float, str], list[tuple[int, RunSpec, Plan, LoopCase]]] = {}
     for index, spec in enumerate(specs):
         try:
             plan = spec.plan()
@@ -37,9 +37,10 @@ def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tupl
             speed_reference_rad_s=_motor_speed(plan, spec),
             events=spec.events,
         )
-        cases.setdefault((spec.record_every, spec.step_s), []).append((index, spec, plan, case))
-    for (record_every, step_s), group in cases.items():
-        results = _side_by_side([case for *_, case in group], record_every, step_s, threads)
+        cases.setdefault((spec.record_every, spec.step_s, spec.plant), []).append((index, spec, plan, case))
+    for (record_every, step_s, plant), group in cases.items():
+        simulate = _multibody if plant == "multibody" else _lumped
+        results = _side_by_side(simulate, [case for *_, case in group], record_every, step_s, threads)
         for (index, spec, plan, _), result in zip(group, results, strict=True):
             if isinstance(result, str):
                 done[index] = (_row(spec, {}, result), None)
@@ -49,15 +50,30 @@ def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tupl
 
 
 def _side_by_side(
-    cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
+    simulate: Callable[..., list[LoopResult]],
+    cases: Sequence[LoopCase],
+    record_every: int,
+    step_s: float,
+    threads: int | None,
 ) -> list[LoopResult | str]:
     """The result of each case, or why it could not begin: such a case takes no other with it."""
     try:
-        return list(simulate_loop(cases, record_every=record_every, step_s=step_s, threads=threads))
+        return list(simulate(cases, record_every, step_s, threads))
     except (ArithmeticError, ValueError, InputError) as error:
         if len(cases) == 1:
             return [str(error)]
-    return [result for case in cases for result in _side_by_side([case], record_every, step_s, threads)]
+    return [result for case in cases for result in _side_by_side(simulate, [case], record_every, step_s, threads)]
+
+
+def _lumped(cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None) -> list[LoopResult]:
+    return simulate_loop(cases, record_every=record_every, step_s=step_s, threads=threads)
+
+
+def _multibody(cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None) -> list[LoopResult]:
+    """One after the other: the engine has no lanes, and workers share a study's runs anyway."""
+    from workbench.simulate.multibody_loop import simulate_multibody_loop
+
+    return [simulate_multibody_loop(case, record_every=record_every, step_s=step_s) for case in cases]
 
 
 def _motor_speed(plan: Plan, spec: RunSpec) -> Array:

@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 
 from workbench.machine import Hoist
 from workbench.run import Run
+from workbench.shown import Shown
 from workbench.study.execute.chunk import run_specs
 from workbench.study.results.row import Row
 from workbench.study.scenario.load import Study
 
 
-@dataclass(frozen=True)
-class StudyResult:
+@dataclass(frozen=True, repr=False)
+class StudyResult(Shown):
     """All rows in the order of the scenario, and the signals of the runs by run_id."""
 
     study: Study

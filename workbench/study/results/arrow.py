@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.logs.table import float_array
+from workbench.log_formats.arrow import float_array
 from workbench.run import Array
 
 

@@ -84,8 +84,8 @@ class Fields:
         """A field's own number; None where it has none, or not one only."""
         if ("value", name) not in self._cache:
             self._cache["value", name] = self._value(name)
-        found: float | None = self._cache["value", name]
-        return found
+        value: float | None = self._cache["value", name]
+        return value
 
     def _value(self, name: str) -> float | None:
         parts = self.parts({})
@@ -97,8 +97,8 @@ class Fields:
             chosen = [] if pair is None else [pair.hoisting, pair.lowering]
             if len(path) == 2 and pair is not None:
                 chosen = [getattr(pair, str(path[0]))]
-            found = {getattr(each, str(path[-1])) for each in chosen}
-            return found.pop() if len(found) == 1 else None
+            values = {getattr(limits, str(path[-1])) for limits in chosen}
+            return values.pop() if len(values) == 1 else None
         value: Any = {
             "moves": [move.model_dump() for move in self.scenario.moves],
             "controller": parts.controller.model_dump(),
@@ -206,9 +206,9 @@ def _leaves(model: type[BaseModel], prefix: str = "") -> Iterable[str]:
     """Dotted names of a record's values, those of optional blocks included."""
     for name, info in model.model_fields.items():
         blocks = [
-            each
-            for each in (info.annotation, *getattr(info.annotation, "__args__", ()))
-            if isinstance(each, type) and issubclass(each, BaseModel)
+            annotation
+            for annotation in (info.annotation, *getattr(info.annotation, "__args__", ()))
+            if isinstance(annotation, type) and issubclass(annotation, BaseModel)
         ]
         if not prefix and name in _NO_FIELDS:
             continue

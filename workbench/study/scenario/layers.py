@@ -31,7 +31,7 @@ class Layered:
                 return self.origin[place[:end]]
         return self.file, 1 if not place else None
 
-    def beside(self, place: Place) -> set[str]:
+    def keys_in_same_file(self, place: Place) -> set[str]:
         """The keys of a place's block that stand in the same file as the place itself."""
         block: Any = self.data
         for part in place[:-1]:
@@ -78,7 +78,7 @@ def _why_not(file: Path, seen: list[Path]) -> str:
     if not file.is_file():
         return f"no scenario file {file}; expected a path seen from this file"
     if file.resolve() in seen:
-        return f"goes in a circle: {' extends '.join(each.name for each in [*seen, file])}"
+        return f"goes in a circle: {' extends '.join(path.name for path in [*seen, file])}"
     return f"is a chain of more than {LONGEST_CHAIN} files"
 
 
@@ -96,20 +96,20 @@ def layer_of(document: Document) -> Layered:
 
 
 def _flattened(
-    block: dict[str, Any], place: Place, prefix: str, found: dict[str, Any], layer: Layered
+    block: dict[str, Any], place: Place, prefix: str, flat: dict[str, Any], layer: Layered
 ) -> dict[str, Any]:
     """{wire: {segment_length_m: 30}} as {wire.segment_length_m: 30}, lines kept."""
     assert isinstance(layer.origin, dict)
     for key, value in block.items():
         name, here = f"{prefix}{key}", (*place, key)
         if isinstance(value, dict):
-            _flattened(value, here, f"{name}.", found, layer)
+            _flattened(value, here, f"{name}.", flat, layer)
             continue
-        if name in found:
+        if name in flat:
             raise layer.error(f"'{name}' is set twice, in a block and by its dotted name", here)
-        found[name] = value
+        flat[name] = value
         layer.origin[(place[0], name)] = layer.at(here)
-    return found
+    return flat
 
 
 def _merged(
@@ -126,9 +126,21 @@ def _merged(
             result[key] = _merged(old[key], value, here, origin, new_origin)
         else:
             result[key] = value
-            for stale in [each for each in origin if each[: len(here)] == here]:
-                del origin[stale]
-            origin.update({each: at for each, at in new_origin.items() if each[: len(here)] == here})
+            if key in old:  # only then there is something stale; a look through all places for each key is quadratic
+                for stale in [known for known in origin if known[: len(here)] == here]:
+                    del origin[stale]
+            _copy_origin(value, here, origin, new_origin)
         if here in new_origin:
             origin[here] = new_origin[here]
     return result
+
+
+def _copy_origin(
+    value: Any, place: Place, origin: dict[Place, tuple[Path, int]], new_origin: Mapping[Place, tuple[Path, int]]
+) -> None:
+    """Where a value and all that is in it stand."""
+    if place in new_origin:
+        origin[place] = new_origin[place]
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, part in inner:
+        _copy_origin(part, (*place, key), origin, new_origin)

@@ -23,19 +23,23 @@ from workbench.machine import Hoist, default_hoist, load_machine
 from workbench.metrics import added
 from workbench.references import Plan
 from workbench.references import digests_of as digests_of_references
+from workbench.shown import Brief
 from workbench.study.scenario.layers import Layered, read_layers
 from workbench.study.scenario.record import Scenario
-from workbench.study.variations.check import expand
-from workbench.study.variations.run_list import Expansion
+from workbench.study.variations.check import plan_runs
+from workbench.study.variations.run_list import RunList
 from workbench.study.variations.run_spec import Recording
 from workbench.yaml_strict import Place, dotted, problem_lines
 
 # What decides a study's numbers: an edit of any of it makes another study.
-_PHYSICS = ("control", "effects", "engine", "machine", "plants", "references", "simulate", "study", "trace", "metrics")
+_PHYSICS = (
+    "control", "effects", "engine", "machine", "metrics", "multibody", "plants", "references", "simulate", "study",
+    "trace",
+)  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, repr=False)
+class Study(Brief):
     """A scenario on its machine (overrides, drive and effects in it). recordings: of its recorded references."""
 
     scenario: Scenario
@@ -43,9 +47,9 @@ class Study:
     recordings: Mapping[str, Recording] = field(default_factory=dict)
 
     @cached_property
-    def specs(self) -> Expansion:
+    def specs(self) -> RunList:
         """All runs, made when asked for."""
-        return expand(self.scenario, self.machine, self.recordings)
+        return plan_runs(self.scenario, self.machine, self.recordings)
 
     @cached_property
     def plans(self) -> dict[str, Plan]:
@@ -65,7 +69,7 @@ class Study:
         for reference in said["references"]:
             if isinstance(reference, dict):
                 del reference["campaign"]
-        return _digest([said, {label: each.digest for label, each in sorted(self.recordings.items())}])
+        return _digest([said, {label: recording.digest for label, recording in sorted(self.recordings.items())}])
 
     @cached_property
     def machine_hash(self) -> str:
@@ -123,10 +127,21 @@ def plan_study(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Reco
             raise InputError("is missing; expected a block of limits", place="limits")
         if scenario.start_position_m is None and "start_position_m" not in varied:
             raise InputError("is missing; expected the carriage's height, a number", place="start_position_m")
-    study = Study(scenario, _equipped(scenario, machine), recordings or {})
+    study = Study(scenario, _machine_as_run(scenario, machine), recordings or {})
+    if scenario.plant == "multibody":
+        _check_multibody(study.machine)
     assert study.specs.duration_s > 0.0  # made here, so that what is wrong is said now
     study.plans  # noqa: B018
     return study
+
+
+def _check_multibody(machine: Hoist) -> None:
+    from workbench.simulate.multibody_loop import check_multibody
+
+    try:
+        check_multibody(machine)
+    except InputError as error:
+        raise InputError(error.problem, place="plant") from error
 
 
 def _varied(scenario: Scenario) -> set[str]:
@@ -144,12 +159,12 @@ def scenario_of(layers: Layered) -> Scenario:
     try:
         return Scenario.model_validate(layers.data)
     except ValidationError as error:
-        found = [
+        errors = [
             layers.error(*_clearer(text, place, layers.data))
-            for place, text in problem_lines(Scenario, error, layers.data, layers.beside)
+            for place, text in problem_lines(Scenario, error, layers.data, layers.keys_in_same_file)
         ]
-        first = found[0]
-        text = "\n".join([first.problem, *map(str, found[1:])])
+        first = errors[0]
+        text = "\n".join([first.problem, *map(str, errors[1:])])
         raise InputError(text, file=first.file, line=first.line, place=first.place) from error
 
 
@@ -179,13 +194,13 @@ def _machine(scenario: Scenario, layers: Layered) -> Hoist:
     return machine
 
 
-def _equipped(scenario: Scenario, machine: Hoist) -> Hoist:
+def _machine_as_run(scenario: Scenario, machine: Hoist) -> Hoist:
     """The machine with overrides, drive and effects of the scenario. InputError names the place in the scenario."""
     data = machine.model_dump()
     known = set(_paths(data))
     for name, value in scenario.machine_overrides.items():
         if name not in known or isinstance(value, list):
-            valid = [each for each in known if not each.startswith("identified")]
+            valid = [path for path in known if not path.startswith("identified")]
             hint = nearest(name, valid)
             hint = hint if hint.startswith("did") else "expected a dotted name such as wire.segment_length_m"
             raise InputError(f"the machine has no value '{name}'; {hint}", place=f"machine_overrides.{name}")
@@ -197,39 +212,39 @@ def _equipped(scenario: Scenario, machine: Hoist) -> Hoist:
         data["drive"] |= scenario.drive.model_dump(exclude_none=True)
     data["effects"] = {name: dict(values) for name, values in machine.effects.items()} | scenario.effects
     try:
-        equipped = Hoist.model_validate(data)
+        as_run = Hoist.model_validate(data)
     except ValidationError as error:
         place, problem = problem_lines(Hoist, error, data)[0]
         name = dotted(place)
-        named = next((each for each in scenario.machine_overrides if each.startswith(name or "?")), None)
+        named = next((override for override in scenario.machine_overrides if override.startswith(name or "?")), None)
         where = f"machine_overrides.{named}" if named else name if place[:1] in (("drive",), ("effects",)) else ""
         raise InputError(problem, place=where or "machine_overrides") from error
-    check(equipped)
-    return equipped
+    check(as_run)
+    return as_run
 
 
 def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
-    found: list[str] = []
+    paths: list[str] = []
     for key, value in data.items():
         if isinstance(value, Mapping):
             if prefix or key not in ("effects", "identified"):
-                found += _paths(value, f"{prefix}{key}.")
+                paths += _paths(value, f"{prefix}{key}.")
         elif prefix or key not in ("format", "kind"):
-            found.append(f"{prefix}{key}")
-    return found
+            paths.append(f"{prefix}{key}")
+    return paths
 
 
 def _recordings(scenario: Scenario, layers: Layered) -> dict[str, Recording]:
     """The recorded references, read from their campaigns."""
-    found: dict[str, Recording] = {}
+    recordings: dict[str, Recording] = {}
     for number, reference in enumerate(scenario.references):
         if isinstance(reference, str):
             continue
         from workbench.study.scenario.recordings import read_recording
 
         place: Place = ("references", number, "campaign")
-        found[reference.label] = read_recording(reference, layers.at(place)[0].parent, layers, place)
-    return found
+        recordings[reference.label] = read_recording(reference, layers.at(place)[0].parent, layers, place)
+    return recordings
 
 
 def _place_of(place: str, data: Mapping[str, Any]) -> tuple[Place, str]:

@@ -172,8 +172,9 @@ class Scenario(Record):
     """A scenario, whole. Every payload is run with every reference at every point of sweep and sample.
 
     machine: `default`, or a machine.yaml, sought beside the file. machine_overrides: its values by
-    dotted name or in blocks. drive: the machine's drive, key by key. lead_s, settle_s: held at rest
-    before the first and after the last move. extends: another scenario that this one goes on from.
+    dotted name or in blocks. plant: the lumped equations, or rigid bodies and joints. drive: the machine's
+    drive, key by key. lead_s, settle_s: held at rest before the first and after the last move. extends: another
+    scenario that this one goes on from.
     """
 
     format: Literal[1] = 1
@@ -182,6 +183,7 @@ class Scenario(Record):
     description: str = ""
     machine: Annotated[str, Field(min_length=1)] = "default"
     machine_overrides: dict[str, Any] = Field(default_factory=dict)
+    plant: Literal["lumped", "multibody"] = "lumped"
     drive: DriveChanges | None = None
     payloads_kg: Annotated[tuple[NotNegative, ...], Field(json_schema_extra=SOME)] | None = None
     start_position_m: Finite | None = None

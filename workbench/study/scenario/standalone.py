@@ -20,7 +20,7 @@ from workbench.yaml_strict import Document, dotted, dumps, problem_lines
 _NOT_VALUES = ("format", "kind", "drive", "effects", "identified")
 
 
-def read_alone(document: Document, machine: Hoist | None = None) -> Scenario:
+def read_standalone(document: Document, machine: Hoist | None = None) -> Scenario:
     """The scenario of a document, checked on its machine as `workbench study` checks it.
 
     machine: stands for the machine that the scenario names. InputError, with the line, for whatever is wrong
@@ -50,7 +50,7 @@ def changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
         raise InputError(problem, place=dotted(place) or None) from error
 
 
-def alone_text(scenario: Scenario, machine: Hoist) -> str:
+def standalone_text(scenario: Scenario, machine: Hoist) -> str:
     """The scenario on this machine as YAML that needs no other file: the machine's own values are overrides.
 
     Reading it gives the same runs. What an empty block or a missing value says is left out.
@@ -77,7 +77,7 @@ def _differing(machine: Hoist) -> dict[str, Any]:
 
 
 def _leaves(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    leaves: dict[str, Any] = {}
     for key, value in data.items():
-        found |= _leaves(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
-    return found
+        leaves |= _leaves(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+    return leaves

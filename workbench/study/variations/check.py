@@ -14,15 +14,15 @@ from workbench.machine import Hoist
 from workbench.references import motion_time_s
 from workbench.study.scenario.fields import Assigned, Fields, Parts
 from workbench.study.scenario.record import Scenario
-from workbench.study.variations.grid import Axis, place_of, sampled, swept
-from workbench.study.variations.run_list import Expansion
+from workbench.study.variations.grid import GridAxis, place_of, sampled, swept
+from workbench.study.variations.run_list import RunList
 from workbench.study.variations.run_spec import Recording, check_speed
 
 MOST_RUNS = 1_000_000
 MOST_MOTIONS = 5_000  # motions whose times are reckoned one by one
 
 
-def expand(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recording] | None = None) -> Expansion:
+def plan_runs(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recording] | None = None) -> RunList:
     """The runs of a scenario on its machine (overrides, drive and effects in it), checked without running any.
 
     Raises InputError, with the field or `sweep.<field>` as place, for an unknown field, a value that fits
@@ -30,7 +30,7 @@ def expand(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recordin
     """
     fields = Fields(scenario, machine)
     axes = (*swept(scenario, fields), *sampled(scenario, fields, machine))
-    specs = Expansion(fields, axes, recordings or {})
+    specs = RunList(fields, axes, recordings or {})
     if len(specs) > MOST_RUNS:
         place = "sweep" if scenario.sweep is not None else "sample"
         raise InputError(f"makes {len(specs):,} runs, expected at most {MOST_RUNS:,}", place=place)
@@ -38,7 +38,7 @@ def expand(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recordin
     return replace(specs, duration_s=_common_duration_s(specs))
 
 
-def _check_values(axes: Sequence[Axis], fields: Fields) -> None:
+def _check_values(axes: Sequence[GridAxis], fields: Fields) -> None:
     """Each value by itself, the rest as the file has it; of drawn ones the smallest and the largest."""
     for axis in axes:
         for column, name in enumerate(axis.names):
@@ -62,7 +62,7 @@ def _try(assigned: Assigned, fields: Fields, place: str, name: str, note: str = 
         # Something else does not fit with it; other swept values may yet mend that.
 
 
-def _common_duration_s(specs: Expansion) -> float:
+def _common_duration_s(specs: RunList) -> float:
     """How long each run is: as the slowest of all motions.
 
     Up to 5,000 different motions are reckoned one by one, of more those at the ends of each axis; a run
@@ -104,7 +104,7 @@ def _common_duration_s(specs: Expansion) -> float:
     return longest
 
 
-def _time_s(specs: Expansion, parts: Parts) -> float:
+def _time_s(specs: RunList, parts: Parts) -> float:
     scenario, machine = specs.scenario, parts.machine
     rail = (machine.rail.lowest_position_m, machine.highest_position_m)
     times = [r.time_s[-1] - r.time_s[0] + r.smoothing_s for r in specs.recordings.values()]
@@ -116,11 +116,11 @@ def _time_s(specs: Expansion, parts: Parts) -> float:
     return parts.lead_s + float(max(times)) + parts.settle_s
 
 
-def _ends(axis: Axis) -> list[int]:
+def _ends(axis: GridAxis) -> list[int]:
     """The points at which a field of the axis is smallest or largest."""
-    found = {0, len(axis) - 1}
+    points = {0, len(axis) - 1}
     for column in range(len(axis.names)):
         values = [point[column] for point in axis.values]
         if all(isinstance(value, float) for value in values):
-            found |= {int(np.argmin(np.array(values))), int(np.argmax(np.array(values)))}
-    return sorted(found)
+            points |= {int(np.argmin(np.array(values))), int(np.argmax(np.array(values)))}
+    return sorted(points)

@@ -31,7 +31,7 @@ _MOTION = (
 
 
 @dataclass(frozen=True)
-class Axis:
+class GridAxis:
     """One direction of the grid of runs: fields that change together, and their values point by point.
 
     values: (points, fields). labels: how a run's id names each point.
@@ -52,7 +52,7 @@ class Axis:
         return any(name.startswith(_MOTION) for name in self.names)
 
 
-def swept(scenario: Scenario, fields: Fields) -> Iterator[Axis]:
+def swept(scenario: Scenario, fields: Fields) -> Iterator[GridAxis]:
     """One axis for each swept field, and one for all under `zip`. InputError names the field that does not fit."""
     if scenario.sweep is None:
         return
@@ -78,7 +78,7 @@ def swept(scenario: Scenario, fields: Fields) -> Iterator[Axis]:
 
 def _axis(
     names: tuple[str, ...], columns: list[list[float | bool | str]], short: Mapping[str, str], one: str | None
-) -> Axis:
+) -> GridAxis:
     points = list(zip(*columns, strict=True))
     twice = [point for point, count in Counter(points).items() if count > 1]
     if twice:
@@ -88,36 +88,36 @@ def _axis(
     labels = [
         "_".join(f"{short[n]}_{column[k]}" for n, column in zip(names, words, strict=True)) for k in range(len(points))
     ]
-    return Axis(names, points, labels)
+    return GridAxis(names, points, labels)
 
 
-def sampled(scenario: Scenario, fields: Fields, machine: Hoist) -> Iterator[Axis]:
+def sampled(scenario: Scenario, fields: Fields, machine: Hoist) -> Iterator[GridAxis]:
     """The axis of the draws, if there are any. InputError names the field that cannot be drawn."""
     block = scenario.sample
     if block is None:
         return
     taken = {name for axis in swept(scenario, fields) for name in axis.names}
     chosen = distributions(block, machine)
-    for name, each in chosen.items():
+    for name, distribution in chosen.items():
         try:
             fields.check_name(name)
-            if name in taken and not each.relative:
+            if name in taken and not distribution.relative:
                 raise InputError("is swept too; drawn about the swept value it needs relative: true")
-            if each.relative and name not in taken and not _has_value(name, scenario, fields):
+            if distribution.relative and name not in taken and not _has_value(name, scenario, fields):
                 raise InputError("has no value of its own to be multiplied; draw it without relative")
-            if name == "payload_kg" and not each.relative and scenario.payloads_kg is not None:
+            if name == "payload_kg" and not distribution.relative and scenario.payloads_kg is not None:
                 raise InputError("payloads_kg lists payloads; leave it out, or draw with relative: true")
         except InputError as error:
             raise InputError(error.problem, place=f"sample.values.{name}") from error
     seed = scenario.seed if block.seed is None else block.seed
     values: Array = draws(block, chosen, seed)
     digits = len(str(block.count - 1))
-    yield Axis(
+    yield GridAxis(
         tuple(chosen),
         values.tolist(),
         [f"s{k:0{digits}d}" for k in range(block.count)],
         sampled=True,
-        relative=tuple(each.relative for each in chosen.values()),
+        relative=tuple(distribution.relative for distribution in chosen.values()),
     )
 
 
@@ -150,11 +150,11 @@ def labels_of(values: Sequence[float | bool | str]) -> list[str]:
 def _short_names(names: Sequence[str]) -> dict[str, str]:
     """Each field by its last words, as many as tell it from the others."""
     words = {name: re.findall(r"[A-Za-z0-9_]+", name) for name in names}
-    found: dict[str, str] = {}
+    short: dict[str, str] = {}
     for name, parts in words.items():
         for count in range(1, len(parts) + 1):
             tail = parts[-count:]
-            if all(other == name or each[-count:] != tail for other, each in words.items()):
+            if all(other == name or other_parts[-count:] != tail for other, other_parts in words.items()):
                 break
-        found[name] = "-".join(tail)
-    return found
+        short[name] = "-".join(tail)
+    return short

@@ -11,7 +11,7 @@ from typing import overload
 from workbench.errors import InputError
 from workbench.study.scenario.fields import Fields, Parts
 from workbench.study.scenario.record import Scenario
-from workbench.study.variations.grid import Axis, labels_of
+from workbench.study.variations.grid import GridAxis, labels_of
 from workbench.study.variations.run_spec import Recording, RunSpec
 
 Assigned = dict[str, float | bool | str]
@@ -19,14 +19,14 @@ LONGEST_ID = 140
 
 
 @dataclass(frozen=True)
-class Expansion(Sequence[RunSpec]):
+class RunList(Sequence[RunSpec]):
     """The runs of a scenario by number: sweep points, of each the draws, of each payloads, of each references.
 
     Numbers and ids follow from the scenario alone; any slice can be had without the rest.
     """
 
     fields: Fields
-    axes: tuple[Axis, ...]
+    axes: tuple[GridAxis, ...]
     recordings: Mapping[str, Recording]
     duration_s: float = math.nan
     _payloads: tuple[tuple[float | None, str], ...] = field(init=False)
@@ -96,6 +96,7 @@ class Expansion(Sequence[RunSpec]):
             events=parts.events,
             effects=parts.machine.effects,
             step_s=parts.step_s,
+            plant=scenario.plant,
             record_every=_record_every(scenario, parts),
             recording=recording,
             assigned={f"sweep.{name}": _column(value) for name, value in swept.items()}
@@ -107,7 +108,7 @@ class Expansion(Sequence[RunSpec]):
         """What sweep and sample set at a point of the axes; drawn factors are multiplied out."""
         return self._set(zip(self.axes, at, strict=True), payload)
 
-    def _set(self, points: Iterable[tuple[Axis, int]], payload: float | None) -> tuple[Assigned, Assigned]:
+    def _set(self, points: Iterable[tuple[GridAxis, int]], payload: float | None) -> tuple[Assigned, Assigned]:
         swept: Assigned = {}
         sampled: Assigned = {}
         for axis, k in points:
@@ -121,7 +122,7 @@ class Expansion(Sequence[RunSpec]):
                 sampled[name] = value
         return swept, sampled
 
-    def motion_parts(self, points: Iterable[tuple[Axis, int]]) -> Parts:
+    def motion_parts(self, points: Iterable[tuple[GridAxis, int]]) -> Parts:
         """The parts with only these axes set, the rest as the file has it."""
         swept, sampled = self._set(points, None)
         return self.fields.parts(swept | sampled)

@@ -61,6 +61,7 @@ class RunSpec:
     events: Events = field(default_factory=Events)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     step_s: float = 0.001
+    plant: str = "lumped"
     record_every: int = 10
     recording: Recording | None = None
     assigned: Mapping[str, float | str] = field(default_factory=dict)
@@ -108,11 +109,11 @@ def check_speed(limits: LimitPair, machine: Hoist) -> None:
     """InputError where a speed limit is beyond the motor's nominal speed."""
     nominal = machine.motor.nominal_speed_rad_s
     allowed = allowed_carriage_speed_m_s(nominal, machine.gearbox.ratio, machine.winch.drum_diameter_m)
-    for name, each in (("hoisting", limits.hoisting), ("lowering", limits.lowering)):
-        if each.speed_m_s > allowed * (1.0 + 1e-9):
+    for name, way_limits in (("hoisting", limits.hoisting), ("lowering", limits.lowering)):
+        if way_limits.speed_m_s > allowed * (1.0 + 1e-9):
             place = "limits.speed_m_s" if limits.hoisting == limits.lowering else f"limits.{name}.speed_m_s"
             raise InputError(
-                f"{each.speed_m_s:g} m/s turns the motor faster than its nominal {nominal:g} rad/s; "
+                f"{way_limits.speed_m_s:g} m/s turns the motor faster than its nominal {nominal:g} rad/s; "
                 f"expected at most {int(allowed * 1000.0) / 1000.0:g} m/s",
                 place=place,
             )

@@ -11,9 +11,9 @@ from workbench.machine import Hoist, get_value
 from workbench.run import Array
 from workbench.study.variations.axes import Distribution, SampleBlock
 
-# tolerance -> the values it is about. A hoist's levels of friction vary independently. Gain and offset
+# tolerance -> the fields that it is about. A hoist's levels of friction vary independently. Gain and offset
 # of the torque sensor change what is logged and not the motion, so a study does not draw them.
-_HELD = {
+_TOLERATED = {
     "rotor_inertia": ("motor.rotor_inertia_kg_m2",),
     "carriage_mass": ("carriage.mass_kg",),
     "payload": ("sensors.payload_scale",),
@@ -25,22 +25,22 @@ _HELD = {
 
 def distributions(block: SampleBlock, machine: Hoist) -> dict[str, Distribution]:
     """What is drawn: the machine's tolerances where asked for, and what `values` names, which goes over them."""
-    found: dict[str, Distribution] = {}
+    drawn: dict[str, Distribution] = {}
     if block.tolerances:
-        for tolerance, names in _HELD.items():
+        for tolerance, names in _TOLERATED.items():
             std = getattr(machine.tolerances, tolerance)
             for name in names:
                 if std > 0.0 and get_value(machine, name) != 0.0:
-                    found[f"machine.{name}"] = Distribution(distribution="normal", relative=True, mean=1.0, std=std)
-        if not found:
+                    drawn[f"machine.{name}"] = Distribution(distribution="normal", relative=True, mean=1.0, std=std)
+        if not drawn:
             raise InputError("every tolerance of the machine is 0, nothing to draw", place="sample.tolerances")
-    return found | block.values
+    return drawn | block.values
 
 
 def draws(block: SampleBlock, chosen: Mapping[str, Distribution], seed: int) -> Array:
     """(count, fields): the numbers drawn, factors where a distribution is relative. The seed decides them."""
     points = np.clip(_unit_points(block, len(chosen), seed), 2.0**-53, 1.0 - 2.0**-53)
-    columns = [_quantile(each, points[:, k]) for k, each in enumerate(chosen.values())]
+    columns = [_quantile(distribution, points[:, k]) for k, distribution in enumerate(chosen.values())]
     return np.stack(columns, axis=-1)
 
 

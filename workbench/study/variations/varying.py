@@ -13,7 +13,7 @@ SAMPLE = "sample."
 
 
 @dataclass(frozen=True)
-class Axis:
+class SweptAxis:
     """Fields walked together, as a rule one; points: their values, numbers rising, words in the file's order."""
 
     columns: tuple[str, ...]
@@ -44,17 +44,17 @@ class Axis:
         return f"{shown(point[0])} {field_label(self.columns[0]).unit}".strip()
 
 
-def swept_axes(rows: Sequence[Row]) -> list[Axis]:
+def swept_axes(rows: Sequence[Row]) -> list[SweptAxis]:
     """The axes along which the rows differ, in the order of the file."""
     columns = [name for name in _differing(rows) if not name.startswith(SAMPLE)]
     axes: list[list[str]] = []
     for name in columns:
-        together = next((each for each in axes if _one_to_one(rows, each[0], name)), None)
+        together = next((names for names in axes if _one_to_one(rows, names[0], name)), None)
         if together is None:
             axes.append([name])
         else:
             together.append(name)
-    return [Axis(tuple(names), _points(rows, names)) for names in axes]
+    return [SweptAxis(tuple(names), _points(rows, names)) for names in axes]
 
 
 def drawn_columns(rows: Sequence[Row]) -> list[str]:
@@ -62,7 +62,7 @@ def drawn_columns(rows: Sequence[Row]) -> list[str]:
     return [name for name in _differing(rows) if name.startswith(SAMPLE)]
 
 
-def said(row: Row, axes: Sequence[Axis]) -> str:
+def run_in_words(row: Row, axes: Sequence[SweptAxis]) -> str:
     """A run in words: `9000 kg, ruckig, jerk 0.8 m/s³`; of a sample with the end of its id."""
     words = [f"{row.payload_kg:g} kg", row.reference, *(axis.say(axis.at(row)) for axis in axes)]
     if any(name.startswith(SAMPLE) for name in row.assigned):

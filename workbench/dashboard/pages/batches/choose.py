@@ -13,7 +13,7 @@ from workbench.dashboard.machines import chosen_machine
 from workbench.errors import InputError
 from workbench.machine import save_machine
 from workbench.study.scenario.load import Study, load_study
-from workbench.study.scenario.standalone import read_alone
+from workbench.study.scenario.standalone import read_standalone
 from workbench.yaml_strict import dumps, load
 
 UPLOAD = "upload a scenario"
@@ -58,7 +58,7 @@ def chosen() -> Choice | None:
     own = st.toggle("On another machine", key="batches other machine", help="Than the one that the scenario names.")
     machine = chosen_machine("batches machine") if own else None
     if name == UPLOAD:
-        read_alone(load(file), machine)  # what other files it names are not sought among the server's
+        read_standalone(load(file), machine)  # what other files it names are not sought among the server's
     if machine is not None:
         save_machine(machine, inputs.setdefault(MACHINE, session.file_in_workspace(MACHINE)))
         over = session.file_in_workspace(ON_MACHINE)

@@ -16,7 +16,7 @@ from workbench.metrics import Metric, View, shown_in
 from workbench.run import Run
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.row import Row
-from workbench.study.scenario.standalone import alone_text
+from workbench.study.scenario.standalone import standalone_text
 
 
 def show() -> None:
@@ -58,7 +58,7 @@ def _list(runs: Mapping[str, Kept]) -> None:
             words, saving, removing = st.columns([6, 1.2, 1.2], vertical_alignment="center")
             words.markdown(f"**{plain(name)}** · {plain(_settings(each))}")
             saving.download_button(
-                "Save", alone_text(each.scenario, each.machine), file_name=f"{each.scenario.name}.yaml",
+                "Save", standalone_text(each.scenario, each.machine), file_name=f"{each.scenario.name}.yaml",
                 mime="application/yaml", key=f"compare save {name}", on_click="ignore", width="stretch",
             )  # fmt: skip
             if removing.button("Remove", key=f"compare remove {name}", width="stretch"):

@@ -26,7 +26,7 @@ from workbench.errors import InputError
 from workbench.figures.style import label
 from workbench.machine import Hoist, default_hoist
 from workbench.references import BASELINE, allowed_carriage_speed_m_s, planned_kinds
-from workbench.study.scenario.standalone import read_alone
+from workbench.study.scenario.standalone import read_standalone
 from workbench.yaml_strict import Document, load
 
 DESK, LOADED = "study desk", "study file"
@@ -79,7 +79,7 @@ def _file(desk: Desk, machine: Hoist) -> Desk:
 def _read(document: Document, machine: Hoist) -> Desk:
     """The controls as a file sets them. A machine that it names by file is the one chosen above."""
     chosen = None if machine == default_hoist() else machine
-    return desk_of(read_alone(document, chosen), machine)
+    return desk_of(read_standalone(document, chosen), machine)
 
 
 def _kept(name: str, value: Any) -> str:

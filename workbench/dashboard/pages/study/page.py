@@ -25,7 +25,7 @@ from workbench.study.conclude.sentences import sentences
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
 from workbench.study.results.row import Row
 from workbench.study.scenario.record import Scenario
-from workbench.study.scenario.standalone import alone_text
+from workbench.study.scenario.standalone import standalone_text
 from workbench.study.variations.varying import swept_axes
 
 PEAK = "peak_torque_motor_nm"
@@ -63,7 +63,7 @@ def _head(scenario: Scenario, machine: Hoist, result: StudyResult) -> None:
         keep(scenario.name, scenario, machine, result)
         st.rerun()
     saving.download_button(
-        "Save scenario", alone_text(scenario, machine), file_name=f"{scenario.name}.yaml", mime="application/yaml",
+        "Save scenario", standalone_text(scenario, machine), file_name=f"{scenario.name}.yaml", mime="application/yaml",
         icon=":material/download:", on_click="ignore", width="stretch", key="study save",
     )  # fmt: skip
 

@@ -1,0 +1,244 @@
+"""Good files and what is done to them. The same seed makes the same bytes."""
+
+from __future__ import annotations
+
+import io
+import random
+import struct
+import zipfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from workbench.machine import default_hoist
+from workbench.machine.files import machine_text
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLES, STEP_S = 300, 0.01
+RUNS = "runs:\n- {name: lift, file: runs/lift.csv, payload_kg: 4500.0, start_position_m: 9.0, start_time_s: 0.0}\n"
+COLUMNS = "columns:\n  time_s: {column: time_s, scale: 1.0}\n  speed_motor_rad_s: speed_motor_rad_s\n"
+
+# Which file of a campaign is mangled. A zip is an upload of the whole campaign; a scenario stands for itself.
+KINDS = ("csv", "parquet", "mat", "machine", "runs", "zip", "scenario")
+
+_CELLS = [
+    "", "nan", "inf", "-inf", "1e999", "x", '"', ",", "\n", "\r", "0x10", "1,5", "-", "1e308", "-1e308", "1e-320", " ",
+    "\x00", "0", "1;5", "é", "\ufeff", "9" * 400, "1" * 5000, "--1", "1e", ".", "NaN", "true", "2024-01-01",
+]  # fmt: skip
+_YAML = [
+    "-", "{", "}", "[", "]", ":", "!", "!!python/object:os.system", "&a", "*a", "~", "yes", "1e400", "-1e308", "1e-320",
+    "0", "-0.0", ".nan", ".inf", "'", '"', "\t", "[[", "|", ">", "../", "#", "\x00", "<<: ", "? ", "--- ", "%", "@",
+    "`",     "\u2028", "\x1b[31m", "9" * 300, "x" * 3000,
+]  # fmt: skip
+
+
+def columns() -> dict[str, np.ndarray]:
+    """A lift and a lowering of the default machine."""
+    noise = np.random.default_rng(7)
+    time = np.arange(SAMPLES) * STEP_S
+    speed = 60.0 * np.sin(2.0 * np.pi * time / time[-1])
+    torque = 297.0 + 0.15 * np.gradient(speed, time) + 20.0 * np.sign(speed)
+    return {
+        "time_s": time.round(6),
+        "torque_motor1_nm": (torque + noise.normal(scale=3.0, size=SAMPLES)).round(1),
+        "torque_motor2_nm": (torque + noise.normal(scale=3.0, size=SAMPLES)).round(1),
+        "speed_motor_rad_s": (speed + noise.normal(scale=0.03, size=SAMPLES)).round(2),
+        "speed_reference_rad_s": speed.round(3),
+    }
+
+
+@cache
+def good(kind: str, variant: int) -> bytes:
+    """The whole file of a kind; formats that have several forms come in all of them."""
+    data = columns()
+    if kind == "csv":
+        rows = [",".join(data), *(",".join(map(repr, map(float, row))) for row in zip(*data.values(), strict=True))]
+        return ("\n".join(rows) + "\n").encode()
+    if kind == "parquet":
+        import pyarrow as pa
+        import pyarrow.parquet
+
+        stream = io.BytesIO()
+        how: list[dict[str, Any]] = [
+            {"compression": "snappy"},
+            {"compression": "none", "use_dictionary": False},
+            {"compression": "zstd"},
+        ]
+        pyarrow.parquet.write_table(pa.table(data), stream, **how[variant % 3])
+        return stream.getvalue()
+    if kind == "mat":
+        import scipy.io
+
+        stream = io.BytesIO()
+        mat: list[dict[str, Any]] = [{"do_compression": True}, {"do_compression": False}, {"format": "4"}]
+        scipy.io.savemat(stream, data, **mat[variant % 3])
+        return stream.getvalue()
+    if kind == "machine":
+        return machine_text(default_hoist()).encode()
+    if kind == "runs":
+        return (COLUMNS + RUNS).encode()
+    if kind == "zip":
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED if variant % 2 else zipfile.ZIP_STORED) as archive:
+            for name, part in (("machine.yaml", "machine"), ("runs.yaml", "runs"), ("runs/lift.csv", "csv")):
+                archive.writestr(f"lifts/{name}", good(part, 0))
+        return stream.getvalue()
+    scenarios = sorted((ROOT / "scenarios").glob("*.yaml"))
+    return scenarios[variant % len(scenarios)].read_bytes()
+
+
+def mangled(kind: str, seed: int) -> bytes:
+    """The input of a seed."""
+    chance = random.Random(f"{kind} {seed}")
+    content = good(kind, chance.randrange(60))
+    ways = [_flip, _flip, _cut, _lie, _copy, _drop, _swap, _fill]
+    if kind in ("csv", "machine", "runs", "scenario"):
+        ways += [_cells] * 6 if kind == "csv" else [_words] * 6
+    if kind != "csv" and kind not in ("parquet", "mat", "zip"):
+        ways += [_junk_keys, _deep, _bomb, _number, _number, _number]
+    if kind == "csv":
+        ways += [_holes, _holes, _many_columns]
+    for _ in range(chance.choice([1, 1, 1, 2, 3])):
+        content = chance.choice(ways)(content, chance)
+    return content
+
+
+Chance = random.Random
+Way = Callable[[bytes, Chance], bytes]
+
+
+def _at(content: bytes | bytearray, chance: Chance) -> int:
+    """A place; the ends, where formats keep what they say of themselves, come up more often."""
+    size = max(1, len(content))
+    return chance.choice(
+        [chance.randrange(size), chance.randrange(min(size, 300)), -1 - chance.randrange(min(size, 900))]
+    )
+
+
+def _flip(content: bytes, chance: Chance) -> bytes:
+    out = bytearray(content or b"\0")
+    for _ in range(chance.choice([1, 1, 2, 5, 20])):
+        out[_at(bytes(out), chance)] ^= chance.choice([1 << chance.randrange(8), chance.randrange(1, 256)])
+    return bytes(out)
+
+
+def _cut(content: bytes, chance: Chance) -> bytes:
+    return content[: chance.randrange(len(content) + 1)]
+
+
+def _lie(content: bytes, chance: Chance) -> bytes:
+    """Another whole number where one may stand."""
+    out = bytearray(content)
+    form = chance.choice(["<I", ">I", "<Q", "<H", "B"])
+    if len(out) > struct.calcsize(form):
+        most = (1 << 8 * struct.calcsize(form)) - 1
+        value = chance.choice([0, 1, most, most >> 1, (most >> 1) + 1, chance.randrange(most + 1)])
+        struct.pack_into(form, out, chance.randrange(len(out) - struct.calcsize(form)), value)
+    return bytes(out)
+
+
+def _span(content: bytes, chance: Chance) -> tuple[int, int]:
+    start = chance.randrange(len(content) + 1)
+    return start, min(len(content), start + chance.choice([1, 4, 8, 50, 400, 3000]))
+
+
+def _copy(content: bytes, chance: Chance) -> bytes:
+    start, end = _span(content, chance)
+    return content[:end] + content[start:end] * chance.choice([1, 2, 50]) + content[end:]
+
+
+def _drop(content: bytes, chance: Chance) -> bytes:
+    start, end = _span(content, chance)
+    return content[:start] + content[end:]
+
+
+def _swap(content: bytes, chance: Chance) -> bytes:
+    first, second = sorted((_span(content, chance), _span(content, chance)))
+    if first[1] > second[0]:
+        return content
+    return b"".join([
+        content[: first[0]], content[second[0] : second[1]], content[first[1] : second[0]],
+        content[first[0] : first[1]], content[second[1] :],
+    ])  # fmt: skip
+
+
+def _fill(content: bytes, chance: Chance) -> bytes:
+    start, end = _span(content, chance)
+    return content[:start] + chance.choice([b"\0", b"\xff", b"\r", b" ", b"\n"]) * (end - start) + content[end:]
+
+
+def _cells(content: bytes, chance: Chance) -> bytes:
+    """Words that are no numbers, or are too large, in the cells of a table."""
+    lines = content.decode(errors="replace").split("\n")
+    for _ in range(chance.choice([1, 3, 30])):
+        row = chance.randrange(len(lines))
+        cells = lines[row].split(",")
+        cells[chance.randrange(len(cells))] = chance.choice(_CELLS)
+        lines[row] = ",".join(cells)
+    return "\n".join(lines).encode(errors="surrogatepass")
+
+
+def _holes(content: bytes, chance: Chance) -> bytes:
+    """A stretch of a column, or of all but time, at one value; or a scale."""
+    lines = [line.split(",") for line in content.decode(errors="replace").split("\n")]
+    start = chance.randrange(1, len(lines)) if len(lines) > 1 else 0
+    end = start + chance.choice([1, 2, 5, 30, 200])
+    chosen = range(1, 5) if chance.random() < 0.3 else [chance.randrange(0, 5)]
+    value, scale = chance.choice(["0.0", "", "1e308", "nan", "297.0", "1e5"]), chance.choice([None, None, 1000.0, -1.0])
+    for row in lines[start:end]:
+        for column in chosen:
+            if column < len(row):
+                try:
+                    row[column] = value if scale is None else repr(scale * float(row[column]))
+                except ValueError:
+                    row[column] = value
+    return "\n".join(",".join(row) for row in lines).encode()
+
+
+def _many_columns(content: bytes, chance: Chance) -> bytes:
+    """Columns by the thousand."""
+    count = chance.choice([100, 2000])
+    lines = content.split(b"\n")[: chance.choice([3, 30])]
+    lines[0] += b"".join(b",c%d" % i for i in range(count))
+    return b"\n".join([lines[0], *(line + b",1" * count for line in lines[1:] if line)])
+
+
+def _words(content: bytes, chance: Chance) -> bytes:
+    text = content.decode(errors="replace")
+    for _ in range(chance.choice([1, 1, 3, 8])):
+        at = chance.randrange(len(text) + 1)
+        text = text[:at] + chance.choice(_YAML) + text[at + chance.choice([0, 0, 1, 5, 12]) :]
+    return text.encode(errors="surrogatepass")
+
+
+def _number(content: bytes, chance: Chance) -> bytes:
+    """One value of a file of keys becomes another one."""
+    lines = content.decode(errors="replace").split("\n")
+    keys = [index for index, line in enumerate(lines) if ": " in line]
+    if not keys:
+        return content
+    index = chance.choice(keys)
+    key, _, _ = lines[index].partition(": ")
+    values = ["0", "1e308", "-1", "1e-320", "8e299", "1e9", "1e-9", ".nan", "[]", "{}", "''", "null", "true", "1e15"]
+    lines[index] = f"{key}: {chance.choice(values)}"
+    return "\n".join(lines).encode(errors="surrogatepass")
+
+
+def _junk_keys(content: bytes, chance: Chance) -> bytes:
+    count, indent = chance.choice([20, 5000]), chance.choice(["", "  "])
+    return content + b"".join(f"{indent}junk{i}: {i}\n".encode() for i in range(count))
+
+
+def _deep(content: bytes, chance: Chance) -> bytes:
+    depth = chance.choice([30, 50, 5000])
+    return content + b"deep: " + b"[" * depth + b"]" * (depth if chance.random() < 0.8 else 3) + b"\n"
+
+
+def _bomb(content: bytes, chance: Chance) -> bytes:
+    """Aliases of aliases."""
+    lines = ["b0: &b0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"b{i}: &b{i} [{', '.join([f'*b{i - 1}'] * 9)}]" for i in range(1, chance.choice([3, 9]))]
+    return content + "\n".join(lines).encode() + b"\n"

@@ -1,0 +1,165 @@
+"""The process that reads mangled inputs: `python -m benchmarks.attack.victim`. It may die of one.
+
+A line on standard input names an input, `csv 17`; a line of JSON tells how it ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.attack.mangle import ROOT, RUNS, good, mangled
+from workbench.errors import InputError
+from workbench.logs import Campaign, read_campaign
+
+LONGEST = 3000  # characters of an error
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one input ended: read, noted (read, and something said of it), refused, traceback, unsound or unclear.
+
+    seconds: of processor time, its workers' with it. unsound: a campaign that breaks what readers promise; unclear: an
+    error that is not one printable line.
+    """
+
+    how: str
+    said: str
+    seconds: float = 0.0
+    memory_mb: float = 0.0
+
+
+def read(kind: str, content: bytes, folder: Path) -> Ended:
+    """Reads one input as its kind is read."""
+    try:
+        if kind == "scenario":
+            return _scenario(content, folder)
+        return _judged(_upload(content, folder) if kind == "zip" else _campaign(kind, content, folder))
+    except InputError as error:
+        said = str(error)
+        plain = said.replace("\u00a0", " ").isprintable() and len(said) <= LONGEST
+        return Ended("refused" if plain else "unclear", said)
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        return Ended(
+            "traceback", f"{type(error).__name__}: {str(error)[:200]} ({Path(last.filename).name}:{last.lineno})"
+        )
+
+
+def _campaign(kind: str, content: bytes, folder: Path) -> Campaign:
+    (folder / "runs").mkdir()
+    suffix = kind if kind in ("csv", "parquet", "mat") else "csv"
+    (folder / "machine.yaml").write_bytes(good("machine", 0))
+    (folder / "runs.yaml").write_text(RUNS.replace("lift.csv", f"lift.{suffix}"))
+    (folder / "runs" / "lift.csv").write_bytes(good("csv", 0))
+    name = {"machine": "machine.yaml", "runs": "runs.yaml"}.get(kind, f"runs/lift.{suffix}")
+    (folder / name).write_bytes(content)
+    return read_campaign(folder, uploaded=len(content) % 2 == 0)  # half as one's own, half as a stranger's
+
+
+def _upload(content: bytes, folder: Path) -> Campaign:
+    from workbench.dashboard.uploads.campaign import Uploaded, read_uploaded
+
+    return read_uploaded([Uploaded("lifts.zip", content)], folder)
+
+
+def _scenario(content: bytes, folder: Path) -> Ended:
+    from workbench.study.scenario.load import load_study
+
+    for whole in (ROOT / "scenarios").glob("*.yaml"):  # what it may extend
+        shutil.copy(whole, folder)
+    (folder / "scenario.yaml").write_bytes(content)
+    load_study(folder / "scenario.yaml")
+    return Ended("read", "")
+
+
+def _judged(campaign: Campaign) -> Ended:
+    for run in campaign.runs:
+        columns = [run.time_s, *run.signals.values()]
+        sound = len(run.time_s) >= 10 and all(np.isfinite(c).all() and c.shape == run.time_s.shape for c in columns)
+        if not sound or not (np.diff(run.time_s) > 0.0).all():
+            return Ended("unsound", run.name)
+    return Ended("noted" if campaign.all_notes else "read", "; ".join(campaign.all_notes)[:300])
+
+
+@contextmanager
+def _peak() -> Iterator[list[float]]:
+    """The most memory, MB, that this process and its workers held together meanwhile. Linux only; else 0."""
+    peak, over = [0.0], threading.Event()
+
+    def watch() -> None:
+        while not over.wait(0.02):
+            peak[0] = max(peak[0], sum(map(_resident_mb, _family(os.getpid()))))
+
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # the high-water mark starts anew
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield peak
+    finally:
+        over.set()
+        thread.join()
+        with contextlib.suppress(OSError, IndexError, ValueError):
+            status = Path("/proc/self/status").read_text()
+            peak[0] = max(peak[0], float(status.split("VmHWM:")[1].split()[0]) / 1000.0)
+
+
+def _family(pid: int) -> list[int]:
+    try:
+        children = [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return [pid]
+    return [pid, *(descendant for child in children for descendant in _family(child))]
+
+
+def _processor_s() -> float:
+    """Of this process and of all that it has started, as far as they are waited for or still there. Linux only."""
+    ticks = 0
+    for pid in _family(os.getpid()):
+        with contextlib.suppress(OSError, IndexError, ValueError):
+            ticks += sum(int(word) for word in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:15])
+    return ticks / os.sysconf("SC_CLK_TCK") if ticks else time.process_time()
+
+
+def _resident_mb(pid: int) -> float:
+    """Resident memory that is no file's."""
+    try:
+        resident, shared = Path(f"/proc/{pid}/statm").read_text().split()[1:3]
+    except (OSError, ValueError):
+        return 0.0
+    return (int(resident) - int(shared)) * os.sysconf("SC_PAGESIZE") / 1e6
+
+
+def main() -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for line in sys.stdin:
+        kind, seed = line.split()
+        content = mangled(kind, int(seed))
+        folder = Path(tempfile.mkdtemp(prefix="attack-"))
+        try:
+            begun = _processor_s()
+            with _peak() as peak:
+                ended = read(kind, content, folder)
+            seconds = _processor_s() - begun
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+        print(json.dumps(asdict(ended) | {"seconds": seconds, "memory_mb": peak[0]}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""The attack on the readers: repeatable, counts what breaks, and finds nothing in a small sample."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import pytest
+
+from benchmarks.attack.__main__ import attack, table
+from benchmarks.attack.mangle import KINDS, good, mangled
+from benchmarks.attack.victim import read
+
+VICTIM = """
+import json, os, sys
+for line in sys.stdin:
+    seed = int(line.split()[1])
+    if seed == 2:
+        os.abort()
+    how = {3: "traceback"}.get(seed, "refused")
+    costs = {"seconds": 11.0 if seed == 4 else 0.1, "memory_mb": 600.0 if seed == 5 else 90.0}
+    print(json.dumps({"how": how, "said": "", **costs}), flush=True)
+"""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_seed_makes_the_same_bytes_and_another_one_others(kind):
+    inputs = [mangled(kind, seed) for seed in range(30)]
+    assert inputs == [mangled(kind, seed) for seed in range(30)]
+    assert len(set(inputs)) > 25
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_mangled_reads_when_whole(tmp_path, kind):
+    # The first scenarios extend another one, as they stand in their folder.
+    ended = read(kind, good(kind, 0), tmp_path)
+    assert (ended.how, ended.said) == ("read", "")
+
+
+def test_crashes_tracebacks_time_and_memory_are_counted_and_the_rest_goes_on():
+    results = attack(["csv"], range(7), [sys.executable, "-c", VICTIM])
+    assert [result.ended.how for result in results] == [
+        "refused", "refused", "crash", "traceback", "refused", "refused", "refused",
+    ]  # fmt: skip
+    assert [result.seed for result in results if result.bad] == [2, 3, 4, 5]
+    heads, _, row, whole = (line.strip("| ").split(" | ") for line in table(results).splitlines())
+    counts = dict(zip(heads, row, strict=True))
+    assert row[1:] == whole[1:]
+    assert (counts["number"], counts["refused"], counts["crash"], counts["traceback"]) == ("7", "5", "1", "1")
+    assert (counts["over 10 s"], counts["over 500 MB"]) == ("1", "1")
+
+
+@pytest.mark.parametrize("seed", [11000141, 12000034])
+def test_mat_files_that_crash_scipy_are_refused(tmp_path, seed):
+    ended = read("mat", mangled("mat", seed), tmp_path)
+    assert ended.how == "refused"
+    assert "lift.mat: lift: " in ended.said
+
+
+@pytest.mark.parametrize("seed", [11000099, 12000131])
+def test_thousands_of_junk_keys_are_refused_at_once(tmp_path, seed):
+    begun = time.process_time()
+    ended = read("scenario", mangled("scenario", seed), tmp_path)
+    assert ended.how == "refused"
+    assert ended.said.endswith("(and 4995 more problems)")
+    assert time.process_time() - begun < 3.0
+
+
+def test_a_small_attack_breaks_nothing():
+    results = attack(KINDS, range(100, 106))
+    assert len(results) == 6 * len(KINDS)
+    assert [(r.kind, r.seed, r.ended) for r in results if r.bad] == []
+    assert {result.ended.how for result in results} <= {"read", "noted", "refused"}

@@ -1,0 +1,158 @@
+"""Laws over every kind of machine: its record, its plant, its machine.yaml and the documents say the same."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from tests.support.effect_machines import MACHINES
+from workbench.effects import effects_for
+from workbench.identify.parameters import fittable
+from workbench.kinds import KINDS, Kind, kind_of, of_kind, studied
+from workbench.machine import Axis, Hoist, get_value, value_names
+from workbench.machine.files import RECORDS
+from workbench.plants import PLANTS
+from workbench.run import Run
+
+ROOT = Path(__file__).resolve().parents[2]
+FORMATS = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+# Classes of machines: what asks for one of them has a rule that belongs into the record.
+MACHINE_CLASSES = {"Hoist", *(record.__name__ for record in RECORDS), "Axis"}
+
+
+def a_run(kind: Kind) -> Run:
+    time = np.linspace(0.0, 9.99, 1000)
+    signals = dict.fromkeys(kind.signals.names, np.sin(time)) | {kind.plant.input: 3.0 * np.sin(time)}
+    return Run("one", time, {name: values for name, values in signals.items() if name != "time_s"}, 500.0, 5.0)
+
+
+def tolerances_of(machine: Hoist | Axis) -> Any:
+    return getattr(machine, "tolerances")  # noqa: B009  declared by each record
+
+
+def test_every_plant_has_its_kind_and_every_record_of_machine_yaml_too():
+    assert set(KINDS) == set(PLANTS)
+    assert {type(machine) for machine in MACHINES.values()} == set(RECORDS)
+    assert all(kind_of(machine) is KINDS[name] for name, machine in MACHINES.items())
+
+
+@EVERY
+def test_the_record_names_what_the_plant_and_the_machine_have(kind):
+    machine = MACHINES[kind.name]
+    states = (*kind.plant.positions, *kind.plant.speeds)
+    assert kind.family[0] == kind.name == kind.plant.kind
+    assert kind.friction.speed in states and set(kind.friction.levels) <= set(kind.plant.parameters)
+    assert set(kind.friction.off) <= set(kind.plant.parameters)
+    assert kind.plant.input in kind.signals.names or set(kind.drive.parts) <= set(kind.signals.names)
+    assert {port.place for port in kind.ports.values()} <= set(kind.plant.places)
+    assert kind.plant.input.endswith(f"_{kind.drive.suffix}")
+    keys = {*kind.sensor, *kind.free, *(value.key for value in kind.base), *kind.sized_by_runs}
+    assert keys <= {*value_names(machine), *fittable(machine)}
+    assert set(kind.free) <= set(fittable(machine))
+    for value in kind.base:
+        assert value.spread == "factor" or value.tolerance in type(tolerances_of(machine)).model_fields
+
+
+@EVERY
+def test_a_base_value_has_a_deviation_of_its_tolerance(kind):
+    machine = MACHINES[kind.name]
+    for value in kind.base:
+        std = value.std(machine, largest_input=200.0)
+        assert std >= 0.0
+        if value.spread == "relative":
+            tolerance = getattr(tolerances_of(machine), value.tolerance)
+            assert std == pytest.approx(tolerance * abs(get_value(machine, value.key)))
+
+
+@EVERY
+def test_the_law_of_friction_brakes_both_ways_and_is_its_levels_beyond_standstill(kind):
+    p = kind.plant.values(MACHINES[kind.name], 0.0)
+    plain = type(p)(**{**vars(p), **kind.friction.off})
+    forward, backward = (getattr(p, level) for level in kind.friction.levels)
+    assert kind.friction.law(1e6, plain) == pytest.approx(forward, rel=1e-3)
+    assert kind.friction.law(-1e6, plain) == pytest.approx(-backward, rel=1e-3)
+
+
+@EVERY
+def test_tables_and_ports_are_those_of_machine_yaml(kind):
+    correction = type(MACHINES[kind.name]).CORRECTION
+    over, acts_on = (get_args(correction.model_fields[name].annotation) for name in ("over", "acts_on"))
+    assert {table.over for table in kind.tables} == set(over)
+    assert set(kind.ports) == set(acts_on) == set(correction.UNITS)
+    assert {table.acts_on for table in kind.tables} <= set(acts_on)
+    assert {table.over for table in kind.tables if table.turn} == set(correction.PERIODIC)
+    for place, port in kind.ports.items():
+        assert port.unit == {"n": "N", "nm": "N m"}[correction.UNITS[place]]
+
+
+@EVERY
+def test_sizes_are_positive_and_the_effects_can_be_named(kind):
+    machine = MACHINES[kind.name]
+    sizes = kind.sizes(machine, [a_run(kind)])
+    assert sizes.kind == kind.name
+    assert all(sizes[name] > 0.0 for name in type(sizes).__dataclass_fields__ if name != "kind")
+    assert {"friction_viscous", "friction_coulomb", "torque_offset", "speed_delay"} <= set(effects_for(kind.name))
+
+
+@EVERY
+def test_a_rigid_body_is_what_the_plant_weighs_when_nothing_yields(kind):
+    body = kind.rigid(MACHINES[kind.name], 500.0)
+    assert body.inertia > 0.0
+    assert (body.hold != 0.0) == kind.holds_load
+
+
+@EVERY
+def test_the_formats_list_the_signals_of_the_record(kind):
+    row = next(line for line in FORMATS.splitlines() if line.startswith(f"| {_said(kind)} | `time_s`"))
+    needed = [name for group in kind.signals.needed for alternative in group for name in alternative]
+    required, optional = row.split("|")[2:4]
+    assert set(re.findall(r"`(\w+)`", required)) == set(needed)
+    assert set(re.findall(r"`(\w+)`", optional)) == set(kind.signals.optional)
+
+
+def _said(kind: Kind) -> str:
+    machine = MACHINES[kind.name]
+    motion = getattr(machine, "motion", None)
+    return f"{machine.kind}, {motion}" if motion else str(machine.kind)
+
+
+def test_only_a_hoist_is_studied_and_others_are_called_by_their_kind():
+    assert studied(MACHINES["hoist"]) is MACHINES["hoist"]
+    assert all(studied(machine) is None for name, machine in MACHINES.items() if name != "hoist")
+    assert of_kind(MACHINES["axis-linear"]) == "a machine of kind 'axis'"
+
+
+def asked_for(source: str) -> Iterator[int]:
+    """Lines that ask a machine for its class."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance":
+            names = {part.id for part in ast.walk(node.args[1]) if isinstance(part, ast.Name)}
+            if names & MACHINE_CLASSES:
+                yield node.lineno
+
+
+def test_a_question_for_the_class_of_a_machine_is_seen():
+    assert list(asked_for("isinstance(machine, Hoist)\nisinstance(m.machine, Axis | None)\nisinstance(x, str)")) == [
+        1,
+        2,
+    ]
+
+
+def test_no_rule_asks_a_machine_for_its_class():
+    asking = {
+        str(file.relative_to(ROOT / "workbench")): list(asked_for(file.read_text(encoding="utf-8")))
+        for file in (ROOT / "workbench").rglob("*.py")
+    }
+    assert {file: lines for file, lines in asking.items() if lines} == {}
+
+
+def test_what_all_plants_share_knows_no_word_of_one():
+    text = (ROOT / "workbench" / "plants" / "base.py").read_text(encoding="utf-8").lower()
+    assert not re.search(r"hoist|carriage|payload(?!_kg)|wire|drum|guide|sheave", text)

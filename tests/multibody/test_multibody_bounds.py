@@ -1,0 +1,90 @@
+"""What the multi-body package may know, and what it says where it cannot work."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from workbench.effects.registry import find
+from workbench.errors import InputError
+from workbench.machine import default_hoist
+from workbench.multibody import NO_SWITCHES, Switches, switches_of
+from workbench.multibody.exudyn_import import PINNED, engine
+from workbench.multibody.switches import _EFFECTS, _SENSORS
+
+PACKAGE = Path(__file__).resolve().parents[2] / "workbench" / "multibody"
+MACHINE = default_hoist()
+
+
+def test_it_shares_no_equation_with_the_lumped_plant():
+    allowed = {"workbench.errors", "workbench.machine", "workbench.run", "workbench.multibody"}
+    for module in sorted(PACKAGE.glob("*.py")):
+        for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                if name.startswith("workbench"):
+                    assert ".".join(name.split(".")[:2]) in allowed, f"{module.name}: {name}"
+
+
+def test_importing_it_loads_neither_the_engine_nor_the_lumped_plant():
+    code = "import sys, workbench.multibody; print([m for m in sys.modules if m == 'exudyn' or 'plants' in m])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=PACKAGE.parents[1], capture_output=True, text=True, check=True
+    )
+    found = [name for name in ast.literal_eval(done.stdout) if name.startswith(("exudyn", "workbench"))]
+    assert found == []
+
+
+def test_without_the_extra_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch):
+    engine.cache_clear()
+    monkeypatch.setitem(sys.modules, "exudyn", None)
+    with pytest.raises(InputError, match=r"pip install '\.\[multibody\]'"):
+        engine()
+    engine.cache_clear()
+
+
+def test_another_series_of_the_engine_is_refused(monkeypatch: pytest.MonkeyPatch):
+    engine.cache_clear()
+    monkeypatch.setitem(sys.modules, "exudyn", SimpleNamespace(__version__="1.14.0"))
+    with pytest.raises(InputError, match=f"needs exudyn {PINNED}, not 1.14.0"):
+        engine()
+    engine.cache_clear()
+
+
+def test_a_plain_machine_has_every_switch_off():
+    assert switches_of(MACHINE) == NO_SWITCHES == Switches()
+
+
+@pytest.mark.parametrize("name", sorted(_EFFECTS))
+def test_an_effect_is_taken_under_the_librarys_names(name: str):
+    parameters = {parameter.named("hoist") for parameter in find(name, "hoist").parameters}
+    assert set(_EFFECTS[name]) == parameters
+    values = dict.fromkeys(parameters, 0.125)
+    changed = switches_of(MACHINE.model_copy(update={"effects": {name: values}}))
+    fields = {field for parameter in parameters for field in _EFFECTS[name][parameter]}
+    assert all(getattr(changed, field) == 0.125 for field in fields)
+
+
+def test_effects_of_the_log_move_no_machine():
+    effects = {name: {} for name in _SENSORS}
+    assert switches_of(MACHINE.model_copy(update={"effects": effects})) == NO_SWITCHES
+
+
+@pytest.mark.parametrize(
+    ("update", "said"),
+    [
+        ({"effects": {"friction_viscos": {}}}, "did you mean 'friction_viscous'"),
+        ({"effects": {"backlash": {"play_rad": 0.01}}}, "has no effect 'backlash'"),
+        ({"effects": {"heave": {"amplitude": 0.1}}}, "did you mean 'amplitude_m'"),
+        ({"measured_correction": object()}, "no measured correction"),
+    ],
+)
+def test_what_it_does_not_know_is_one_clear_error(update: dict[str, object], said: str):
+    with pytest.raises(InputError, match=said):
+        switches_of(MACHINE.model_copy(update=update))

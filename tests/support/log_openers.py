@@ -1,0 +1,84 @@
+"""Openers of made-up log formats: one that works, and some that do what a damaged file makes a parser do."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from workbench.errors import InputError
+from workbench.log_formats import Limits
+from workbench.log_formats.declared import Opened
+from workbench.run import Array
+
+NAMES = ("time_s", "torque_motor1_nm", "torque_motor2_nm", "speed_motor_rad_s")
+
+
+def open_npz(file: Path) -> Opened:
+    """Arrays that numpy has saved, none of them pickled."""
+    with np.load(file, allow_pickle=False) as arrays:
+        columns = {name: np.asarray(arrays[name], dtype=np.float64) for name in arrays.files}
+    return Opened(list(columns), lambda wanted, limits: ((i, columns[name]) for i, name in enumerate(wanted)))
+
+
+def crash(file: Path) -> Opened:
+    os.kill(os.getpid(), signal.SIGSEGV)
+    raise AssertionError
+
+
+def crash_midway(file: Path) -> Opened:
+    def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
+        yield 0, np.arange(100.0)
+        os.kill(os.getpid(), signal.SIGSEGV)
+
+    return Opened(NAMES, pieces)
+
+
+def spin(file: Path) -> Opened:
+    while True:
+        pass
+
+
+def sleep(file: Path) -> Opened:
+    time.sleep(600.0)
+    raise AssertionError
+
+
+def devour(file: Path) -> Opened:
+    held = np.ones(10**9)
+    return Opened([str(held[0])], lambda wanted, limits: iter(()))
+
+
+def pour(file: Path) -> Opened:
+    def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
+        while True:
+            yield 0, np.zeros(100_000)
+
+    return Opened(NAMES, pieces)
+
+
+def stumble(file: Path) -> Opened:
+    raise LookupError("no such \x1b[31mrecord\x07\nmore of it")
+
+
+def leave(file: Path) -> Opened:
+    raise SystemExit(0)
+
+
+def chatter(file: Path) -> Opened:
+    print("a library that prints", flush=True)
+    os.write(1, b"\x00" * 64)
+    raise InputError("says too much")
+
+
+def uneven(file: Path) -> Opened:
+    return Opened(NAMES, lambda wanted, limits: ((i, np.arange(100.0 + i)) for i in range(len(wanted))))
+
+
+def ignored_interrupt(file: Path) -> Opened:
+    ignored = signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    raise InputError(f"SIGINT is {'ignored' if ignored else 'heard'}")

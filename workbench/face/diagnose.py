@@ -1,0 +1,86 @@
+"""Diagnose the gap between a campaign and its machine, and how the diagnosis is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from workbench.diagnose.diagnose import diagnose as find_cause
+from workbench.diagnose.records import Diagnosis
+from workbench.errors import InputError
+from workbench.face.logs import PathLike, campaign_of
+from workbench.face.view import View
+from workbench.logs import Campaign
+from workbench.machine import Axis, Hoist
+from workbench.reports.diagnosis import hypotheses, tables
+from workbench.reports.diagnosis.page import sections_of
+from workbench.simulate.band import check_band
+from workbench.tables import Table, words
+
+
+def diagnose(
+    campaign: Campaign | PathLike,
+    *,
+    machine: Hoist | Axis | None = None,
+    band_hz: float | None = None,
+    **options: Any,
+) -> Diagnosis:
+    """Name what the machine of a campaign lacks: where the gap lies, its cause, how sure, how far it shrinks.
+
+    options: those of `workbench.diagnose.diagnose.diagnose`: baseline, candidates, most_effects, seed, study.
+    The result's `corrected` machine goes into `replay`, `study` and the rest.
+    """
+    chosen = campaign_of(campaign, machine)
+    if band_hz is not None:
+        check_band(band_hz, chosen.runs)
+    return find_cause(chosen, band_hz=band_hz, **options)
+
+
+def _consequences(d: Diagnosis) -> Table:
+    if d.consequences is None:
+        return Table([words("control study")], [[d.why_no_consequences]])
+    return tables.consequences_table(d.consequences)
+
+
+def _figure(section: str, number: int = 0) -> Callable[[Diagnosis], Any]:
+    def figure(d: Diagnosis) -> Any:
+        drawn = sections_of(d)[section].figures
+        if not drawn:
+            raise InputError(f"this diagnosis has nothing to draw there; its verdict is '{d.verdict.word}'")
+        return drawn[number][0]
+
+    return figure
+
+
+def _columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
+    """The ranking: one row a hypothesis, the likeliest first; probabilities sum to 1."""
+    rows = sorted(d.verdict.ranking, key=lambda row: -row.probability)
+    return {
+        "verdict": [row.verdict for row in rows],
+        "effects": [" + ".join(row.effects) for row in rows],
+        "probability": [row.probability for row in rows],
+    }
+
+
+VIEW = View(
+    {
+        "candidates": lambda d: replace(hypotheses.candidates_table(d, brief=True), note=d.verdict.sentence),
+        "parameters": hypotheses.parameters_table,
+        "gap": tables.gap_table,
+        "where": tables.where_table,
+        "shrink": tables.shrink_table,
+        "condition": tables.condition_table,
+        "visible": tables.visible_table,
+        "consequences": _consequences,
+    },
+    {
+        "ranking": _figure("verdict"),
+        "where": _figure("where"),
+        "profiles": _figure("where", 1),
+        "isolability": _figure("isolability"),
+        "shrink": _figure("shrink"),
+        "consequences": _figure("consequences"),
+    },
+    _columns,
+)

@@ -1,0 +1,85 @@
+"""Analyse the sampled speed loop over payloads and heights, and how the analysis is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from workbench.analysis.family import Member, family, operating_points, weakest
+from workbench.analysis.linearise import STIFFNESS_BY_LENGTH, Motion
+from workbench.analysis.tune import Goal
+from workbench.control import PiSettings
+from workbench.face.logs import PathLike
+from workbench.face.view import View
+from workbench.figures import loop as loop_figures
+from workbench.machine import Hoist
+from workbench.plants import NO_EFFECTS
+from workbench.reports.loop import report
+from workbench.reports.loop.case import LoopCaseFile, loop_case
+from workbench.shown import Shown
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopAnalysis(Shown):
+    """The loop at every payload and height, with its margins. ms_limit: the bound on Ms that figures show."""
+
+    case: LoopCaseFile
+    members: tuple[Member, ...]
+    ms_limit: float
+
+    @property
+    def weakest(self) -> Member:
+        """An unstable loop if there is any, else the one with the largest Ms."""
+        return weakest(self.members)
+
+
+def loop(
+    machine: Hoist | None = None,
+    controller: PiSettings | None = None,
+    *,
+    payloads_kg: Sequence[float] | None = None,
+    heights_m: Sequence[float] | None = None,
+    motion: Motion = "hoisting",
+    free_length: bool = False,
+    ms_limit: float = 1.4,
+    scenario: PathLike | None = None,
+) -> LoopAnalysis:
+    """Linearise the speed loop as it is simulated, drive and sampling included, and take its margins.
+
+    Without them: the default hoist, a controller by rule, 0, 4500 and 9000 kg, heights at bottom, middle and top.
+    scenario: a file that machine, controller and payloads are taken from. motion: hoisting, lowering or at_rest.
+    free_length: stiffen the wire as its free length shortens.
+    """
+    Goal(ms_limit=ms_limit)
+    case = loop_case(machine, given(controller), payloads_kg, heights_m, scenario)
+    points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)
+    effects = STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS
+    return LoopAnalysis(case, tuple(family(case.machine, case.settings, points, effects=effects)), ms_limit)
+
+
+def given(controller: PiSettings | None) -> tuple[PiSettings, str] | None:
+    """The caller's controller, with its origin in words."""
+    return None if controller is None else (controller, "as given")
+
+
+def columns(members: Sequence[Member]) -> Mapping[str, Sequence[Any]]:
+    """One row a loop: where, and its margins."""
+    places: dict[str, Sequence[Any]] = {
+        "payload_kg": [m.point.payload_kg for m in members],
+        "height_m": [m.point.height_m for m in members],
+        "motion": [m.point.motion for m in members],
+    }
+    return places | {name: [getattr(m.margins, name) for m in members] for name in vars(members[0].margins)}
+
+
+VIEW = View(
+    {"margins": lambda a: report.table(a.members)},
+    {
+        "bode": lambda a: loop_figures.bode(a.members),
+        "nyquist": lambda a: loop_figures.nyquist(a.members, a.ms_limit),
+        "sensitivity": lambda a: loop_figures.gang_of_four(a.members, a.ms_limit),
+        "steps": lambda a: loop_figures.steps(a.members),
+    },
+    lambda a: columns(a.members),
+)

@@ -1,0 +1,57 @@
+"""Replay a campaign on its machine, and how the replay is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from workbench.face.logs import PathLike, campaign_of
+from workbench.face.view import View
+from workbench.logs import Campaign
+from workbench.machine import Axis, Hoist
+from workbench.reports.replay import page, report
+from workbench.simulate.band import check_band
+from workbench.simulate.replay import ReplayResult, replay_runs
+from workbench.tables import Table
+
+
+def replay(
+    campaign: Campaign | PathLike, *, machine: Hoist | Axis | None = None, band_hz: float | None = None
+) -> ReplayResult:
+    """Drive the machine's model with the measured torque (force) of every run; compare the speeds.
+
+    machine: in place of the campaign's, such as an identified one. band_hz: band of the torque residual (−3 dB),
+    chosen by the machine without it.
+    """
+    chosen = campaign_of(campaign, machine)
+    if band_hz is not None:
+        check_band(band_hz, chosen.runs)
+    return replay_runs(chosen.machine, chosen.runs, band_hz)
+
+
+def _table(r: ReplayResult) -> Table:
+    return report.table(r.machine, r)
+
+
+def columns(r: ReplayResult) -> Mapping[str, Sequence[Any]]:
+    """One row a run; residual and noise in the unit of the machine's input, N m or N."""
+    return {
+        "run": [run.name for run in r.runs],
+        "speed_rmse_percent": [run.speed_rmse_percent for run in r.runs],
+        "speed_rmse_percent_restarted_2s": [run.speed_rmse_percent_restarted_2s for run in r.runs],
+        "residual_rms": [run.residual_rms for run in r.runs],
+        "residual_rms_moving": [run.residual_rms_moving for run in r.runs],
+        "noise_rms": [run.balance.noise_rms for run in r.runs],
+    }
+
+
+VIEW = View(
+    {"runs": _table},
+    {
+        "speed": lambda r: page.speeds(r.machine, r),
+        "residual": lambda r: page.residuals(r.machine, r),
+        "input": lambda r: page.inputs(r.machine, r),
+    },
+    columns,
+    index="run",
+)

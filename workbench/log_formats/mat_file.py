@@ -1,0 +1,66 @@
+"""MATLAB logs (version 7 and older): one numeric vector per column."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from workbench.errors import InputError
+from workbench.log_formats.declared import Limits, LogFormat, Opened
+
+if TYPE_CHECKING:
+    from workbench.run import Array
+
+_HDF5 = b"\x89HDF"
+_KINDS = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
+
+
+def open_mat(file: Path) -> Opened:
+    """Lists the vectors. Scalars, matrices, text and structures are no columns."""
+    with file.open("rb") as stream:
+        start = stream.read(1024)
+    if not start:
+        raise InputError("is empty")
+    if _HDF5 in start or start.startswith(b"MATLAB 7.3"):
+        raise InputError("is a version 7.3 file (HDF5); save it with: save('log.mat', '-v7')")
+    if not any(start):
+        raise InputError("is not a readable MAT file: it begins with zeros")
+    import scipy.io
+
+    lengths = [
+        (str(name), max(shape))
+        for name, shape, kind in scipy.io.whosmat(str(file))
+        if kind in _KINDS and len(shape) == 2 and min(shape) == 1 and max(shape) > 1
+    ]
+    return Opened([name for name, _ in lengths], lambda wanted, limits: _pieces(file, wanted, dict(lengths), limits))
+
+
+def _pieces(file: Path, wanted: Sequence[str], lengths: dict[str, int], limits: Limits) -> Iterator[tuple[int, Array]]:
+    """Vector by vector: each is unpacked as a whole, so that its header is asked for its length first."""
+    import numpy as np
+    import scipy.io
+
+    from workbench.log_formats.table import check_size
+
+    check_size(max(lengths[name] for name in wanted), sum(lengths[name] for name in wanted), limits)
+    for index, name in enumerate(wanted):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # scipy warns where it guesses
+            values = np.asarray(scipy.io.loadmat(str(file), variable_names=[name])[name]).ravel()
+        if values.dtype.kind not in "fiub":
+            raise InputError(f"holds {values.dtype}, expected real numbers", place=name)
+        yield index, np.ascontiguousarray(values, dtype=np.float64)
+
+
+MAT = LogFormat(
+    name="MAT",
+    suffixes=(".mat",),
+    open=open_mat,
+    about=(
+        "MATLAB version 7 or older, one real vector per column. Version 7.3 (HDF5) is refused; save with "
+        "`save('log.mat', '-v7')`. Scalars, matrices, text and structures are no columns."
+    ),
+    imports=("scipy.io",),
+)

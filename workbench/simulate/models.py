@@ -1,0 +1,163 @@
+"""Both models of one machine on one torque record: the paper's Table 1 and Figure 8, and where the two part."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.effects import true_input
+from workbench.errors import InputError
+from workbench.machine import Hoist
+from workbench.multibody import Outcome, Shaft, move
+from workbench.run import Array, Run
+from workbench.simulate.driven import Bench, sensor, start_point
+from workbench.simulate.replay import simulate_replays, simulated_run
+
+STEP_S = 0.004  # motor speed within 1e-5 of nominal of that at a fraction of it
+_ROLLER = "force_roller_"
+
+
+@dataclass(frozen=True)
+class ModelsRun:
+    """One run. measured: what was given; lumped, multibody: both models under its torque, at its own samples.
+
+    Errors are rms, in per cent of nominal motor speed. cpu_s: of each model's own simulation. parted_*: where the two
+    are furthest apart, or nothing where they never are by more than `PARTED_PERCENT`.
+    """
+
+    measured: Run
+    lumped: Run
+    multibody: Run
+    lumped_rmse_percent: float
+    multibody_rmse_percent: float
+    apart_percent: float
+    lumped_cpu_s: float
+    multibody_cpu_s: float
+    parted_s: float
+    parted_percent: float
+    parted_height_m: float
+    parted_force: str
+    parted_force_n: float
+
+    @property
+    def name(self) -> str:
+        return self.measured.name
+
+
+@dataclass(frozen=True)
+class ModelsCompared:
+    """All runs. ratio: of compute time, multi-body over lumped; real_time: simulated over computed seconds of each."""
+
+    machine: Hoist
+    runs: tuple[ModelsRun, ...]
+    scale_rad_s: float
+
+    @property
+    def simulated_s(self) -> float:
+        return float(sum(run.measured.duration_s for run in self.runs))
+
+    @property
+    def cpu_s(self) -> tuple[float, float]:
+        """Of the lumped and of the multi-body model."""
+        return sum(run.lumped_cpu_s for run in self.runs), sum(run.multibody_cpu_s for run in self.runs)
+
+    @property
+    def ratio(self) -> float:
+        lumped, multibody = self.cpu_s
+        return multibody / lumped
+
+    def pooled(self, name: str) -> float:
+        """An rms figure over all samples of all runs."""
+        n = np.array([len(run.measured.time_s) for run in self.runs], dtype=float)
+        values = np.array([getattr(run, name) for run in self.runs])
+        return float(np.sqrt(np.sum(n * values**2) / np.sum(n)))
+
+
+def compare_models(
+    machine: Hoist, runs: Sequence[Run], *, step_s: float = STEP_S, progress: Callable[[str], None] = lambda name: None
+) -> ModelsCompared:
+    """Replay the torque of every run, open loop from its first sample, on the lumped and on the multi-body machine.
+
+    InputError where the extra is missing, where the machine has an effect that this model does not know, and where
+    the engine does not converge, with time and state.
+    """
+    if not isinstance(machine, Hoist):
+        raise InputError("the multi-body machine is a hoist's; this one is an axis", place="kind")
+    bench = Bench(machine, runs)
+    simulate_replays(machine, bench)  # compiles, which is no model's compute time
+    out = []
+    for j, run in enumerate(bench.runs):
+        progress(run.name)
+        alone = Bench(machine, [run])
+        began = time.process_time()
+        (states,) = simulate_replays(machine, alone)
+        lumped_s = time.process_time() - began
+        lumped = simulated_run(bench.plant, run, states)
+        gain, offset = sensor(machine)
+        given = true_input(alone.equipped.active, run.time_s, (alone.inputs[0] - offset) / gain)
+        multibody, multibody_s = _replayed(machine, run, given, start_point(bench.plant, run, bench.motions[j]), step_s)
+        measured = bench.motions[j].speed
+        out.append(_compared(run, measured, lumped, multibody, lumped_s, multibody_s, bench.scale))
+    return ModelsCompared(machine, tuple(out), bench.scale)
+
+
+def _replayed(machine: Hoist, run: Run, torque: Array, start: tuple[float, float], step_s: float) -> tuple[Run, float]:
+    """The multi-body run at the log's own samples, and its compute time, s."""
+    time_s = run.time_s - run.time_s[0]
+
+    def drive(hold_nm: float) -> Callable[[Shaft, float], tuple[float, float]]:
+        return lambda shaft, until: (float(np.interp(until, time_s, torque)), 0.0)
+
+    height, speed = start
+    result = move(
+        machine,
+        run.payload_kg,
+        height,
+        drive,
+        float(time_s[-1]),
+        name=run.name,
+        step_s=step_s,
+        record_every=max(1, round(run.sample_time_s / step_s)),
+        start_speed_rad_s=speed,
+        start_time_s=run.start_time_s + float(run.time_s[0]),
+    )
+    if result.outcome is not Outcome.COMPLETED:
+        raise InputError(f"{result.outcome.value}, {result.at}", place=f"run {run.name}")
+    kept = result.run
+    signals = {name: np.interp(time_s, kept.time_s, values) for name, values in kept.signals.items()}
+    return Run(run.name, run.time_s, signals, run.payload_kg, run.start_position_m, run.start_time_s), result.cpu_s
+
+
+def _compared(
+    run: Run, measured: Array, lumped: Run, multibody: Run, lumped_s: float, multibody_s: float, scale: float
+) -> ModelsRun:
+    w1, w2 = lumped["speed_motor_rad_s"], multibody["speed_motor_rad_s"]
+
+    def percent(difference: Array) -> float:
+        return 100.0 * float(np.sqrt(np.mean(difference**2))) / scale
+
+    # Where they part is where their difference grows fastest, over a second: an error once made is carried on.
+    apart = w2 - w1
+    width = max(1, round(1.0 / run.sample_time_s))
+    growth = np.abs(apart[width:] - apart[:-width]) if len(apart) > width else np.abs(apart)
+    k = min(int(np.argmax(growth)) + width // 2, len(apart) - 1)
+    rollers = {name: abs(float(multibody[name][k])) for name in multibody.signals if name.startswith(_ROLLER)}
+    most = max(rollers, key=lambda name: rollers[name])
+    return ModelsRun(
+        run,
+        lumped,
+        multibody,
+        percent(w1 - measured),
+        percent(w2 - measured),
+        percent(apart),
+        lumped_s,
+        multibody_s,
+        float(run.time_s[k]),
+        100.0 * float(np.max(growth)) / scale,
+        float(multibody["position_carriage_m"][k]),
+        most.removeprefix(_ROLLER).removesuffix("_n"),
+        rollers[most],
+    )

@@ -1,0 +1,119 @@
+"""The multi-body machine under the sampled speed loop: the same compiled step, the same metrics, another plant."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from workbench.control import PI, delay_taps, full_pi, loop_values
+from workbench.control.settings import lag_left
+from workbench.engine.sampled import Step, observe
+from workbench.machine import Hoist
+from workbench.metrics import observer
+from workbench.multibody import Driven, MotionResult, Shaft, engine, move, switches_of
+from workbench.multibody import Outcome as MotionOutcome
+from workbench.plants import HOIST
+from workbench.run import Array, Run
+from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, loop_outcome, motor_torques
+
+
+def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: float = 0.001) -> LoopResult:
+    """One closed-loop run on the multi-body machine, as `simulate_loop` does it on the lumped one.
+
+    InputError where the extra is missing or the machine has an effect that this model does not know.
+    """
+    sample_time, n = case.controller.sample_time_s, len(case.speed_reference_rad_s)
+    substeps = max(1, math.ceil(sample_time / step_s - 1e-9))
+    held: dict[str, Any] = {}
+
+    def drive(hold_nm: float) -> Driven:
+        held["values"] = values = _values(case, hold_nm, sample_time / substeps)
+        return _drive(case, values, hold_nm)
+
+    result = move(
+        case.machine,
+        case.payload_kg,
+        case.start_position_m,
+        drive,
+        (n - 1) * sample_time,
+        name=case.name,
+        step_s=sample_time / substeps,
+        record_every=substeps,
+        reactions_every=substeps * record_every,
+        start_time_s=case.start_time_s,
+    )
+    if result.hanging is None:
+        run = replace(result.run, time_s=np.zeros(0), signals={})
+        return LoopResult(case, run, {}, Outcome.DIVERGED, result.at, case.start_position_m, 0.0)
+    return _result(case, result, SimpleNamespace(**held["values"]), record_every)
+
+
+def _values(case: LoopCase, hold_nm: float, step_s: float) -> dict[str, float]:
+    """The numbers of loop, drive, events and metrics by symbol."""
+    return {
+        **vars(HOIST.values(case.machine, case.payload_kg)),
+        **loop_values(case.controller, case.machine.drive, hold_nm),
+        **case_limits(case),
+        **case.events.values(),
+        "decay": lag_left(case.machine.drive.torque_lag_s, step_s),
+    }
+
+
+def _drive(case: LoopCase, values: dict[str, float], hold_nm: float) -> Driven:
+    """The sampled controller, its torque held between samples or behind a lag, and the brake of the events."""
+    drive, settings, sample_time = case.machine.drive, case.controller, case.controller.sample_time_s
+    plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
+    controller = PI if plain else full_pi(delay_taps(drive.speed_delay_s, sample_time))
+    p = SimpleNamespace(**values)
+    references = case.speed_reference_rad_s
+    torque, command, taken = hold_nm, hold_nm, -1
+    step: Step | None = None
+
+    def driven(shaft: Shaft, until_s: float) -> tuple[float, float]:
+        nonlocal torque, command, taken, step
+        if step is None:  # the encoder counts from where the machine hangs
+            step = Step(controller, p, controller.start(p, hold_nm, shaft.angle_rad), sample_time)
+        sample = math.floor(shaft.time_s / sample_time + 1e-6)
+        if sample > taken:
+            taken = sample
+            reference = float(references[min(sample, len(references) - 1)])
+            command = step(reference, shaft.time_s, shaft.speed_rad_s, shaft.angle_rad)
+        torque = command + (torque - command) * p.decay
+        closed = shaft.time_s < p.t_release or shaft.time_s >= p.t_close
+        return torque, p.T_brake if closed and case.events.brakes else 0.0
+
+    return driven
+
+
+def _result(case: LoopCase, result: MotionResult, p: Any, record_every: int) -> LoopResult:
+    samples, sample_time = result.run, case.controller.sample_time_s
+    n = len(samples.time_s)
+    signals: dict[str, Array] = dict(samples.signals)
+    signals["speed_reference_rad_s"] = np.asarray(case.speed_reference_rad_s, dtype=float)[:n]
+    seen = {**signals, "time_s": samples.time_s}
+    metrics = observer().finish(observe(observer(), p, seen, sample_time), p, n * sample_time)
+    last = {"position_carriage_m": signals["position_carriage_m"][-1]}
+    keep = slice(None, None, record_every or n + 1)
+    kept: dict[str, Array] = {}
+    if record_every:
+        kept = {name: values[keep].copy() for name, values in signals.items()}
+        kept |= dict(result.reactions.signals) if result.reactions is not None else {}
+        kept |= motor_torques(case, samples.time_s[keep], kept["torque_motor_nm"])
+    time = samples.time_s[keep] if record_every else samples.time_s[:0]
+    run = Run(case.name, time, kept, case.payload_kg, case.start_position_m, case.start_time_s)
+    hold = result.hanging.hold_torque_nm if result.hanging is not None else 0.0
+    if result.outcome is not MotionOutcome.COMPLETED:
+        return LoopResult(case, run, metrics, Outcome.DIVERGED, result.at, last["position_carriage_m"], hold)
+    end = np.array([signals["angle_motor_rad"][-1], 0.0, last["position_carriage_m"]])
+    outcome, at = loop_outcome(case.machine, time, kept, end, metrics)
+    return LoopResult(case, run, metrics, outcome, at, float(end[2]), hold)
+
+
+def check_multibody(machine: Hoist) -> None:
+    """InputError where the extra is missing, or for a machine that this model does not take."""
+    engine()
+    switches_of(machine)
