@@ -7,8 +7,7 @@ them: it asks by name, at the time of the call, as pandas asks its plotting back
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, fields, is_dataclass
-from html import escape
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +17,8 @@ from workbench.verb import attribute
 if TYPE_CHECKING:
     from pandas import DataFrame
     from plotly.graph_objects import Figure
+
+    from workbench.tables import Table
 
 LONGEST = 72  # characters of one field in a repr
 MOST_LISTED = 4
@@ -42,9 +43,9 @@ class Shown(Brief):
 
     __slots__ = ()
 
-    def table(self, name: str = "") -> TextTable:
+    def table(self, name: str = "") -> Table:
         """As a table of text, with the units and digits of the reports."""
-        table: TextTable = attribute(_FIND_VIEW)(self).table(self, name)
+        table: Table = attribute(_FIND_VIEW)(self).table(self, name)
         return table
 
     def plot(self, name: str = "") -> Figure:
@@ -54,61 +55,6 @@ class Shown(Brief):
     def to_pandas(self) -> DataFrame:
         """As a pandas DataFrame of plain numbers, SI. pandas is optional: InputError where it is missing."""
         return attribute(_FIND_VIEW)(self).to_pandas(self)
-
-
-@dataclass(frozen=True)
-class TextTable:
-    """A table of ready text. head: a name a column, lines of one name parted by a line break. rows: (n, columns).
-
-    words: numbers of the columns that hold words and are set left. Shows itself on a terminal and in a notebook.
-    """
-
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    words: frozenset[int] = frozenset()
-    caption: str = ""
-
-    @classmethod
-    def of(cls, head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> TextTable:
-        """From a report's table, in which the head of a column of words begins with a blank."""
-        words = frozenset(i for i, name in enumerate(head) if name.startswith(" "))
-        return cls(tuple(name.strip() for name in head), tuple(map(tuple, rows)), words, caption)
-
-    def __str__(self) -> str:
-        return "\n".join(self._lines())
-
-    __repr__ = __str__
-
-    def _lines(self) -> list[str]:
-        heads = [name.split("\n") for name in self.head]
-        tall = max(map(len, heads), default=0)
-        above = [[([""] * (tall - len(h)) + h)[line] for h in heads] for line in range(tall)]
-        body = [parts for row in self.rows for parts in _unfolded(row)]
-        widths = [max((len(line[i]) for line in [*above, *body]), default=0) for i in range(len(self.head))]
-        pad = [str.ljust if i in self.words else str.rjust for i in range(len(self.head))]
-        return [
-            "  ".join(p(cell, w) for p, cell, w in zip(pad, line, widths, strict=True)).rstrip()
-            for line in [*above, *body]
-        ]
-
-    def _repr_html_(self) -> str:
-        def line(cells: Sequence[str], tag: str) -> str:
-            side = ["left" if i in self.words else "right" for i in range(len(cells))]
-            inner = "".join(
-                f'<{tag} style="text-align:{s}">{escape(c).replace(chr(10), "<br>")}</{tag}>'
-                for c, s in zip(cells, side, strict=True)
-            )
-            return f"<tr>{inner}</tr>"
-
-        body = "".join(line(row, "td") for row in self.rows)
-        note = f"<p>{escape(self.caption)}</p>" if self.caption else ""
-        return f"<table><thead>{line(self.head, 'th')}</thead><tbody>{body}</tbody></table>{note}"
-
-
-def _unfolded(row: Sequence[str]) -> list[list[str]]:
-    """A row whose cells may have several lines, as lines."""
-    cells = [cell.split("\n") for cell in row]
-    return [[cell[i] if i < len(cell) else "" for cell in cells] for i in range(max(map(len, cells), default=1))]
 
 
 def brief(value: Any) -> str:

@@ -18,7 +18,7 @@ from workbench.control import PiSettings
 from workbench.figures.loop import bode, gang_of_four, member_name, nyquist, steps
 from workbench.machine import default_hoist, with_values
 from workbench.reports.loop.case import LoopCaseFile
-from workbench.reports.loop.report import HEAD, poles_in_s, sentences, table, write_loop
+from workbench.reports.loop.report import poles_in_s, sentences, table, write_loop
 
 MACHINE = with_values(default_hoist(), {"drive.speed_delay_s": 0.005, "drive.torque_lag_s": 0.004})
 SETTINGS = PiSettings(kp_nm_s_per_rad=40.0, ki_nm_per_rad=300.0, set_point_weight=0.8)
@@ -84,9 +84,7 @@ def test_a_step_ends_at_what_the_loop_holds(members: list[Member]):
 
 
 def test_the_table_has_a_line_a_loop_and_the_words_name_the_weakest(members: list[Member]):
-    rows = table(members)
-    assert len(rows) == len(members)
-    assert all(len(row) == len(HEAD) for row in rows)
+    assert len(table(members).rows) == len(members)
     worst = weakest(members)
     said = " ".join(sentences(case(), members))
     assert f"{worst.point.payload_kg:g} kg at {worst.point.height_m:g} m" in said
@@ -98,7 +96,7 @@ def test_the_table_has_a_line_a_loop_and_the_words_name_the_weakest(members: lis
 def test_an_unstable_loop_gets_no_margins_in_table_or_figure():
     wild = PiSettings(kp_nm_s_per_rad=2000.0, ki_nm_per_rad=300.0)
     members = family(MACHINE, wild, [OperatingPoint(0.0, 5.0)])
-    assert table(members)[0][2] == "unstable"
+    assert table(members).rows[0][2] == "unstable"
     assert "1 of 1 loops are unstable" in " ".join(sentences(case(), members))
     assert not any("margin" in (a.text or "") for a in bode(members).layout.annotations)
 

@@ -26,8 +26,8 @@ from workbench.dashboard.pages.compare import kept
 from workbench.dashboard.pages.compare.page import difference
 from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
 from workbench.errors import InputError
-from workbench.figures.dark import GROUND, INK, for_dark
 from workbench.figures.study import peak_torque_over_payload
+from workbench.figures.style import GROUND, INK, for_dark
 from workbench.machine import default_hoist, with_values
 from workbench.metrics import find
 from workbench.study.conclude.side_studies import over_payload, over_ramps

@@ -17,8 +17,7 @@ from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_
 from tests.support.simulated_campaign import TRUTH, simulated_campaign
 from workbench.dashboard import campaigns, machines
 from workbench.dashboard.pages.validate.identification import _in_words
-from workbench.dashboard.widgets import in_a_line
-from workbench.figures.estimates import Estimate, estimates
+from workbench.figures.identify import Estimate, estimates
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 from workbench.machine import Hoist, load_machine
@@ -263,8 +262,3 @@ def test_a_fitted_value_is_called_by_words_with_its_unit():
     assert _in_words("guide.coulomb_hoisting_n", 7570.2, 171.0) == ("guide Coulomb hoisting", "7570 ± 170 N")
     assert _in_words("wire.youngs_modulus_pa", 1.028e11, 1.8e9) == ("wire Young's modulus", "102.8 ± 1.8 GPa")
     assert _in_words("sensors.torque_gain", 0.9995, 0.0031) == ("torque gain", "0.9995 ± 0.0031")
-
-
-def test_a_head_that_a_terminal_breaks_is_whole_on_a_page():
-    assert in_a_line("proba-\nbility") == "probability"
-    assert in_a_line(" payload\nkg") == "payload kg"

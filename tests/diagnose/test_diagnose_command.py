@@ -239,7 +239,7 @@ def test_without_a_gap_the_terminal_claims_no_shrink_and_no_share_of_it(capsys: 
     said = " ".join(capsys.readouterr().out.split())
     assert "Nothing to shrink: on held-out runs" in said
     assert "factor" not in said
-    assert {row[2] for row in candidates_table(d, brief=True)} == {"–"}
+    assert {row[2] for row in candidates_table(d, brief=True).rows} == {"–"}
 
 
 def test_a_missing_effect_is_named_from_its_runs_and_twice_alike(workbench: Commands, tmp_path: Path):

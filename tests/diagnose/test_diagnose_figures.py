@@ -10,12 +10,10 @@ import pytest
 
 from tests.support.made_diagnosis import made_diagnosis
 from workbench.diagnose.records import Curve
-from workbench.figures.diagnose_shrink import ALL, shrink_bars
-from workbench.figures.diagnose_style import AFTER, BEFORE, REST, WINDOW
 from workbench.figures.diagnose_time import RunSeries, inputs, residuals, speeds
-from workbench.figures.diagnose_verdict import COLOURS, isolability, ranking
+from workbench.figures.diagnose_verdict import ALL, COLOURS, isolability, ranking, shrink_bars
 from workbench.figures.diagnose_where import curves, profiles, worth_a_panel
-from workbench.figures.style import LINES
+from workbench.figures.style import AFTER, BEFORE, LINES, REST, WINDOW
 
 WAYS = ("hoisting", "lowering")
 TIME = np.linspace(0.0, 10.0, 401)

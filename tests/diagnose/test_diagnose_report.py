@@ -16,18 +16,17 @@ from hypothesis import strategies as st
 
 from tests.support.effect_machines import rotary_axis
 from tests.support.made_diagnosis import KINDS, made_diagnosis
-from workbench.cli.candidates import chosen_candidates
+from workbench.cli.campaign import chosen_candidates
 from workbench.diagnose.records import Candidate, Diagnosis, Estimate, Hypothesis, Verdict, Window
 from workbench.effects import check
 from workbench.errors import InputError
 from workbench.machine import load_machine
 from workbench.reports.diagnosis import hypotheses, words
+from workbench.reports.diagnosis import page as diagnosis_page
 from workbench.reports.diagnosis import tables as report
-from workbench.reports.diagnosis import write as write_diagnose
 from workbench.reports.diagnosis.as_json import probabilities, to_json
-from workbench.reports.diagnosis.page import save_diagnosis_page
+from workbench.reports.diagnosis.page import save_diagnosis_page, write_diagnosis
 from workbench.reports.diagnosis.series import own_values, series_of
-from workbench.reports.diagnosis.write import write_diagnosis
 from workbench.simulate.driven import Bench, pooled_rms
 
 FIXED = [
@@ -167,7 +166,7 @@ def test_a_page_that_cannot_be_written_takes_the_numbers_with_it(tmp_path: Path,
         path.write_text("half a page")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(write_diagnose, "save_diagnosis_page", interrupted)
+    monkeypatch.setattr(diagnosis_page, "save_diagnosis_page", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_diagnosis(lambda: made_diagnosis("named"), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
@@ -207,12 +206,12 @@ def test_the_page_shows_what_changes_in_the_control_study(tmp_path: Path):
     d = made_diagnosis("named", with_consequences=True)
     assert d.consequences is not None
     page = page_of(d, tmp_path)
-    assert d.consequences.sentences[3].replace("'", "&#x27;") in page
+    assert d.consequences.sentences[3].replace("'", "&#39;") in page
     assert "torque peak per motor" in page
 
 
 def test_a_candidate_that_broke_down_is_a_row_with_its_reason():
-    row = next(row for row in hypotheses.candidates_table(made_diagnosis("named")) if row[0] == "backlash")
+    row = next(row for row in hypotheses.candidates_table(made_diagnosis("named")).rows if row[0] == "backlash")
     assert row[-1] == "its fit broke down: ValueError: the step size fell to zero"
     assert row[1:6] == ["–"] * 5
 
@@ -239,8 +238,7 @@ def test_the_verdicts_section_says_what_speaks_for_another_cause_and_for_an_unkn
 
 def test_a_report_without_a_gap_has_no_before_and_after(tmp_path: Path):
     d = made_diagnosis("no_gap")
-    assert report.shrink_head(d) == (" held out", "residual\nN\u00a0m", "times\nthe noise")
-    assert {len(row) for row in report.shrink_table(d)} == {3}
+    assert report.shrink_table(d).heads == ("held out", "residual N m", "times the noise")
     page = page_of(d, tmp_path)
     assert not re.search(r"\bbefore\b|After:|Yellow", page[page.index("7. How far") :])
 
@@ -291,7 +289,7 @@ def test_a_phase_of_each_run_is_in_that_runs_prediction():
         alone = Bench(machine, [run], d.gap.band_hz).balances()[0]
         assert drawn.after is not None
         np.testing.assert_allclose(drawn.after, alone.predicted, atol=0.02)
-    assert ["heave", "phase_rad, run half", "2.00", "0.10"] in hypotheses.parameters_table(d)
+    assert ["heave", "phase_rad, run half", "2.00", "0.10"] in hypotheses.parameters_table(d).rows
     assert to_json(d)["parameters"]["heave"]["phase_rad"]["value"] == [0.3, 2.0, 4.5]
 
 
@@ -321,16 +319,16 @@ def test_hypotheses_without_a_chance_share_one_bar():
 
 def test_only_what_was_fitted_or_broke_down_is_in_the_table():
     d = made_diagnosis("named")
-    assert [row[0] for row in hypotheses.candidates_table(d)] == ["friction_viscous", "heave", "backlash"]
-    assert [row[0] for row in hypotheses.candidates_table(d, brief=True)] == ["friction_viscous", "heave"]
+    assert [row[0] for row in hypotheses.candidates_table(d).rows] == ["friction_viscous", "heave", "backlash"]
+    assert [row[0] for row in hypotheses.candidates_table(d, brief=True).rows] == ["friction_viscous", "heave"]
     assert [each["effects"] for each in to_json(d)["candidates"]][2] == ["friction_stribeck"]
 
 
 def test_the_next_run_is_a_row_with_its_signals():
-    assert report.next_run_table(made_diagnosis("pair")) == [
+    assert report.next_run_table(made_diagnosis("pair")).rows == [
         ["half speed, two reversals", "9000", "tension_dead_line_n", "1.3", "7.4"]
     ]
-    assert report.next_run_table(made_diagnosis("named")) == []
+    assert report.next_run_table(made_diagnosis("named")).rows == []
 
 
 def test_of_many_windows_the_longest_are_listed_in_order_of_time():
@@ -338,7 +336,7 @@ def test_of_many_windows_the_longest_are_listed_in_order_of_time():
     assert d.where is not None
     windows = [Window("half", float(k), k + (0.9 if k % 2 and k < 12 else 0.2)) for k in range(16)]
     d = dataclasses.replace(d, where=dataclasses.replace(d.where, windows=tuple(windows)))
-    row = next(row for row in report.where_table(d) if row[0] == "half")
+    row = next(row for row in report.where_table(d).rows if row[0] == "half")
     assert row[2] == "1.0 to 1.9, 3.0 to 3.9, 5.0 to 5.9, 7.0 to 7.9, 9.0 to 9.9, 11.0 to 11.9; 10 shorter ones"
     assert len(to_json(d)["where"]["windows"]) == 16
 

@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
-from workbench.engine import cache
+from workbench.engine import cache, native
 from workbench.engine.cache import cache_folder, load_functions
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,8 +44,8 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the package that may be edited."""
     folder = tmp_path_factory.mktemp("checkout")
     shutil.copytree(ROOT / "workbench", folder / "workbench", ignore=shutil.ignore_patterns("__pycache__"))
-    (folder / "tests").mkdir()
-    shutil.copy(ROOT / "tests" / "kernel_user.py", folder / "tests")
+    (folder / "tests" / "support").mkdir(parents=True)
+    shutil.copy(ROOT / "tests" / "support" / "kernel_user.py", folder / "tests" / "support")
     return folder
 
 
@@ -103,7 +104,7 @@ def test_two_processes_that_compile_at_once_both_work_and_leave_nothing_half_wri
     pair = [start_process(ROOT, ("axis",), {"WORKBENCH_CACHE": str(folder)}) for _ in range(2)]
     first, second = (finished(process)[0] for process in pair)
     assert first == second
-    assert [path.suffix for path in folder.iterdir()] == [".kernel"]
+    assert sorted(path.suffix for path in folder.iterdir()) == [".kernel", ".probe"]
 
 
 def test_a_first_run_says_once_that_it_compiles_and_the_next_one_is_silent(tmp_path):
@@ -112,6 +113,7 @@ def test_a_first_run_says_once_that_it_compiles_and_the_next_one_is_silent(tmp_p
     warm, said_warm = finished(start_process(ROOT, ("axis", "hoist"), environment))
     assert said_cold.count("compiling") == 1
     assert "once" in said_cold
+    assert len(said_cold.splitlines()) == 1, "no warning of the engine's own checks"
     assert said_warm == ""
     assert warm == cold
 
@@ -170,12 +172,13 @@ def doubled(text: str = DOUBLE) -> list[float]:
 @pytest.fixture
 def forgetful(kernel_cache: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An own cache folder, in a process that has loaded nothing yet."""
-    monkeypatch.setattr(cache, "_loaded", {})
+    forget(monkeypatch)
     return kernel_cache
 
 
 def forget(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "_loaded", {})
+    monkeypatch.setattr(cache, "_native", None)
 
 
 @pytest.mark.parametrize(
@@ -192,7 +195,7 @@ def forget(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_a_spoilt_kernel_file_is_made_anew(forgetful, monkeypatch, spoil):
     assert doubled() == [2.0, 4.0]
-    (path,) = forgetful.iterdir()
+    (path,) = forgetful.glob("*.kernel")
     whole = path.read_bytes()
     path.write_bytes(spoil(whole))
     forget(monkeypatch)
@@ -203,7 +206,7 @@ def test_a_spoilt_kernel_file_is_made_anew(forgetful, monkeypatch, spoil):
 def test_a_kernel_of_the_disk_is_not_compiled_again(forgetful, monkeypatch):
     doubled()
     forget(monkeypatch)
-    monkeypatch.setattr(cache, "_compile", lambda *_: pytest.fail("compiled although it is there"))
+    monkeypatch.setattr(cache, "_module", lambda *_, **__: pytest.fail("compiled although it is there"))
     assert doubled() == [2.0, 4.0]
 
 
@@ -222,14 +225,86 @@ def test_another_processor_has_kernels_of_its_own(forgetful, monkeypatch):
     here = dict(cache.host())
     monkeypatch.setattr(cache, "host", lambda: {**here, "features": "-avx2"})
     doubled()
-    assert len(list(forgetful.iterdir())) == 2
+    assert len(list(forgetful.glob("*.kernel"))) == 2
 
 
-def test_code_that_needs_python_is_refused_not_kept(forgetful):
-    calling = DOUBLE.replace("    for j", "    print(factor)\n    for j")
-    with pytest.raises(RuntimeError, match="not free of Python"):
-        load_functions(calling, {"run": "af"})
+def test_code_that_needs_python_runs_through_numba_with_a_warning_and_is_not_kept(forgetful, caplog):
+    calling = DOUBLE.replace("    for j", "    if factor < 0.0:\n        print(factor)\n    for j")
+    assert doubled(calling) == [2.0, 4.0]
+    assert "not free of Python" in caplog.text
     assert not list(forgetful.glob("*.kernel"))
+
+
+def rename_arguments(text: str) -> str:
+    return text.replace("%arg.a.", "%array.a.")
+
+
+def swap_shape_and_size(text: str) -> str:
+    return text.replace("%arg.a.2", "%arg.a.X").replace("%arg.a.5.0", "%arg.a.2").replace("%arg.a.X", "%arg.a.5.0")
+
+
+@pytest.mark.parametrize("change", [rename_arguments, swap_shape_and_size])
+def test_another_calling_convention_is_seen_before_anything_is_called(change):
+    (compiled,) = compiled_double().overloads.values()
+    name = compiled.fndesc.llvm_func_name
+    text = compiled.library.get_llvm_str()
+    native._check_convention(llvm.parse_assembly(text).get_function(name), "af")
+    with pytest.raises(native.NotNativeError, match="calling convention"):
+        native._check_convention(llvm.parse_assembly(change(text)).get_function(name), "af")
+
+
+def test_wrong_types_of_arguments_are_another_calling_convention():
+    (compiled,) = compiled_double().overloads.values()
+    function = llvm.parse_assembly(compiled.library.get_llvm_str()).get_function(compiled.fndesc.llvm_func_name)
+    for letters in ("aff", "ai", "fa", "a"):
+        with pytest.raises(native.NotNativeError, match="calling convention"):
+            native._check_convention(function, letters)
+
+
+def compiled_double() -> Any:
+    module: dict[str, Any] = {}
+    exec(DOUBLE, module)
+    module["run"].compile("int64(float64[::1], float64)")
+    return module["run"]
+
+
+# What a newer numba or llvmlite may do to what `native` relies on.
+BREAKS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
+    "numba's library has no text": lambda patch: patch.delattr("numba.core.codegen.CPUCodeLibrary.get_llvm_str"),
+    "llvmlite has no such compiler": lambda patch: patch.delattr("llvmlite.binding.create_mcjit_compiler"),
+    "the arguments have other names": lambda patch: patch.setitem(native._MEMBERS, "a", ()),
+    "the members of an array are in another order": lambda patch: patch.setattr(
+        native, "_check_convention", lambda *_: (_ for _ in ()).throw(native.NotNativeError("another order"))
+    ),
+    "the probe computes something else": lambda patch: patch.setattr(
+        cache, "load_function", lambda code, letters: lambda *_: 0
+    ),
+}
+
+
+@pytest.mark.parametrize("change", BREAKS)
+def test_numba_serves_with_one_warning_where_object_code_does_not(forgetful, monkeypatch, caplog, change):
+    BREAKS[change](monkeypatch)
+    assert doubled() == [2.0, 4.0]
+    assert doubled(DOUBLE.replace("* factor", "* factor * 1.0")) == [2.0, 4.0]
+    assert [
+        record.message.partition(" with numba")[0] for record in caplog.records if record.levelname == "WARNING"
+    ] == ["kernels cannot be kept as object code"]
+    assert not list(forgetful.glob("*.kernel"))
+
+
+def test_a_simulation_by_numba_itself_is_the_same(unedited, tmp_path):
+    environment = {"WORKBENCH_ENGINE": "numba", "WORKBENCH_CACHE": str(tmp_path / "kernels")}
+    (computed,), _ = finished(start_process(ROOT, ("axis",), environment))
+    assert float.fromhex(computed) == pytest.approx(float.fromhex(unedited("axis")[0]), rel=1e-9)
+    assert list(tmp_path.rglob("*.kernel")) == []
+
+
+def test_arrays_that_cannot_be_declared_apart_cost_a_warning_and_no_result(forgetful, monkeypatch, caplog):
+    monkeypatch.setattr(native, "_apart", lambda text, name: text)
+    assert doubled() == [2.0, 4.0]
+    assert "not vectorised" in caplog.text
+    assert list(forgetful.glob("*.kernel"))
 
 
 @pytest.mark.parametrize("wrong", [np.zeros(4, dtype=np.float32), np.zeros((2, 2)), np.zeros(8)[::2]], ids=str)

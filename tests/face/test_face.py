@@ -20,7 +20,8 @@ import workbench as wb
 from tests.support.made_diagnosis import made_diagnosis
 from workbench.face.view import VIEWS, view_of
 from workbench.run import Array
-from workbench.shown import Shown, TextTable, brief
+from workbench.shown import Shown, brief
+from workbench.tables import Table
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "scenarios" / "demo_campaign"
@@ -116,8 +117,8 @@ def test_every_result_has_a_table_figures_and_columns(kind: str):
     view = view_of(shown)
     for name in ("", *view.tables):
         table = shown.table(name)
-        assert isinstance(table, TextTable)
-        assert all(len(row) == len(table.head) for row in table.rows)
+        assert isinstance(table, Table)
+        assert all(len(row) == len(table.columns) for row in table.rows)
         assert len(str(table).splitlines()) >= 1 + len(table.rows)
         assert table._repr_html_().count("<tr>") == 1 + len(table.rows)
     for name in ("", *view.figures) if view.figures else ():
@@ -179,12 +180,6 @@ def test_a_wrong_table_figure_metric_or_signal_suggests_the_nearest():
         study.rows[0]["peak_torque"]
     with pytest.raises(wb.InputError, match="no signal 'speed_motor'; did you mean 'speed_motor_rad_s'"):
         run["speed_motor"]
-
-
-def test_a_table_lines_its_numbers_up_on_the_right_and_its_words_on_the_left():
-    table = TextTable.of((" name", "mass\nkg"), [["a", "1"], ["long", "20\n3"]])
-    assert str(table).splitlines() == ["      mass", "name    kg", "a        1", "long    20", "         3"]
-    assert '<th style="text-align:left">name</th>' in table._repr_html_()
 
 
 def test_a_campaign_may_be_a_path_and_take_another_machine():

@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from workbench.figures.identify import correlation_matrix, level_history
 from workbench.figures.replay import friction_law, speed_comparison, torque_profiles, torque_residual
-from workbench.figures.save import save
+from workbench.figures.save import Section, save_page
 from workbench.figures.study import harder_worked_nm, overview, peak_torque_over_payload, slack_stretches
 from workbench.figures.style import LINES
 from workbench.figures.thin import PASSES, STRAIGHT, straightened, thin
 from workbench.references import planned_kinds
 from workbench.run import Run
+from workbench.tables import Column, Table, words
 
 TIME = np.linspace(0.0, 40.0, 4001)
 
@@ -212,11 +213,15 @@ def test_correlation_matrix_writes_its_numbers() -> None:
 
 def test_page_needs_no_network_and_has_the_same_bytes_each_time(tmp_path: Path) -> None:
     figure = level_history({"hoisting": [1.0, 2.0]})
+    table = Table([Column("n", "kg"), words("word")], [["1", "<one>"]], "All & each.")
+    section = Section("", ["x & y of `<z>`"], ["a > b"], [table], [(figure, "<note>"), (figure, "")])
     for name in ("a.html", "b.html"):
-        save([figure, figure], tmp_path / name, "A <title>", ["x & y"], (("n", " word"), [["1", "one"]]))
+        save_page([section], tmp_path / name, "A <title>", answer="yes <no>")
     page = (tmp_path / "a.html").read_text(encoding="utf-8")
     assert page == (tmp_path / "b.html").read_text(encoding="utf-8")
     assert "<script src=" not in page
     assert "A &lt;title&gt;" in page
-    assert "x &amp; y" in page
+    assert "x &amp; y of <code>&lt;z&gt;</code>" in page
+    for text in ("yes &lt;no&gt;", "<li>a &gt; b</li>", "&lt;one&gt;", "All &amp; each.", "&lt;note&gt;"):
+        assert text in page
     assert page.count('class="plotly-graph-div"') == 2

@@ -257,7 +257,7 @@ def test_a_value_far_off_or_a_residual_above_the_noise_leads_to_diagnose(campaig
 
 
 def test_every_line_of_the_table_says_whether_a_tolerance_holds_the_value(found: Identification):
-    lines = table(found.fit)
+    lines = table(found.fit).rows
     assert [line[0] for line in lines] == list(found.fit.values())
     assert {line[-1] for line in lines} == {held(True)}
     assert all("nan" not in cell for line in lines for cell in line)

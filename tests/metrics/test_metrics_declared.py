@@ -89,16 +89,18 @@ def test_it_is_a_column_of_the_index_with_its_own_numbers(folders: dict[str, Pat
 
 def test_it_is_a_column_of_the_printed_table_with_its_own_head_unit_and_digits(folders: dict[str, Path]) -> None:
     rows = read_finished(folders["plain"]).rows
-    head, lines = tables.run_head(rows), tables.run_table(rows)
-    at = head.index("drum torque\npeak\nkN m")
+    shown = tables.run_table(rows)
+    head, lines = shown.heads, shown.rows
+    at = head.index("drum torque peak kN m")
     assert [line[at] for line in lines] == [f"{row['peak_drum_torque_nm'] / 1000.0:.2f}" for row in rows]
     assert "drum torque" in (folders["plain"].with_suffix(".txt")).read_text()
-    assert "longest move" in tables.run_caption(rows)
+    assert "longest move" in shown.note
 
 
 def test_many_runs_have_its_quantiles_and_its_worst_run(folders: dict[str, Path]) -> None:
-    assert "drum torque\npeak\nkN m" in tables.quantile_head()
-    ends = tables.extremes_table(read_finished(folders["sample"]).rows, [])
+    rows = read_finished(folders["sample"]).rows
+    assert "drum torque peak kN m" in tables.quantile_table(rows).heads
+    ends = tables.extremes_table(rows, []).rows
     assert "worst drum torque peak" in [line[0] for line in ends]
 
 

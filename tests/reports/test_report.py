@@ -113,7 +113,7 @@ def titles(result: Finished) -> list[str]:
 
 
 def what(result: Finished) -> dict[str, str]:
-    return {line[0]: line[1] for line in what_was_run(result)[1]}
+    return {line[0]: line[1] for line in what_was_run(result).rows}
 
 
 def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, run) -> None:
@@ -132,10 +132,8 @@ def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, run) 
 def test_each_run_has_a_line_in_each_table_of_runs(results) -> None:
     result = read_finished(results(""))
     page_tables = run_tables(result.rows)
-    assert [len(lines) for _, lines, _ in page_tables] == [4, 4, 4]
-    for head, lines, _ in page_tables:
-        assert {len(line) for line in lines} == {len(head)}
-    peak = {(line[0], line[1]): line[2] for line in page_tables[0][1]}
+    assert [len(table.rows) for table in page_tables] == [4, 4, 4]
+    peak = {(line[0], line[1]): line[2] for line in page_tables[0].rows}
     for row in result.rows:
         assert peak[f"{row.payload_kg:g}", row.reference] == f"{row['peak_torque_motor_nm']:.0f}"
 
@@ -179,7 +177,7 @@ def test_a_sample_has_its_spread_and_what_it_hangs_on(results) -> None:
     assert titles(result) == ["Spread of the results", "What the torque peak per motor hangs on"]
     tornado = figures_of(result)[1][0]
     assert all(-1.0 <= value <= 1.0 for trace in tornado.data for value in trace.x)
-    assert len(run_tables(result.rows)[0][1]) == 4 * 5  # 128 runs: quantiles of each payload and reference
+    assert len(run_tables(result.rows)[0].rows) == 4 * 5  # 128 runs: quantiles of each payload and reference
     lines = what(result)
     assert " to " in lines["drawn: carriage mass"] and lines["drawn: carriage mass"].endswith(" kg")
 

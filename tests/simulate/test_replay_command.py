@@ -17,9 +17,10 @@ from tests.support.log_campaign import AXIS, csv_text
 from tests.support.simulated_campaign import PAYLOADS, TORQUE_NOISE_NM, simulated_campaign, true_machine
 from workbench.errors import InputError
 from workbench.figures.style import LINES
+from workbench.json_records import rounded
 from workbench.logs import read_campaign
 from workbench.machine import default_hoist, save_machine, with_values
-from workbench.reports.numbers import change_percent, figures, rounded, with_error
+from workbench.reports.numbers import change_percent, figures, with_error
 from workbench.reports.replay import page as replay_page
 from workbench.reports.replay.report import sentences, to_json
 from workbench.simulate.band import check_band
@@ -254,7 +255,7 @@ def test_a_full_disk_leaves_no_folder(
         with open("/dev/full", "w") as stream:
             stream.write("x")
 
-    monkeypatch.setattr("workbench.reports.replay.write.save_replay_page", onto_a_full_disk)
+    monkeypatch.setattr("workbench.reports.replay.page.save_replay_page", onto_a_full_disk)
     done = workbench("replay", campaign, "--out", tmp_path / "out")
     assert done.status == 2
     assert "out: no results written: No space left on device" in done.err

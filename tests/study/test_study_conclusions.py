@@ -11,7 +11,7 @@ from workbench.metrics import fixed_columns, metrics
 from workbench.study.conclude import tables
 from workbench.study.conclude.rank import rank_correlations
 from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.tables import run_head, run_table
+from workbench.study.conclude.tables import run_table
 from workbench.study.results.labels import field_label, metric_label
 from workbench.study.results.row import Row
 from workbench.study.variations.varying import drawn_columns, run_in_words, swept_axes
@@ -66,14 +66,14 @@ def test_fields_that_are_walked_together_are_one_axis_and_a_grid_is_two():
 def test_a_field_that_is_the_same_in_all_runs_is_no_axis():
     rows = [row({JERK: 1.0, ACCELERATION: a}) for a in (0.4, 0.2)]
     assert [axis.columns for axis in swept_axes(rows)] == [(ACCELERATION,)]
-    assert "jerk" not in " ".join(run_head(rows))
+    assert "jerk" not in " ".join(run_table(rows).heads)
 
 
 def test_lines_of_a_sweep_can_be_told_apart_by_their_values():
     rows = [row({JERK: 0.8, "sweep.controller.anti_windup": w}) for w in ("back_calculation", "conditional")]
-    heads = run_head(rows)
-    assert heads[2] == " anti windup"  # words are set left
-    assert [line[2] for line in run_table(rows)] == ["back calculation", "conditional"]
+    column = run_table(rows).columns[2]
+    assert (column.head, column.align) == ("anti windup", "left")
+    assert [line[2] for line in run_table(rows).rows] == ["back calculation", "conditional"]
 
 
 def front_rows() -> list[Row]:
@@ -159,16 +159,15 @@ def test_rank_correlation_is_that_of_scipy_with_ties():
 def test_quantiles_are_of_each_payload_and_reference_and_failures_are_counted():
     rows = [row({JERK: float(j)}, kind=kind, peak_torque_motor_nm=400.0 + j) for kind in ("a", "b") for j in range(101)]
     rows[0] = Row("x", "s", "failed", "ran away", 9000.0, "a", {}, {JERK: 0.0})
-    lines = tables.quantile_table(rows)
+    lines = tables.quantile_table(rows).rows
     assert len(lines) == 10
-    assert {len(line) for line in lines} == {len(tables.quantile_head())}
     assert lines[0][:3] == ["9000", "a", "100 + 1 failed"]
     assert [line[4] for line in lines[5:]] == ["400", "405", "450", "495", "500"]
 
 
 def test_extremes_name_the_run_in_words():
     rows = [row({JERK: float(j)}, peak_torque_motor_nm=400.0 + j) for j in range(50)]
-    lines = tables.extremes_table(rows, swept_axes(rows))
+    lines = tables.extremes_table(rows, swept_axes(rows)).rows
     assert [line[:2] for line in lines] == [
         ["highest torque peak", "9000 kg, ruckig, jerk 49 m/s³"],
         ["lowest torque peak", "9000 kg, ruckig, jerk 0 m/s³"],

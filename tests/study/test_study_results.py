@@ -19,7 +19,7 @@ from workbench.errors import InputError
 from workbench.figures.study_page import save_study_page, study_figures
 from workbench.metrics import fixed_columns
 from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.tables import run_head, run_table
+from workbench.study.conclude.tables import run_table
 from workbench.study.execute.batch import run_batch
 from workbench.study.execute.run import StudyResult, run_study
 from workbench.study.execute.store import Chunk
@@ -252,7 +252,7 @@ def test_a_loop_that_runs_away_is_a_failed_row_and_the_rest_goes_on(tmp_path: Pa
     folder = written(study, tmp_path / "wild")
     statuses = pq.read_table(folder / "index.parquet")["status"].to_pylist()
     assert statuses.count("failed") == len(failed)
-    assert any("failed" in line for line in run_table(result.rows)[-1])
+    assert any("failed" in line for line in run_table(result.rows).rows[-1])
     assert any(row.run_id in sentence for row in failed for sentence in sentences(result.rows, 768.0))
 
 
@@ -288,8 +288,8 @@ def test_slack_and_the_torque_limit_are_said_when_they_occur() -> None:
 
 
 def test_table_has_a_cell_under_every_head(result: StudyResult) -> None:
-    lines = run_table(result.rows)
-    assert {len(line) for line in lines} == {len(run_head(result.rows))}
+    lines = run_table(result.rows).rows
+    assert {len(line) for line in lines} == {10}
     assert lines[3][:2] == ["9000", "trapezoid"]
 
 
@@ -298,9 +298,8 @@ def test_swept_values_stand_in_the_table_and_the_extremes_in_the_conclusions() -
         replace(row(0.0, "ruckig", peak_torque_motor_nm=peak), run_id=f"r{kp:g}", assigned={"sweep.controller.kp": kp})
         for kp, peak in ((20.0, 300.0), (30.0, 200.0), (40.0, 400.0))
     ]
-    assert run_head(rows)[:3] == ("payload\nkg", " reference", "kp")
-    assert [line[2] for line in run_table(rows)] == ["20", "30", "40"]
-    assert {len(line) for line in run_table(rows)} == {len(run_head(rows))}
+    assert run_table(rows).heads[:3] == ("payload kg", "reference", "kp")
+    assert [line[2] for line in run_table(rows).rows] == ["20", "30", "40"]
     said = sentences(rows, 768.0)
     assert said[0] == (
         "Over 3 runs the torque peak per motor goes from 200 N m (0 kg, ruckig, kp 30) "

@@ -1,15 +1,18 @@
-"""The campaign that a command works on: chosen runs, and another machine where one is given."""
+"""What a command works on: the campaign with its chosen runs and machine, the effects to weigh."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
-from workbench.effects import check
-from workbench.errors import InputError
+from workbench.effects import check, effects_for
+from workbench.errors import InputError, nearest
 from workbench.logs import Campaign, read_campaign
-from workbench.machine import load_machine
+from workbench.machine import Axis, Hoist, load_machine
+from workbench.plants import plant_of
 from workbench.simulate.band import check_band
+
+ALL = "all"
 
 
 def load_campaign(
@@ -28,6 +31,27 @@ def load_campaign(
             file=machine_file,
         )
     return replace(campaign, machine=machine)
+
+
+def chosen_candidates(text: str | None, machine: Hoist | Axis) -> tuple[str, ...] | None:
+    """Names with commas between; `all`: every effect there is for the machine, unlisted ones too. None stays None.
+
+    InputError for an unknown or a repeated name, with the nearest valid one.
+    """
+    if text is None:
+        return None
+    known = effects_for(plant_of(machine).kind)
+    if text.strip() == ALL:
+        return tuple(known)
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    if not names:
+        raise InputError(f"no effect is named, expected names with commas between, or '{ALL}'", place="--candidates")
+    for name in names:
+        if name not in known:
+            raise InputError(f"unknown effect '{name}'; {nearest(name, known)}", place="--candidates")
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"'{repeated[0]}' is named twice, expected each effect once", place="--candidates")
+    return tuple(names)
 
 
 def _kind(machine: object) -> str:

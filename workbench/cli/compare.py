@@ -10,6 +10,7 @@ import click
 
 from workbench.cli.show import TIE, filled, print_table
 from workbench.errors import InputError
+from workbench.tables import Column, Table, words
 
 if TYPE_CHECKING:
     from workbench.study.compare.compare import Change, Comparison, Pair, Regression
@@ -62,8 +63,8 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
 def _show(comparison: Comparison) -> None:
     moved = [change for change in comparison.changes if change.noticeable]
     if moved:
-        head = (" metric", "mean A", "mean B", "mean Δ", "%", "median Δ", "largest Δ")
-        print_table(head, [_line(change) for change in moved])
+        columns = [words("metric"), *map(Column, ("mean A", "mean B", "mean Δ", "%", "median Δ", "largest Δ"))]
+        print_table(Table(columns, [_line(change) for change in moved]))
         _print_some("\nMoved most:", [_moved_most(change) for change in moved], len(moved))
     click.echo()
     click.echo(filled(f"{len(comparison.pairs)} runs compared; {_unmoved(comparison)}."))

@@ -60,8 +60,7 @@ def command(
     --out writes a report, diagnosis.json, and a corrected machine.yaml that replay and study accept. The exit
     status is 0 for every verdict.
     """
-    from workbench.cli.campaign import load_campaign
-    from workbench.cli.candidates import chosen_candidates
+    from workbench.cli.campaign import chosen_candidates, load_campaign
     from workbench.cli.diagnose_progress import shown
     from workbench.cli.diagnose_show import show
     from workbench.whole_folder import check_free
@@ -87,7 +86,7 @@ def command(
         if out is None:
             found = run()
         else:
-            from workbench.reports.diagnosis.write import write_diagnosis
+            from workbench.reports.diagnosis.page import write_diagnosis
 
             found = write_diagnosis(run, out, stages.writing)
     show(found, out)

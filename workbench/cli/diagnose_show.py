@@ -11,6 +11,7 @@ from workbench.cli.show import filled, print_table, print_text
 from workbench.diagnose.records import Diagnosis
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import tables as report
+from workbench.tables import Table
 
 MOST_CANDIDATES = 5
 
@@ -24,13 +25,12 @@ def show(d: Diagnosis, out: Path | None) -> None:
     if d.warnings:
         _titled("To know first")
         _listed(d.warnings)
-    _titled("The gap", report.gap_head(d), report.gap_table(d))
+    _titled("The gap", report.gap_table(d))
     if d.where is not None:
         print_text([words.where_sentence(d)])
-    if rows := hypotheses.parameters_table(d):
-        _titled("Found", hypotheses.PARAMETERS_HEAD, rows)
-    shown = hypotheses.candidates_table(d, MOST_CANDIDATES, brief=True)
-    _titled("Candidates, the best first", hypotheses.candidates_head(d, brief=True), shown)
+    if parameters := hypotheses.parameters_table(d):
+        _titled("Found", parameters)
+    _titled("Candidates, the best first", hypotheses.candidates_table(d, MOST_CANDIDATES, brief=True))
     if d.unknown is not None:
         _titled("What is known of the unknown cause")
         _listed([*words.reasons_of(d), *words.unknown_sentences(d)])
@@ -38,7 +38,7 @@ def show(d: Diagnosis, out: Path | None) -> None:
         _titled("How far it shrinks")
         print_text([words.shrink_sentence(d)])
     else:
-        _titled("How far it shrinks, on held-out runs", report.BRIEF_SHRINK_HEAD, report.brief_shrink_table(d))
+        _titled("How far it shrinks, on held-out runs", report.brief_shrink_table(d))
     _titled("What changes in the control study")
     # The first sentence says what was run; the report has it.
     _listed([d.why_no_consequences] if d.consequences is None else d.consequences.sentences[1:])
@@ -51,11 +51,11 @@ def show(d: Diagnosis, out: Path | None) -> None:
         click.echo(f"Numbers: {out / 'diagnosis.json'}")
 
 
-def _titled(title: str, head: Sequence[str] = (), rows: Sequence[Sequence[str]] = ()) -> None:
+def _titled(title: str, table: Table | None = None) -> None:
     click.echo()
     click.secho(title, bold=True)
-    if head:
-        print_table(head, rows)
+    if table is not None:
+        print_table(table, note=False)
 
 
 def _listed(sentences: Sequence[str]) -> None:

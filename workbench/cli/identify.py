@@ -42,7 +42,7 @@ def command(
         check_free(out)
     read = load_campaign(campaign, runs, machine, band)
     if list_keys:
-        print_table((" key", "value", " usual fit"), report.keys_table(read))
+        print_table(report.keys_table(read))
         return
     from workbench.identify.identify import identify
 
@@ -53,17 +53,16 @@ def command(
         return identify(read, free=keys, band_hz=band, date=date)
 
     if out is None:
-        found = run()
+        identification = run()
     else:
-        from workbench.reports.identify.write import write_identification
+        from workbench.reports.identify.page import write_identification
 
-        found = write_identification(run, out)
+        identification = write_identification(run, out)
     print_notes(brief_notes(read))
-    print_table(report.HEAD, report.table(found.fit))
-    print_text([report.CAPTION], dim=True)
+    print_table(report.table(identification.fit))
     click.echo()
-    print_table(report.measures_head(read.machine), report.measures_table(found))
-    print_text(["", *report.sentences(found)])
+    print_table(report.measures_table(identification), note=False)
+    print_text(["", *report.sentences(identification)])
     if out is None:
         click.echo("\nNothing is written without --out.")
     else:

@@ -62,8 +62,7 @@ def command(
     points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)  # type: ignore[arg-type]
     members = family(case.machine, case.settings, points, effects=STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS)
     print_text([f"Controller {case.origin}: {report.gains_text(case)}.", ""])
-    print_table(report.HEAD, report.table(members))
-    print_text([report.CAPTION], dim=True)
+    print_table(report.table(members))
     print_text(["", *report.sentences(case, members)])
     if out is not None:
         with whole_folder(out) as folder:

@@ -35,12 +35,11 @@ def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | 
     if out is None:
         result = replay_runs(read.machine, read.runs, band)
     else:
-        from workbench.reports.replay.write import write_replay
+        from workbench.reports.replay.page import write_replay
 
         result = write_replay(lambda: replay_runs(read.machine, read.runs, band), read, out)
     print_notes(brief_notes(read))
-    print_table(report.head(read.machine), report.table(result))
-    print_text([report.caption(read.machine, result)], dim=True)
+    print_table(report.table(read.machine, result))
     print_text(["", *report.sentences(read.machine, result)])
     if out is not None:
         click.echo(f"\nFigures: {out / 'replay.html'}\nNumbers: {out / 'replay.json'}")

@@ -9,7 +9,10 @@ from collections.abc import Sequence
 
 import click
 
+from workbench.tables import Table
+
 WIDTH = 98
+PIPE_WIDTH = 100
 TIE = "\u00a0"  # a blank at which no line is broken
 # What a number is not parted from, the longest first; N m has a blank of its own.
 _UNITS = (
@@ -18,22 +21,17 @@ _UNITS = (
 _NUMBER_AND_UNIT = re.compile(rf"(?:(?<=\d) )?(?<![\w/])(?:{_UNITS})(?![\w/²³])")
 
 
-def print_table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> None:
-    """A table of ready text; a column whose head starts with a blank holds words and is set left."""
+def print_table(table: Table, *, note: bool = True) -> None:
+    """The table, and its note below."""
     from rich.console import Console
-    from rich.table import Table
 
     console = Console()
-    shown = Table(box=None, pad_edge=False, padding=(0, 1))
-    for name in head:
-        words = name.startswith(" ")
-        shown.add_column(name.strip(), justify="left" if words else "right", no_wrap=True, vertical="bottom")
-    for line in lines:
-        shown.add_row(*line)
-    # A pipe has no width of its own; the table's is kept whole there.
-    if not console.is_terminal:
-        console = Console(width=100)
-    console.print(shown)
+    if console.is_terminal:
+        console.print(table)
+    else:  # a pipe has no width of its own
+        click.echo(table.text(PIPE_WIDTH))
+    if note and table.note:
+        print_text([table.note], dim=True)
 
 
 def print_text(sentences: Sequence[str], *, dim: bool = False) -> None:
@@ -47,7 +45,7 @@ def filled(text: str, first: str = "", then: str = "") -> str:
 
     What `TIE` ties is not parted either. All blanks come out as plain ones.
     """
-    tied = _NUMBER_AND_UNIT.sub(lambda found: found[0].replace(" ", TIE), text)
+    tied = _NUMBER_AND_UNIT.sub(lambda match: match[0].replace(" ", TIE), text)
     whole = textwrap.fill(
         tied, min(_width(), WIDTH), initial_indent=first, subsequent_indent=then, break_long_words=False
     )  # fmt: skip

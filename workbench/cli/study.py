@@ -100,13 +100,11 @@ def _report(study: Study, place: Place) -> None:
 
     rows = read_rows(place.folder)
     if len(rows) <= MOST_IN_TABLE:
-        print_table(tables.run_head(rows), tables.run_table(rows))
-        print_text([tables.run_caption(rows)], dim=True)
+        print_table(tables.run_table(rows))
     else:
-        print_table(tables.quantile_head(), tables.quantile_table(rows))
-        print_text([tables.quantile_caption()], dim=True)
+        print_table(tables.quantile_table(rows))
         click.echo()
-        print_table(tables.extremes_head(), tables.extremes_table(rows, swept_axes(rows)))
+        print_table(tables.extremes_table(rows, swept_axes(rows)))
         click.echo(f"Each of the {len(rows)} runs has its line in the index.")
     print_text(["", *sentences(rows, motor_torque_limit_nm(study.machine)), ""])
     if place.finished:

@@ -61,8 +61,7 @@ def command(
     case = load_case(machine, scenario, None, payloads, heights)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m)
     tuned = tune(case.machine, case.settings, points, case.trial(), goal, weighed)
-    print_table(report.HEAD, report.table(tuned))
-    print_text([report.CAPTION], dim=True)
+    print_table(report.table(tuned))
     print_text(["", *report.sentences(case, tuned, weighed)])
     if (said := report.warning(case.machine)) is not None:
         click.echo()

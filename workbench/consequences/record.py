@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from workbench.consequences.motion import SmallStudy
+from workbench.json_records import plain
 
 METRICS = (
     "peak_torque_motor_nm",
@@ -138,40 +139,23 @@ def percent(before: float, after: float) -> float:
 
 
 def as_json(consequences: Consequences) -> dict[str, Any]:
-    """Plain mappings and lists; null for what is no finite number."""
+    """Plain mappings and lists, six significant digits; null for what is no finite number."""
     c = consequences
     bandwidth, ms = c.gains_goal
-    return {
-        "effects": list(c.effects),
-        "study": c.study.as_json(),
-        "rows": [
-            {
-                "payload_kg": row.payload_kg,
-                "reference": row.reference,
-                "before": _plain(row.before),
-                "after": _plain(row.after),
-                "change_percent": {name: _number(row.percent(name)) for name in METRICS},
-            }
-            for row in c.rows
-        ],
-        "loop": {"before": _plain(c.loop_before), "after": _plain(c.loop_after)},
-        "gains": {
-            "goal": {"bandwidth_hz": _number(bandwidth), "ms": ms},
-            "before": _plain(c.gains_before),
-            "after": _plain(c.gains_after),
-            "old_gains_bandwidth_hz": _number(c.old_gains_bandwidth_hz),
-        },
-        "better_reference": [_plain(choice) | {"changed": choice.changed} for choice in c.choices],
-        "sentences": list(c.sentences),
-    }
-
-
-def _plain(record: RunFigures | LoopFigures | Gains | Choice) -> dict[str, Any]:
-    return {name: _number(value) for name, value in vars(record).items()}
-
-
-def _number(value: Any) -> Any:
-    """Six digits."""
-    if not isinstance(value, float):
-        return value
-    return float(f"{value:.6g}") if math.isfinite(value) else None
+    said: dict[str, Any] = plain(
+        {
+            "effects": c.effects,
+            "study": c.study.as_json(),
+            "rows": [vars(row) | {"change_percent": {name: row.percent(name) for name in METRICS}} for row in c.rows],
+            "loop": {"before": c.loop_before, "after": c.loop_after},
+            "gains": {
+                "goal": {"bandwidth_hz": bandwidth, "ms": ms},
+                "before": c.gains_before,
+                "after": c.gains_after,
+                "old_gains_bandwidth_hz": c.old_gains_bandwidth_hz,
+            },
+            "better_reference": [vars(choice) | {"changed": choice.changed} for choice in c.choices],
+            "sentences": c.sentences,
+        }
+    )
+    return said

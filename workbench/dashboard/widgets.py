@@ -24,7 +24,7 @@ from workbench.errors import InputError
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from workbench.figures.save import Table
+    from workbench.tables import Table
 
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader
 _UNIT = re.compile(r"(?<=\d) (?:N m|k?N|Hz|%|k?g|m?[ms])(?!\w)")  # that stays on its number's line
@@ -88,7 +88,7 @@ def is_dark() -> bool:
 
 def chart(figure: Figure, key: str, alt: str | None = None) -> None:
     """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG."""
-    from workbench.figures.dark import for_dark
+    from workbench.figures.style import for_dark
 
     figure.update_layout(uirevision=key)  # a slider changes the lines and leaves the zoom
     config = {
@@ -102,24 +102,14 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
 
 
 def table(shown: Table) -> None:
-    """A report's table: heads with their unit; columns whose head starts with a blank are words."""
+    """A report's table with its note; heads with their units."""
     from workbench.study.results import arrow
 
-    head, rows, caption = shown
-    names = [in_a_line(name) for name in head]
-    columns = {name: arrow.texts([row[i].strip() for row in rows]) for i, name in enumerate(names)}
-    align = {
-        name: st.column_config.TextColumn(alignment="left" if original.startswith(" ") else "right")
-        for name, original in zip(names, head, strict=True)
-    }
+    columns = {head: arrow.texts([text.strip() for text in texts]) for head, texts in shown.by_column.items()}
+    align = {column.line: st.column_config.TextColumn(alignment=column.align) for column in shown.columns}
     st.dataframe(arrow.table(columns), hide_index=True, column_config=align)
-    if caption:
-        st.caption(plain(caption))
-
-
-def in_a_line(head: str) -> str:
-    """A table's head without its breaks, a broken word put together."""
-    return " ".join(head.replace("-\n", "").split())
+    if shown.note:
+        st.caption(plain(shown.note))
 
 
 def problem(error: InputError) -> None:
@@ -133,7 +123,7 @@ def problem(error: InputError) -> None:
 
 def said(sentence: str) -> str:
     """A report's sentence on a page, where what it has in backticks for a terminal stands plainly."""
-    return plain(_UNIT.sub(lambda found: found[0].replace(" ", "\u00a0"), sentence.replace("`", "")))
+    return plain(_UNIT.sub(lambda match: match[0].replace(" ", "\u00a0"), sentence.replace("`", "")))
 
 
 def plain(sentence: str) -> str:

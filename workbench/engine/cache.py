@@ -3,6 +3,11 @@
 A kernel's file is named after the hash of its whole text, of the compiler's version
 and of the processor. The text holds all physics, straight-line, so an edit of any
 equation gives another name and can never meet an old binary.
+
+Each process loads and calls a small probe first. Where the probe or a kernel does not
+come out as `native` expects (a numba that is newer than the tested ones), numba itself
+compiles and calls the functions, in every process anew. WORKBENCH_ENGINE=numba asks for
+that, to compare or to get on.
 """
 
 from __future__ import annotations
@@ -14,18 +19,27 @@ import logging
 import os
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from workbench.engine.native import compile_function, host, load_function
+from workbench.engine.native import (
+    PROBE,
+    PROBE_LETTERS,
+    check_probe,
+    compile_function,
+    host,
+    load_function,
+    numba_function,
+)
 
 log = logging.getLogger(__name__)
 _loading = threading.Lock()  # two threads that want one kernel compile it once
 _loaded: dict[str, dict[str, Callable[..., int]]] = {}
 _said = False
+_native: bool | None = None  # whether the probe came out right; None before it was tried
+Functions = dict[str, Callable[..., int]]
 
 
 def cache_folder() -> Path:
@@ -53,22 +67,66 @@ def _fallback_folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="workbench-"))
 
 
-def load_functions(text: str, letters: Mapping[str, str]) -> dict[str, Callable[..., int]]:
+def load_functions(text: str, letters: Mapping[str, str]) -> Functions:
     """The functions of a generated module that `letters` names, by their argument letters; see `native`.
 
     They come from the disk where they were compiled before, else they are compiled and
-    kept there; on a full disk they are compiled and not kept.
+    kept there; on a full disk they are compiled and not kept. Where object code does not
+    serve, numba calls them; a warning says why, and nothing is kept.
     """
-    digest = _digest(text, letters)
+    key = json.dumps([dict(letters), text], sort_keys=True)
     with _loading:
-        if digest not in _loaded:
-            path = cache_folder() / f"{digest}.kernel"
-            codes = _read(path)
-            if codes is None or codes.keys() != letters.keys():
-                codes = _compile(text, letters)
-                _write(path, codes)
-            _loaded[digest] = {name: load_function(codes[name], each) for name, each in letters.items()}
-        return _loaded[digest]
+        if key not in _loaded:
+            functions = _native_functions(text, letters) if _is_native() else None
+            _loaded[key] = functions or _numba_functions(text, letters)
+        return _loaded[key]
+
+
+def _is_native() -> bool:
+    """Whether object code serves in this process; tried once."""
+    global _native
+    if os.environ.get("WORKBENCH_ENGINE") == "numba":
+        return False
+    if _native is None:
+        functions = _native_functions(PROBE, PROBE_LETTERS, ".probe")
+        try:
+            _native = functions is not None
+            if functions:
+                check_probe(functions["probe"])
+        except RuntimeError as error:
+            _native = False
+            _warn(error)
+    return _native
+
+
+def _native_functions(text: str, letters: Mapping[str, str], suffix: str = ".kernel") -> Functions | None:
+    """From object code; None, with a warning, where numba or llvmlite are not as `native` knows them."""
+    try:
+        path = cache_folder() / f"{_digest(text, letters)}{suffix}"
+        codes = _read(path)
+        if codes is None or codes.keys() != letters.keys():
+            module = _module(text, quiet=suffix != ".kernel")
+            codes = {name: compile_function(module[name], types) for name, types in letters.items()}
+            _write(path, codes)
+        return {name: load_function(codes[name], types) for name, types in letters.items()}
+    except Exception as error:  # whatever a private interface does once it has changed
+        _warn(error)
+        return None
+
+
+def _numba_functions(text: str, letters: Mapping[str, str]) -> Functions:
+    module = _module(text)
+    return {name: numba_function(module[name], types) for name, types in letters.items()}
+
+
+def _warn(error: Exception) -> None:
+    from importlib.metadata import version
+
+    log.warning(
+        "kernels cannot be kept as object code with numba %s and llvmlite %s (%s: %s); numba compiles them in every "
+        "process instead: the results are the same, each start takes some seconds more",
+        version("numba"), version("llvmlite"), type(error).__name__, error,
+    )  # fmt: skip
 
 
 def _digest(text: str, letters: Mapping[str, str]) -> str:
@@ -76,17 +134,15 @@ def _digest(text: str, letters: Mapping[str, str]) -> str:
     return hashlib.sha256(said.encode()).hexdigest()[:24]
 
 
-def _compile(text: str, letters: Mapping[str, str]) -> dict[str, bytes]:
+def _module(text: str, quiet: bool = False) -> dict[str, Any]:
+    """The names of a generated module, its functions not compiled yet."""
     global _said
-    if not _said:
+    if not (_said or quiet):
         _said = True
         log.info("compiling the simulation for this computer (once; some seconds) ...")
-    begun = time.perf_counter()
     module: dict[str, Any] = {"__name__": "workbench_kernel"}
     exec(compile(text, "<generated kernel>", "exec"), module)
-    codes = {name: compile_function(module[name], each) for name, each in letters.items()}
-    log.debug("compiled %s in %.1f s", ", ".join(letters), time.perf_counter() - begun)
-    return codes
+    return module
 
 
 def _write(path: Path, codes: Mapping[str, bytes]) -> None:

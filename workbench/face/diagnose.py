@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from workbench.diagnose.diagnose import diagnose as find_cause
@@ -12,10 +13,10 @@ from workbench.face.logs import PathLike, campaign_of
 from workbench.face.view import View
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.reports.diagnosis import consequences, hypotheses, tables
+from workbench.reports.diagnosis import hypotheses, tables
 from workbench.reports.diagnosis.page import sections_of
-from workbench.shown import TextTable
 from workbench.simulate.band import check_band
+from workbench.tables import Table, words
 
 
 def diagnose(
@@ -36,10 +37,10 @@ def diagnose(
     return find_cause(chosen, band_hz=band_hz, **options)
 
 
-def _consequences(d: Diagnosis) -> TextTable:
+def _consequences(d: Diagnosis) -> Table:
     if d.consequences is None:
-        return TextTable.of((" control study",), [[d.why_no_consequences]])
-    return TextTable.of(consequences.HEAD, consequences.table(d.consequences), consequences.CAPTION)
+        return Table([words("control study")], [[d.why_no_consequences]])
+    return tables.consequences_table(d.consequences)
 
 
 def _figure(section: str, number: int = 0) -> Callable[[Diagnosis], Any]:
@@ -64,15 +65,13 @@ def _columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
 
 VIEW = View(
     {
-        "candidates": lambda d: TextTable.of(
-            hypotheses.candidates_head(d, brief=True), hypotheses.candidates_table(d, brief=True), d.verdict.sentence
-        ),
-        "parameters": lambda d: TextTable.of(hypotheses.PARAMETERS_HEAD, hypotheses.parameters_table(d)),
-        "gap": lambda d: TextTable.of(tables.gap_head(d), tables.gap_table(d)),
-        "where": lambda d: TextTable.of(tables.WHERE_HEAD, tables.where_table(d)),
-        "shrink": lambda d: TextTable.of(tables.shrink_head(d), tables.shrink_table(d)),
-        "condition": lambda d: TextTable.of(tables.condition_head(d), tables.condition_table(d)),
-        "visible": lambda d: TextTable.of(tables.VISIBLE_HEAD, tables.visible_table(d)),
+        "candidates": lambda d: replace(hypotheses.candidates_table(d, brief=True), note=d.verdict.sentence),
+        "parameters": hypotheses.parameters_table,
+        "gap": tables.gap_table,
+        "where": tables.where_table,
+        "shrink": tables.shrink_table,
+        "condition": tables.condition_table,
+        "visible": tables.visible_table,
         "consequences": _consequences,
     },
     {

@@ -14,8 +14,8 @@ from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 from workbench.reports.identify import page, report
 from workbench.reports.replay import page as replay_page
-from workbench.shown import TextTable
 from workbench.simulate.band import check_band
+from workbench.tables import Table
 
 
 def identify(
@@ -37,8 +37,8 @@ def identify(
     return fit_machine(chosen, free=free, band_hz=band_hz, date=date)
 
 
-def _parameters(i: Identification) -> TextTable:
-    return TextTable.of(report.HEAD, report.table(i.fit), report.CAPTION)
+def _parameters(i: Identification) -> Table:
+    return report.table(i.fit)
 
 
 def _columns(i: Identification) -> Mapping[str, Sequence[Any]]:
@@ -54,7 +54,7 @@ def _columns(i: Identification) -> Mapping[str, Sequence[Any]]:
 VIEW = View(
     {
         "parameters": _parameters,
-        "replay": lambda i: TextTable.of(report.measures_head(i.machine), report.measures_table(i)),
+        "replay": report.measures_table,
     },
     {
         "friction": page.friction,

@@ -22,8 +22,8 @@ from workbench.plants import plant_of
 from workbench.reports.numbers import figures
 from workbench.reports.words import words_of
 from workbench.run import Run
-from workbench.shown import TextTable
 from workbench.study.results.labels import metric_label
+from workbench.tables import Column, Table, words
 
 PathLike = str | os.PathLike[str]
 
@@ -61,14 +61,14 @@ def run_figure(run: Run, signals: Sequence[str] | None = None) -> Any:
     return figure.update_layout(showlegend=False)
 
 
-def _signals(run: Run) -> TextTable:
+def _signals(run: Run) -> Table:
     rows = []
     for name, values in run.signals.items():
         known = values[np.isfinite(values)]
         numbers = (known.min(), known.mean(), known.max()) if len(known) else (np.nan,) * 3
         rows.append([name, *(figures(float(x), 4) for x in numbers)])
     said = f"{len(run.time_s)} samples in {run.duration_s:.1f} s, payload {run.payload_kg:g} kg, from {run.source}."
-    return TextTable.of((" signal", "smallest", "mean", "largest"), rows, said)
+    return Table([words("signal"), Column("smallest"), Column("mean"), Column("largest")], rows, said)
 
 
 def _columns(run: Run) -> Mapping[str, Sequence[Any]]:
@@ -77,10 +77,13 @@ def _columns(run: Run) -> Mapping[str, Sequence[Any]]:
 
 RUN = View({"signals": _signals}, {"signals": run_figure}, _columns, index="time_s")
 
-_RUN_HEAD = (" run", "payload\nkg", "length\ns", "samples", "step\nms", " signals")
+_RUN_COLUMNS = (
+    words("run"), Column("payload", "kg"), Column("length", "s"), Column("samples"), Column("step", "ms"),
+    words("signals"),
+)  # fmt: skip
 
 
-def _runs(campaign: Campaign) -> TextTable:
+def _runs(campaign: Campaign) -> Table:
     rows = [
         [
             run.name, f"{run.payload_kg:g}", f"{run.duration_s:.1f}", str(len(run.time_s)),
@@ -88,7 +91,7 @@ def _runs(campaign: Campaign) -> TextTable:
         ]
         for run in campaign.runs
     ]  # fmt: skip
-    return TextTable.of(_RUN_HEAD, rows, "; ".join(campaign.all_notes))
+    return Table(_RUN_COLUMNS, rows, "; ".join(campaign.all_notes))
 
 
 def _run_columns(campaign: Campaign) -> Mapping[str, Sequence[Any]]:

@@ -17,7 +17,7 @@ from workbench.machine import Hoist
 from workbench.plants import NO_EFFECTS
 from workbench.reports.loop import report
 from workbench.reports.loop.case import LoopCaseFile, loop_case
-from workbench.shown import Shown, TextTable
+from workbench.shown import Shown
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,7 +74,7 @@ def columns(members: Sequence[Member]) -> Mapping[str, Sequence[Any]]:
 
 
 VIEW = View(
-    {"margins": lambda a: TextTable.of(report.HEAD, report.table(a.members), report.CAPTION)},
+    {"margins": lambda a: report.table(a.members)},
     {
         "bode": lambda a: loop_figures.bode(a.members),
         "nyquist": lambda a: loop_figures.nyquist(a.members, a.ms_limit),

@@ -10,9 +10,9 @@ from workbench.face.view import View
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 from workbench.reports.replay import page, report
-from workbench.shown import TextTable
 from workbench.simulate.band import check_band
 from workbench.simulate.replay import ReplayResult, replay_runs
+from workbench.tables import Table
 
 
 def replay(
@@ -29,8 +29,8 @@ def replay(
     return replay_runs(chosen.machine, chosen.runs, band_hz)
 
 
-def _table(r: ReplayResult) -> TextTable:
-    return TextTable.of(report.head(r.machine), report.table(r), report.caption(r.machine, r))
+def _table(r: ReplayResult) -> Table:
+    return report.table(r.machine, r)
 
 
 def columns(r: ReplayResult) -> Mapping[str, Sequence[Any]]:

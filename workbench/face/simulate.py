@@ -20,10 +20,10 @@ from workbench.references import (
     plan_motion,
 )  # fmt: skip
 from workbench.reports.numbers import figures
-from workbench.shown import TextTable
 from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_loop
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.labels import metric_label
+from workbench.tables import Column, Table, words
 
 LEAD_S, SETTLE_S = 0.5, 2.0
 
@@ -68,13 +68,15 @@ def usual_limits(machine: Hoist) -> Limits:
     return Limits(speed, speed / 1.2, speed / 1.2 / 0.8)
 
 
-def _metrics(result: LoopResult) -> TextTable:
+def _metrics(result: LoopResult) -> Table:
     rows = [
         [label.words, figures(value, 4), label.unit]
         for name, value in result.metrics.items()
         for label in [metric_label(name)]
     ]
-    return TextTable.of((" metric", "value", " unit"), rows, f"{result.case.name}: {result.outcome.value}.")
+    return Table(
+        [words("metric"), Column("value"), words("unit")], rows, f"{result.case.name}: {result.outcome.value}."
+    )
 
 
 def _overview(result: LoopResult) -> Any:

@@ -11,7 +11,6 @@ from workbench.face.logs import PathLike
 from workbench.face.view import View
 from workbench.figures.study_page import study_figures
 from workbench.machine import Hoist, default_hoist
-from workbench.shown import TextTable
 from workbench.study.compare.compare import Comparison
 from workbench.study.compare.compare import compare as compare_rows
 from workbench.study.compare.scale import plain, plain_percent
@@ -22,6 +21,7 @@ from workbench.study.results.index import index_table, read_rows
 from workbench.study.results.row import Row
 from workbench.study.scenario.load import Study, load_study, plan_study
 from workbench.study.scenario.standalone import changed, read_standalone
+from workbench.tables import Column, Table, words
 from workbench.yaml_strict import Document
 
 
@@ -80,7 +80,7 @@ def _columns(result: StudyResult) -> Mapping[str, Sequence[Any]]:
 
 
 VIEW = View(
-    {"runs": lambda s: TextTable.of(tables.run_head(s.rows), tables.run_table(s.rows), tables.run_caption(s.rows))},
+    {"runs": lambda s: tables.run_table(s.rows)},
     {
         "runs": _figure(0, "a run that ends"),
         "start": _figure(1, "a run that ends"),
@@ -90,10 +90,10 @@ VIEW = View(
     index="run_id",
 )
 
-_CHANGE_HEAD = (" metric", "mean A", "mean B", "mean Δ", "%", "median Δ", "largest Δ")
+_CHANGES = (words("metric"), *map(Column, ("mean A", "mean B", "mean Δ", "%", "median Δ", "largest Δ")))
 
 
-def _changes(comparison: Comparison) -> TextTable:
+def _changes(comparison: Comparison) -> Table:
     rows = []
     for change in comparison.changes:
         if change.noticeable:
@@ -103,7 +103,7 @@ def _changes(comparison: Comparison) -> TextTable:
                 for delta in (change.mean_delta, change.median_delta, change.max_delta)
             )
             rows.append([change.metric, *means, mean, plain_percent(change.mean_percent), *deltas])
-    return TextTable.of(_CHANGE_HEAD, rows, f"{len(comparison.pairs)} runs are in both.")
+    return Table(_CHANGES, rows, f"{len(comparison.pairs)} runs are in both.")
 
 
 def _change_columns(comparison: Comparison) -> Mapping[str, Sequence[Any]]:

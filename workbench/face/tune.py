@@ -17,7 +17,7 @@ from workbench.figures import loop as loop_figures
 from workbench.machine import Hoist
 from workbench.reports.loop import tuning as report
 from workbench.reports.loop.case import LoopCaseFile, loop_case
-from workbench.shown import Shown, TextTable
+from workbench.shown import Shown
 
 USUAL_WEIGHTS = Weights()
 
@@ -79,7 +79,7 @@ def _columns(t: Tuning) -> Mapping[str, Sequence[Any]]:
 
 
 VIEW = View(
-    {"candidates": lambda t: TextTable.of(report.HEAD, report.table(t.outcome), report.CAPTION)},
+    {"candidates": lambda t: report.table(t.outcome)},
     {
         "bode": lambda t: loop_figures.bode(t.outcome.members),
         "nyquist": lambda t: loop_figures.nyquist(t.outcome.members, t.outcome.goal.ms_limit),

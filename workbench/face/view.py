@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from workbench.errors import InputError, nearest
-from workbench.shown import TextTable
+from workbench.tables import Table
 from workbench.verb import attribute
 
 if TYPE_CHECKING:
@@ -37,12 +37,12 @@ class View:
     index: the column that is the DataFrame's index, "" for the row's number.
     """
 
-    tables: Mapping[str, Callable[[Any], TextTable]]
+    tables: Mapping[str, Callable[[Any], Table]]
     figures: Mapping[str, Callable[[Any], Figure]]
     columns: Callable[[Any], Mapping[str, Sequence[Any]]]
     index: str = field(default="")
 
-    def table(self, record: object, name: str) -> TextTable:
+    def table(self, record: object, name: str) -> Table:
         return _chosen(self.tables, name, "table")(record)
 
     def plot(self, record: object, name: str) -> Figure:

@@ -189,12 +189,12 @@ class Strips:
 
     @property
     def ranges(self) -> list[tuple[float, float]]:
-        found = []
+        ranges = []
         for lines in self._values(self.scene):
             low, high = min(float(np.min(v)) for v, _, _ in lines), max(float(np.max(v)) for v, _, _ in lines)
             room = 0.08 * max(high - low, 1e-3)
-            found.append((low - room, high + room))
-        return found
+            ranges.append((low - room, high + room))
+        return ranges
 
     def axes(self) -> dict[str, Any]:
         axes: dict[str, Any] = {}

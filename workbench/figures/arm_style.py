@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from workbench.figures.dark import DARK_TEMPLATE
-from workbench.figures.style import TEMPLATE, VERMILLION
+from workbench.figures.style import DARK_TEMPLATE, TEMPLATE, VERMILLION
 
 # Viridis in eight steps: even in lightness, and read alike by the colour-blind (S. van der Walt, N. Smith, 2015).
 VIRIDIS = (

@@ -20,7 +20,7 @@ ROOM = 1.16  # over the highest bar, for what stands above it
 GAP = 0.10
 
 
-def before_and_after(found: Consequences, height: int = 620) -> Figure:
+def before_and_after(consequences: Consequences, height: int = 620) -> Figure:
     """Torque peak and largest speed error, a panel each; per payload each reference's two bars.
 
     Before: light and hatched. After: solid, with its change in per cent above it. Where a run failed
@@ -28,13 +28,13 @@ def before_and_after(found: Consequences, height: int = 620) -> Figure:
     """
     import plotly.graph_objects as go
 
-    payloads = list(dict.fromkeys(row.payload_kg for row in found.rows))
-    references = list(dict.fromkeys(row.reference for row in found.rows))
+    payloads = list(dict.fromkeys(row.payload_kg for row in consequences.rows))
+    references = list(dict.fromkeys(row.reference for row in consequences.rows))
     data: list[dict[str, Any]] = []
     layout: dict[str, Any] = {
         "template": TEMPLATE,
         "height": height,
-        "title": {"text": _title(found), "y": 1.0 - 22.0 / height, "yanchor": "middle"},
+        "title": {"text": _title(consequences), "y": 1.0 - 22.0 / height, "yanchor": "middle"},
         "legend": {"y": 1.0 - 72.0 / height, "traceorder": "normal"},
         "margin": {"t": 88},
         "barmode": "group",
@@ -47,13 +47,13 @@ def before_and_after(found: Consequences, height: int = 620) -> Figure:
     for level, (metric, title, unit) in enumerate(PANELS):
         number = "" if level == 0 else str(level + 1)
         for reference in references:
-            rows = [row for row in found.rows if row.reference == reference]
+            rows = [row for row in consequences.rows if row.reference == reference]
             for when in ("before", "after"):
                 data.append(_bars(rows, metric, unit, when) | {"xaxis": f"x{number}", "yaxis": f"y{number}"})
                 data[-1]["showlegend"] = level == 0
         top = 1.0 - level * (tall + GAP)
-        highest = _highest(found.rows, metric)
-        if metric == "peak_torque_motor_nm" and (nominal := _nominal(found.rows)):
+        highest = _highest(consequences.rows, metric)
+        if metric == "peak_torque_motor_nm" and (nominal := _nominal(consequences.rows)):
             highest = max(highest, nominal)
             _nominal_line(layout, nominal)
         layout[f"xaxis{number}"] = {
@@ -141,8 +141,8 @@ def _nominal_line(layout: dict[str, Any], nominal_nm: float) -> None:
     )
 
 
-def _title(found: Consequences) -> str:
-    names = found.effects
+def _title(consequences: Consequences) -> str:
+    names = consequences.effects
     if not names or len(names) > 2:
         return "Control study before and after the correction"
     return f"Control study before and after: {' and '.join(names)}"

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.diagnose.records import Curve, Profile
-from workbench.figures.diagnose_style import heading
-from workbench.figures.style import FAINT, GREY, MARKERS, SPARE, TEMPLATE
+from workbench.figures.style import FAINT, GREY, MARKERS, SPARE, TEMPLATE, heading
 from workbench.run import Array
 
 if TYPE_CHECKING:
@@ -21,113 +20,119 @@ GAP_X, GAP_X_TITLED = 0.055, 0.1  # of the width, between panels; where each has
 SHARE_ROOM = 3.0  # the bars of the energy's share fill a third of a panel
 
 
-def profiles(found: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figure:
+def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figure:
     """A panel a variable, as many as are given: mean residual in each bin, forward and backward; grey: energy's share.
 
     The scale is common to all panels, so that they compare at a glance. A spectrum has no mean: what one
     wave takes of the energy fills the panel, over frequency on a logarithmic axis. ways: what the two directions are
     called.
     """
-    boxes, height = _boxes(len(found))
+    boxes, height = _boxes(len(shown))
     data: list[dict[str, Any]] = []
     layout = _layout(f"Mean residual ({unit}) over what may explain it", height)
-    largest = max((_largest(each.mean_forward, each.mean_backward) for each in found), default=0.0) or 1.0
+    largest = max((_largest(profile.mean_forward, profile.mean_backward) for profile in shown), default=0.0) or 1.0
     told: set[str] = set()  # what the legend has
-    for number, (each, box) in enumerate(zip(found, boxes, strict=True), start=1):
-        name, _, best = each.label.partition(", ")
-        unit_of = f" ({each.unit})" if each.unit not in ("", "1") else ""
+    for number, (profile, box) in enumerate(zip(shown, boxes, strict=True), start=1):
+        name, _, best = profile.label.partition(", ")
+        unit_of = f" ({profile.unit})" if profile.unit not in ("", "1") else ""
         _panel(layout, number, box, f"{name}{unit_of}")
-        traces = _spectrum(each, number) if is_spectrum(each) else _means(each, unit, ways, number, len(found))
+        traces = _spectrum(profile, number) if is_spectrum(profile) else _means(profile, unit, ways, number, len(shown))
         for trace in traces:
             trace["showlegend"] = trace["legendgroup"] not in told
             told.add(trace["legendgroup"])
         data += traces
-        if is_spectrum(each):
-            axis = {"range": [0.0, 115.0 * _most(each.share)], "ticksuffix": " %", "rangemode": "tozero", "nticks": 6}
+        if is_spectrum(profile):
+            axis = {
+                "range": [0.0, 115.0 * _most(profile.share)],
+                "ticksuffix": " %",
+                "rangemode": "tozero",
+                "nticks": 6,
+            }
             layout[f"xaxis{number}"] |= {"type": "log", "dtick": 1}
             title = "one wave's share of the energy"
         else:
-            _scales(layout, each, box, number, len(found), largest, ways)
+            _scales(layout, profile, box, number, len(shown), largest, ways)
             axis, title = {}, f"mean residual ({unit})"
         layout[f"yaxis{number}"] |= axis
         if box[0][0] == 0.0:
             layout[f"yaxis{number}"]["title"] = {"text": title, "font": {"size": 12}}
-        low, high, explains = (round(100.0 * x) for x in (*each.interval, each.explains))
+        low, high, explains = (round(100.0 * x) for x in (*profile.interval, profile.explains))
         said = f"{best}, explains" if best else "explains"
         layout["annotations"].append(_above(f"<b>{name}</b><br>{said} {explains} % ({low} to {high})", box))
     return _figure(data, layout)
 
 
-def is_spectrum(each: Profile) -> bool:
+def is_spectrum(profile: Profile) -> bool:
     """Whether a profile has no mean in any bin, only its share of the energy."""
-    return not np.any(np.isfinite([each.mean_forward, each.mean_backward]))
+    return not np.any(np.isfinite([profile.mean_forward, profile.mean_backward]))
 
 
-def worth_a_panel(each: Profile) -> bool:
+def worth_a_panel(profile: Profile) -> bool:
     """A wave that explains nothing is nothing to look at; what a mean does not explain is."""
-    return not is_spectrum(each) or each.explains >= 0.005
+    return not is_spectrum(profile) or profile.explains >= 0.005
 
 
-def _spectrum(each: Profile, number: int) -> list[dict[str, Any]]:
+def _spectrum(profile: Profile, number: int) -> list[dict[str, Any]]:
     """Steps over frequency."""
-    share = 100.0 * np.append(each.share, each.share[-1])
+    share = 100.0 * np.append(profile.share, profile.share[-1])
     return [{
-        "type": "scatter", "mode": "lines", "x": each.edges, "y": _gaps(share), "fill": "tozeroy", "fillcolor": FAINT,
+        "type": "scatter", "mode": "lines", "x": profile.edges, "y": _gaps(share),
+        "fill": "tozeroy", "fillcolor": FAINT,
         "line": {"shape": "hv", "color": GREY, "width": 1.2}, "name": "share of the gap's energy (grey)",
         "legendgroup": "share", "xaxis": f"x{number}", "yaxis": f"y{number}", "hovertemplate": "%{y:.1f} %",
     }]  # fmt: skip
 
 
-def _means(each: Profile, unit: str, ways: tuple[str, str], number: int, count: int) -> list[dict[str, Any]]:
+def _means(profile: Profile, unit: str, ways: tuple[str, str], number: int, count: int) -> list[dict[str, Any]]:
     """Bars of the energy's share, and over them the mean of each way."""
-    middle = (each.edges[1:] + each.edges[:-1]) / 2.0
+    middle = (profile.edges[1:] + profile.edges[:-1]) / 2.0
     share = {
-        "type": "bar", "x": middle, "y": 100.0 * each.share, "width": np.diff(each.edges),
+        "type": "bar", "x": middle, "y": 100.0 * profile.share, "width": np.diff(profile.edges),
         "name": "share of the gap's energy (grey)", "legendgroup": "share",
         "marker": {"color": FAINT, "line": {"width": 0}}, "xaxis": f"x{number}", "yaxis": f"y{number + count}",
         "hovertemplate": "%{y:.1f} %",
     }  # fmt: skip
-    both = (each.mean_forward, each.mean_backward)
+    both = (profile.mean_forward, profile.mean_backward)
     return [share, *(_line(middle, values, ways[way], way, unit, number, True) for way, values in enumerate(both))]
 
 
 def _scales(
-    layout: dict[str, Any], each: Profile, box: Box, number: int, count: int, largest: float, ways: tuple[str, str]
+    layout: dict[str, Any], profile: Profile, box: Box, number: int, count: int, largest: float, ways: tuple[str, str]
 ) -> None:
     """Of the means, common to all panels, and of the bars, which have their own."""
-    if each.variable == "direction":  # a sign: backward or forward
-        middle = (each.edges[1:] + each.edges[:-1]) / 2.0
+    if profile.variable == "direction":  # a sign: backward or forward
+        middle = (profile.edges[1:] + profile.edges[:-1]) / 2.0
         layout[f"xaxis{number}"] |= {"tickvals": list(middle), "ticktext": list(ways[::-1])}
     # Over the bars' axis, yet with ticks of its own.
     scale = {"range": [-1.15 * largest, 1.15 * largest], "tickmode": "auto", "nticks": 7}
     layout[f"yaxis{number}"] |= scale | {"overlaying": f"y{number + count}"}
     layout[f"yaxis{number + count}"] = {
-        "domain": box[1], "anchor": f"x{number}", "range": [0.0, SHARE_ROOM * 100.0 * _most(each.share)],
+        "domain": box[1], "anchor": f"x{number}", "range": [0.0, SHARE_ROOM * 100.0 * _most(profile.share)],
         "showticklabels": False, "showgrid": False, "ticks": "", "showline": False, "zeroline": False,
     }  # fmt: skip
 
 
 def curves(
-    found: Sequence[Curve], ways: tuple[str, str], words: Mapping[str, tuple[str, str]], units: Sequence[str]
+    shown: Sequence[Curve], ways: tuple[str, str], words: Mapping[str, tuple[str, str]], units: Sequence[str]
 ) -> Figure:
     """A panel a curve: the unknown cause's force against the motion, both ways, with a band of two standard errors.
 
     words: variable -> (what it is called, its unit). units: of each curve's force (N) or torque (N m).
     """
-    boxes, height = _boxes(len(found), columns=min(2, max(len(found), 1)), panel=300, gap_x=GAP_X_TITLED)
+    boxes, height = _boxes(len(shown), columns=min(2, max(len(shown), 1)), panel=300, gap_x=GAP_X_TITLED)
     data: list[dict[str, Any]] = []
     layout = _layout("The unknown cause: force against the motion", height)
-    for number, (each, box, of) in enumerate(zip(found, boxes, units, strict=True), start=1):
-        name, unit = words.get(each.over, (each.over, ""))
-        both = ((each.forward, each.std_forward), (each.backward, each.std_backward))
+    for number, (curve, box, of) in enumerate(zip(shown, boxes, units, strict=True), start=1):
+        name, unit = words.get(curve.over, (curve.over, ""))
+        both = ((curve.forward, curve.std_forward), (curve.backward, curve.std_backward))
         for way, (values, error) in enumerate(both):
-            data.append(_band(each.at, values, 2.0 * error, way, number))
-            data.append(_line(each.at, values, ways[way], way, of, number, number == 1))
+            data.append(_band(curve.at, values, 2.0 * error, way, number))
+            data.append(_line(curve.at, values, ways[way], way, of, number, number == 1))
         _panel(layout, number, box, f"{name} ({unit})" if unit else name)
         layout[f"yaxis{number}"]["title"] = {
-            "text": f"{'force' if of == 'N' else 'torque'} at the {each.acts_on} ({of})"
+            "text": f"{'force' if of == 'N' else 'torque'} at the {curve.acts_on} ({of})"
         }
-        said = f"<b>{name}</b><br>explains {100.0 * each.explains:.0f} %"
+        said = f"<b>{name}</b><br>explains {100.0 * curve.explains:.0f} %"
         layout["annotations"].append(_above(said, box))
     return _figure(data, layout)
 
@@ -177,12 +182,12 @@ def _boxes(count: int, columns: int = COLUMNS, panel: int = PANEL, gap_x: float 
     rows = max(-(-count // columns), 1)
     inner = rows * panel + (rows - 1) * BETWEEN
     width = (1.0 - gap_x * (columns - 1)) / columns
-    found = []
+    boxes = []
     for index in range(count):
         row, column = divmod(index, columns)
         left, top = column * (width + gap_x), 1.0 - row * (panel + BETWEEN) / inner
-        found.append(([left, min(left + width, 1.0)], [max(top - panel / inner, 0.0), min(top, 1.0)]))
-    return found, inner + TOP + BOTTOM
+        boxes.append(([left, min(left + width, 1.0)], [max(top - panel / inner, 0.0), min(top, 1.0)]))
+    return boxes, inner + TOP + BOTTOM
 
 
 def _layout(title: str, height: int) -> dict[str, Any]:

@@ -1,18 +1,21 @@
-"""Figures of an identification: how the levels settled, and what the fit is sure of."""
+"""Figures of an identification: values with error bars, how the levels settled, what the fit is sure of."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from workbench.figures.panels import Panels
-from workbench.figures.style import BLACK, MARKERS, SPARE, TEMPLATE
+from workbench.figures.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE
 from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+ROW, AROUND = 34, 130  # px: of one value, and of title and axis
 
 
 def level_history(levels: Mapping[str, Sequence[float]], unit: str = "N") -> Figure:
@@ -59,3 +62,56 @@ def correlation_matrix(names: Sequence[str], correlation: Array) -> Figure:
         "yaxis": {"autorange": "reversed"},
     }
     return go.Figure({"data": [heat], "layout": layout})
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value that a fit found: its distance from the nominal one with a standard error, both in the axis' unit.
+
+    said: the value with its error, in words.
+    """
+
+    name: str
+    shift: float
+    std_error: float
+    said: str
+
+
+def estimates(fitted: Sequence[Estimate], unit: str, tolerance: float | None = None) -> Figure:
+    """A line a value; a grey band of ± `tolerance` around the nominal values where there is one."""
+    import plotly.graph_objects as go
+
+    names = [estimate.name for estimate in fitted]
+    furthest = max((abs(estimate.shift) + estimate.std_error for estimate in fitted), default=1.0)
+    reach = 1.15 * max(furthest, tolerance or 0.0) or 1.0
+    height = AROUND + ROW * max(len(fitted), 2)
+    dots: dict[str, Any] = {
+        "type": "scatter", "mode": "markers", "x": [estimate.shift for estimate in fitted], "y": names,
+        "error_x": {"array": [estimate.std_error for estimate in fitted], "color": BLACK, "thickness": 2, "width": 6},
+        "marker": {"color": BLUE, "size": 11}, "customdata": [estimate.said for estimate in fitted],
+        "showlegend": False, "hovertemplate": "%{y}: %{customdata}<extra></extra>",
+    }  # fmt: skip
+    words = [
+        {"text": estimate.said, "x": 1.01, "xref": "paper", "xanchor": "left", "y": estimate.name, "showarrow": False,
+         "font": {"size": 12}}
+        for estimate in fitted
+    ]  # fmt: skip
+    band = {
+        "type": "rect", "x0": -(tolerance or 0.0), "x1": tolerance or 0.0, "y0": 0, "y1": 1, "yref": "paper",
+        "layer": "below", "line": {"width": 0}, "fillcolor": GREY, "opacity": 0.18,
+    }  # fmt: skip
+    said = "" if tolerance is None else "; grey: tolerance"
+    layout = {
+        "template": TEMPLATE,
+        "height": height,
+        "hovermode": "closest",
+        "title": {"text": f"Identified values, ± one standard error{said}", "y": 1.0 - 22.0 / height,
+                  "yanchor": "middle", "font": {"size": 15}},
+        "margin": {"l": 12, "t": 52, "r": 164},
+        "shapes": [] if tolerance is None else [band],
+        "annotations": words,
+        "xaxis": {"title": {"text": f"distance from nominal ({unit})"}, "range": [-reach, reach], "zeroline": True,
+                  "zerolinewidth": 2},
+        "yaxis": {"autorange": "reversed", "type": "category"},
+    }  # fmt: skip
+    return go.Figure({"data": [dots], "layout": layout})

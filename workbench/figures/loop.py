@@ -223,8 +223,8 @@ def steps(members: Sequence[Member], title: str = "Step responses of the linear 
     for member, look in zip(members, _looks(members), strict=True):
         responses = {of: step_response(member.loop, of, duration) for of in ("speed_reference", "load_torque")}
         for row, (of, signal, _, scale, unit) in enumerate(STEPS):
-            found = responses[of]
-            panels.line(row, 0, found.time_s, scale * found.signals[signal], member_name(member), look, unit)
+            response = responses[of]
+            panels.line(row, 0, response.time_s, scale * response.signals[signal], member_name(member), look, unit)
     panels.level(0, 0, 1.0)
     figure = panels.figure(height)
     figure.update_xaxes(gridcolor=FAINT)

@@ -183,7 +183,7 @@ def ranges_below_names(
     """
     ranges = {}
     for row in {row for row, _ in places}:
-        values = np.concatenate([v for (r, _), each in zip(places, drawn, strict=True) if r == row for v in each])
+        values = np.concatenate([v for (r, _), values in zip(places, drawn, strict=True) if r == row for v in values])
         known = values[np.isfinite(values)]
         low, high = (float(known.min()), float(known.max())) if len(known) else (-1.0, 1.0)
         span = (high - low) or 1.0

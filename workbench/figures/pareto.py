@@ -68,7 +68,7 @@ def _points(
     if not rows:
         return
     rows = rows[:: -(-len(rows) // MOST_POINTS)]  # a cloud's shape; the front has all of its own
-    x, y = (_costs(rows, each) for each in costs)
+    x, y = (_costs(rows, cost) for cost in costs)
     panels.line(
         0, column, x, y, name, {}, mode="markers", marker=look, text=[run_in_words(row, axes) for row in rows],
         hovertemplate=_HOVER,

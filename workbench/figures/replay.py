@@ -40,12 +40,14 @@ def torque_profiles(runs: Sequence[Run], nominal_torque_nm: float) -> Figure:
     drawn = []
     for (row, column), run in zip(places, runs, strict=True):
         if "torque_motor1_nm" in run and "torque_motor2_nm" in run:
-            each = {f"motor {number}": run[f"torque_motor{number}_nm"] / nominal_torque_nm for number in (1, 2)}
+            torques = {f"motor {number}": run[f"torque_motor{number}_nm"] / nominal_torque_nm for number in (1, 2)}
         else:
-            each = {"mean of both motors": run["torque_motor_nm"] / (2.0 * nominal_torque_nm)}
-        for name, torque in each.items():
-            panels.line(row, column, run.time_s, torque, name, line(name if len(each) > 1 else "measured", width=1.4))
-        drawn.append(list(each.values()))
+            torques = {"mean of both motors": run["torque_motor_nm"] / (2.0 * nominal_torque_nm)}
+        for name, torque in torques.items():
+            panels.line(
+                row, column, run.time_s, torque, name, line(name if len(torques) > 1 else "measured", width=1.4)
+            )
+        drawn.append(list(torques.values()))
     return panels.figure(height, ranges_below_names(places, drawn))
 
 

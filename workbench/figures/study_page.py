@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from workbench.figures.save import save
+from workbench.figures.save import Section, save_page
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.tables import run_caption, run_head, run_table
+from workbench.study.conclude.tables import run_table
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
 
 if TYPE_CHECKING:
@@ -59,11 +59,9 @@ def save_study_page(result: StudyResult, path: Path) -> None:
     machine = result.study.machine
     said = sentences(result.rows, motor_torque_limit_nm(machine))
     paragraphs = [result.study.scenario.description, " ".join(said)]
-    save(
-        study_figures(result),
-        path,
-        title=f"Study {result.study.scenario.name} — {machine.name}",
+    section = Section(
         sentences=[paragraph for paragraph in paragraphs if paragraph],
-        table=(run_head(result.rows), run_table(result.rows)),
-        caption=run_caption(result.rows),
+        tables=[run_table(result.rows)],
+        figures=[(figure, "") for figure in study_figures(result)],
     )
+    save_page([section], path, f"Study {result.study.scenario.name} — {machine.name}")

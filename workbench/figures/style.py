@@ -1,4 +1,4 @@
-"""What every figure shares: the palette, the names, the look of the axes.
+"""What every figure shares: the palette, the names, the look of the axes, on a light and on a dark ground.
 
 The palette is Okabe and Ito's, which stays apart for the colour-blind (B. Wong, Nature Methods 8, 2011, p. 441).
 What a colour stands for never changes: a reference, measured or simulated keeps its own everywhere.
@@ -6,7 +6,10 @@ What a colour stands for never changes: a reference, measured or simulated keeps
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 from workbench.references import by_name
 
@@ -14,6 +17,7 @@ BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY, FAINT = "#6B6B6B", "#E4E4E4"
 BEFORE, AFTER = ORANGE, GREEN  # a machine corrected or identified
+WINDOW, REST = YELLOW, "#BBBBBB"  # a window of the gap; what a comparison leaves out
 
 # Each line: colour and dash, so that a black-and-white print tells them apart too. References declare their own.
 LINES: dict[str, tuple[str, str]] = {
@@ -23,6 +27,12 @@ LINES: dict[str, tuple[str, str]] = {
     "motor 1": (SKY, "solid"),
     "motor 2": (PURPLE, "4px,2px"),
 }
+# A comparison before and after; the noise floor is a grey dashed line.
+MEASURED: dict[str, Any] = {"color": BLACK, "dash": "solid", "width": 2.6, "simplify": False}
+LINE_BEFORE: dict[str, Any] = {"color": BEFORE, "dash": "solid", "width": 1.2, "simplify": False}
+LINE_AFTER: dict[str, Any] = {"color": AFTER, "dash": "solid", "width": 1.2, "simplify": False}
+NOISE_DASH = "5px,4px"
+NOISE: dict[str, Any] = {"color": GREY, "width": 1.4, "dash": NOISE_DASH}
 # For what has no colour of its own, in this order.
 SPARE = (
     (PURPLE, "solid"),
@@ -91,3 +101,50 @@ TEMPLATE: dict[str, Any] = {
         "yaxis": AXIS,
     }
 }
+
+
+def heading(text: str, height: int) -> dict[str, Any]:
+    """A figure's title, in the same place whatever its height."""
+    return {"text": text, "y": 1.0 - 22.0 / height, "yanchor": "middle"}
+
+
+# The same figure on a dark ground: grounds, inks and greys change, the colours of the palette stay.
+GROUND, INK, LESS, GRID, ZERO = "#0E1117", "#E8E8E8", "#A8A8A8", "#2B303B", "#4A5060"
+_LIGHT_TO_DARK = {
+    BLACK: INK,
+    "black": INK,
+    "#222222": INK,
+    "white": GROUND,
+    "#ffffff": GROUND,
+    GREY: LESS,
+    FAINT: GRID,
+    "#BDBDBD": ZERO,
+    "#F8E6C0": "#4A3A1C",  # half-way in the scale of angles
+}
+_GLASS, _DARK_GLASS = "rgba(255,255,255,", "rgba(14,17,23,"  # behind words that stand on lines
+_DARK = {light.lower(): dark for light, dark in _LIGHT_TO_DARK.items()}
+
+
+def _turned(value: Any) -> Any:
+    if isinstance(value, str):
+        return _DARK.get(value.lower(), value.replace(_GLASS, _DARK_GLASS))
+    if isinstance(value, dict):
+        return {key: _turned(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        if len(value) == 2 and isinstance(value[1], str):  # a stop of a colour scale
+            return [_turned(part) for part in value]
+        return [_turned(part) for part in value] if value and not isinstance(value[0], int | float) else value
+    return value
+
+
+DARK_TEMPLATE: dict[str, Any] = _turned(TEMPLATE)
+DARK_TEMPLATE["layout"]["hoverlabel"] = DARK_TEMPLATE["layout"]["hoverlabel"] | {"bgcolor": "#1D2330"}
+
+
+def for_dark(figure: Figure) -> Figure:
+    """A copy of the figure with light ink on a dark ground."""
+    import plotly.graph_objects as go
+
+    parts = figure.to_dict()
+    layout = {key: value for key, value in parts["layout"].items() if key != "template"}
+    return go.Figure({"data": _turned(parts["data"]), "layout": _turned(layout) | {"template": DARK_TEMPLATE}})

@@ -67,9 +67,9 @@ def fit(model: OutputModel, free: Sequence[Free], ties: Sequence[tuple[str, str]
     before = _rms(residual)
     sigma = model.noise
     for _ in range(ROUNDS):
-        found = minimise(both, (z, residual, jacobian), lowest, reach, 1.0 / sigma, prior)
-        z, residual, jacobian = found.z, found.residual, found.jacobian
-        evaluations += found.evaluations
+        outcome = minimise(both, (z, residual, jacobian), lowest, reach, 1.0 / sigma, prior)
+        z, residual, jacobian = outcome.z, outcome.residual, outcome.jacobian
+        evaluations += outcome.evaluations
         left = _rms(residual)
         settled = abs(max(model.noise, left) - sigma) < 0.01 * sigma
         sigma = max(model.noise, left)

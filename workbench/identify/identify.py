@@ -20,7 +20,7 @@ from workbench.simulate.replay import ReplayResult, replay_runs
 
 @dataclass(frozen=True, repr=False)
 class Identification(Shown):
-    """What an identification found: the machine, the fit, the paper's iteration, and replays before and after."""
+    """An identification: the machine, the fit, the paper's iteration, and replays before and after."""
 
     campaign: Campaign
     machine: Hoist | Axis
@@ -43,15 +43,15 @@ def identify(
     parameters = free_parameters(machine, campaign.runs, free)
     ties = _ties(machine, [f.key for f in parameters])
     result = fit(BalanceModel(bench), parameters, ties)
-    found = with_values(machine, result.values())
-    found = found.model_copy(update={"identified": record(campaign, result, levels, bench.band_hz, date)})
+    identified = with_values(machine, result.values())
+    identified = identified.model_copy(update={"identified": record(campaign, result, levels, bench.band_hz, date)})
     return Identification(
         campaign,
-        found,
+        identified,
         result,
         levels,
         replay_runs(machine, campaign.runs, bench.band_hz),
-        replay_runs(found, campaign.runs, bench.band_hz),
+        replay_runs(identified, campaign.runs, bench.band_hz),
     )
 
 

@@ -63,10 +63,10 @@ def minimise(
             return Minimum(z, residual, jacobian, evaluations, True)
         r, j = evaluate(trial)
         evaluations += 1
-        found = _chi2(trial, r, weight, prior)
-        if found < chi2:
-            gain = min((chi2 - found) / promised, 1.0)
-            z, residual, jacobian, chi2 = trial, r, j, found
+        trial_chi2 = _chi2(trial, r, weight, prior)
+        if trial_chi2 < chi2:
+            gain = min((chi2 - trial_chi2) / promised, 1.0)
+            z, residual, jacobian, chi2 = trial, r, j, trial_chi2
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3) * 0.3, 1e-12)
             growth = 2.0
         else:
@@ -97,5 +97,5 @@ def _step(hessian: Array, gradient: Array, box: tuple[Array, Array], damping: fl
     values, vectors = np.linalg.eigh(unit)
     root = np.sqrt(np.maximum(values, 1e-14))
     bounds = np.minimum(box[0], 0.0) * scale, np.maximum(box[1], 1e-300) * scale
-    found = lsq_linear(root[:, None] * vectors.T, -(vectors.T @ pull) / root, bounds, method="bvls")
-    return np.asarray(found.x / scale)
+    solution = lsq_linear(root[:, None] * vectors.T, -(vectors.T @ pull) / root, bounds, method="bvls")
+    return np.asarray(solution.x / scale)

@@ -8,11 +8,6 @@ NOTHING = "–"
 LEAST, MOST = 1e-4, 1e6  # between them a number reads well without an exponent
 
 
-def rounded(value: float, digits: int = 6) -> float | None:
-    """For JSON: so many significant digits; None for what is no finite number."""
-    return float(f"{value:.{digits}g}") if math.isfinite(value) else None
-
-
 def figures(value: float, digits: int = 3) -> str:
     """So many significant digits, without an exponent where that reads well."""
     if not math.isfinite(value):

@@ -1,4 +1,4 @@
-"""diagnosis.json: the keys that the outside world reads, in their order; behind them what else was found."""
+"""diagnosis.json: the keys that the outside world reads, in their order; behind them the numbers of each step."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from workbench.diagnose.records import Diagnosis
+from workbench.json_records import plain, rounded
 from workbench.reports.diagnosis.hypotheses import chosen_candidate
 from workbench.reports.diagnosis.more_json import estimates_json, more
-from workbench.reports.numbers import rounded
 from workbench.reports.words import words_of
 
 DIGITS = 5  # significant
@@ -18,49 +18,38 @@ PARTS = 10**5  # that probabilities are counted in
 
 def to_json(d: Diagnosis) -> dict[str, Any]:
     """All of diagnosis.json. What is no finite number is null."""
-    v, s, g = d.verdict, d.shrink, d.gap
+    v, g = d.verdict, d.gap
     w = words_of(d.campaign.machine)
+    exact = probabilities([row.probability for row in v.ranking])
     fixed: dict[str, Any] = {
         "format": 1,
         "campaign": d.campaign.name,
         "verdict": v.word,
         "effects": list(v.effects),
         "ranking": [
-            {"verdict": each.verdict, "effects": list(each.effects), "probability": p}
-            for each, p in zip(v.ranking, probabilities([each.probability for each in v.ranking]), strict=True)
+            {"verdict": row.verdict, "effects": list(row.effects), "probability": p}
+            for row, p in zip(v.ranking, exact, strict=True)
         ],
         "alike": list(v.alike),
         "next_run": _next_run(d),
         "where": _where(d),
         "parameters": _parameters(d),
-        "explained": _digits(v.explained),
-        "left": {
-            "rms": _digits(v.left.rms),
-            "percent_of_input": _digits(v.left.percent_of_input),
-            "relevant": v.left.relevant,
-        },
+        "explained": rounded(v.explained, DIGITS),
+        "left": plain(
+            {"rms": v.left.rms, "percent_of_input": v.left.percent_of_input, "relevant": v.left.relevant}, DIGITS
+        ),
         "places": []
         if d.where is None
-        else [{"subsystem": p.subsystem, "probability": _digits(p.probability)} for p in d.where.places],
+        else [{"subsystem": p.subsystem, "probability": rounded(p.probability, DIGITS)} for p in d.where.places],
         "gap": {
-            f"{w.quantity}_rms_{w.suffix}": _digits(g.residual_rms),
-            f"noise_rms_{w.suffix}": _digits(g.noise_rms),
-            "band_hz": _digits(g.band_hz),
-            "speed_rmse_percent": _digits(g.speed_rmse_percent),
+            f"{w.quantity}_rms_{w.suffix}": g.residual_rms,
+            f"noise_rms_{w.suffix}": g.noise_rms,
+            "band_hz": g.band_hz,
+            "speed_rmse_percent": g.speed_rmse_percent,
         },
-        "shrink": {
-            "before": _digits(s.before),
-            "after": _digits(s.after),
-            "noise": _digits(s.noise),
-            "unit": s.unit,
-            "band_hz": _digits(s.band_hz),
-            "factor": _digits(s.factor),
-            "ci95": [_digits(bound) for bound in s.ci95],
-            "speed_rmse_percent_before": _digits(s.speed_rmse_percent_before),
-            "speed_rmse_percent_after": _digits(s.speed_rmse_percent_after),
-        },
+        "shrink": {name: value for name, value in vars(d.shrink).items() if name not in ("by_run", "sentences")},
     }
-    return fixed | more(d)
+    return fixed | plain({key: fixed[key] for key in ("gap", "shrink")}, DIGITS) | more(d)
 
 
 def probabilities(exact: Sequence[float]) -> list[float]:
@@ -79,11 +68,11 @@ def probabilities(exact: Sequence[float]) -> list[float]:
     return [part / PARTS for part in parts]
 
 
-def _next_run(d: Diagnosis) -> dict[str, Any] | None:
+def _next_run(d: Diagnosis) -> Any:
     n = d.next_run
-    if n is None:
-        return None
-    return {"why": n.why, "payload_kg": _digits(n.payload_kg), "profile": n.profile, "signals": list(n.signals)}
+    return n and plain(
+        {"why": n.why, "payload_kg": n.payload_kg, "profile": n.profile, "signals": n.signals}, DIGITS
+    )  # fmt: skip
 
 
 def _where(d: Diagnosis) -> dict[str, Any] | None:
@@ -94,9 +83,10 @@ def _where(d: Diagnosis) -> dict[str, Any] | None:
         "subsystem": w.subsystem,
         "regime": w.regime,
         "windows": [
-            {"run": each.run, "from_s": round(each.from_s, 3), "to_s": round(each.to_s, 3)} for each in w.windows
+            {"run": window.run, "from_s": round(window.from_s, 3), "to_s": round(window.to_s, 3)}
+            for window in w.windows
         ],
-        "share": _digits(w.share),
+        "share": rounded(w.share, DIGITS),
     }
 
 
@@ -104,7 +94,3 @@ def _parameters(d: Diagnosis) -> Mapping[str, Mapping[str, Any]]:
     """Of the named effects."""
     chosen = chosen_candidate(d)
     return {} if chosen is None else estimates_json(chosen.parameters)
-
-
-def _digits(value: float) -> float | None:
-    return rounded(value, DIGITS)

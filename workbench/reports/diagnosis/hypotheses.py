@@ -8,50 +8,59 @@ from collections.abc import Sequence
 from workbench.diagnose.records import Candidate, Diagnosis, Estimate, Hypothesis
 from workbench.reports.diagnosis.words import hypothesis_name, unit_of
 from workbench.reports.numbers import NOTHING, figures, with_error
+from workbench.tables import Column, Table, words
 
-Row = list[str]
-PARAMETERS_HEAD = (" effect", " parameter", "value", "± std\nerror")
 WORTH_A_BAR = 1e-3  # of probability
 
 
 def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str, float]]:
     """(verdict, name, probability) of the likeliest, at least three; all others as one, under an empty verdict."""
-    order = sorted(rows, key=lambda each: -each.probability)
-    most = min(most, max(sum(each.probability >= WORTH_A_BAR for each in order), 3))
-    shown = [
-        (str(each.verdict), hypothesis_name(each.verdict, each.effects), each.probability) for each in order[:most]
-    ]
+    order = sorted(rows, key=lambda row: -row.probability)
+    most = min(most, max(sum(row.probability >= WORTH_A_BAR for row in order), 3))
+    shown = [(str(row.verdict), hypothesis_name(row.verdict, row.effects), row.probability) for row in order[:most]]
     if rest := order[most:]:
-        shown.append(("", f"{len(rest)} others together", sum(each.probability for each in rest)))
+        shown.append(("", f"{len(rest)} others together", sum(row.probability for row in rest)))
     return shown
 
 
-def candidates_head(d: Diagnosis, *, brief: bool = False) -> tuple[str, ...]:
-    unit = unit_of(d)
-    head = (" hypothesis", "proba-\nbility", "explains\n%", f"residual\n{unit}", f"held out\n{unit}", "merit")
-    return head if brief else (*head, " parameters ± standard error", " what speaks against it")
-
-
-def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = False) -> list[Row]:
+def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = False) -> Table:
     """The hypotheses that were fitted and those whose fit broke down, in the diagnosis' order.
 
     most: so many at most. brief: the fitted ones only, without parameters and objections.
     """
-    probability = {
-        frozenset(each.effects): each.probability for each in d.verdict.ranking if each.verdict == "named"
-    }  # fmt: skip
+    unit = unit_of(d)
+    columns = [words("hypothesis"), Column("proba-\nbility"), Column("explains", "%"), Column("residual", unit),
+               Column("held out", unit), Column("merit")]  # fmt: skip
+    if not brief:
+        columns += [words("parameters ± standard error"), words("what speaks against it")]
+    probability = {frozenset(h.effects): h.probability for h in d.verdict.ranking if h.verdict == "named"}
     rows = []
-    for each in [each for each in d.candidates if each.fitted or (each.failure and not brief)][:most]:
-        p = probability.get(frozenset(each.effects))
+    for candidate in [c for c in d.candidates if c.fitted or (c.failure and not brief)][:most]:
+        p = probability.get(frozenset(candidate.effects))
+        explained = candidate.explained
         row = [
-            hypothesis_name("named", each.effects).replace(" + ", " +\n" if brief else " + "),
+            hypothesis_name("named", candidate.effects).replace(" + ", " +\n" if brief else " + "),
             NOTHING if p is None else percent(p),
             # Of a gap that is none there is no share.
-            NOTHING if each.explained is None or d.verdict.word == "no_gap" else f"{100.0 * each.explained:.0f}",
-            _known(each.residual_rms), _known(each.held_out_rms), _merit(each),
+            NOTHING if explained is None or d.verdict.word == "no_gap" else f"{100.0 * explained:.0f}",
+            _known(candidate.residual_rms), _known(candidate.held_out_rms), _merit(candidate),
         ]  # fmt: skip
-        rows.append(row if brief else [*row, _parameters(each), _against(each)])
-    return rows
+        rows.append(row if brief else [*row, _parameters(candidate), _against(candidate)])
+    return Table(columns, rows, _candidates_note(len(d.candidates) - len(rows)))
+
+
+def _candidates_note(left_out: int) -> str:
+    more = (
+        f" {left_out} more hypotheses were weighed, most of them linearly only, for they promised less than these; "
+        "diagnosis.json has them all."
+        if left_out > 0
+        else ""
+    )
+    return (
+        "Explains: the share of the gap's energy. Held out: residual rms of runs that the fit did not see. Merit: gain "
+        "in the penalised likelihood, less what its parameters cost; below 0 it is not worth them. Names end in their "
+        f"units.{more}"
+    )
 
 
 def percent(probability: float) -> str:
@@ -68,13 +77,16 @@ def _known(value: float | None) -> str:
     return NOTHING if value is None else figures(value)
 
 
-def _merit(each: Candidate) -> str:
-    return f"{each.merit:.0f}" if each.fitted and math.isfinite(each.merit) else NOTHING
+def _merit(candidate: Candidate) -> str:
+    return f"{candidate.merit:.0f}" if candidate.fitted and math.isfinite(candidate.merit) else NOTHING
 
 
-def _parameters(each: Candidate) -> str:
+def _parameters(candidate: Candidate) -> str:
     return "; ".join(
-        f"{one.name} {said}" for estimates in each.parameters.values() for one in estimates for said in [_said(one)]
+        f"{one.name} {said}"
+        for estimates in candidate.parameters.values()
+        for one in estimates
+        for said in [_said(one)]
     )
 
 
@@ -97,28 +109,27 @@ def values_of(one: Estimate) -> list[tuple[float, float]]:
     return list(zip(values, errors, strict=True))
 
 
-def _against(each: Candidate) -> str:
-    if each.failure:
-        return f"its fit broke down: {each.failure}"
-    return "; ".join(each.against)
+def _against(candidate: Candidate) -> str:
+    if candidate.failure:
+        return f"its fit broke down: {candidate.failure}"
+    return "; ".join(candidate.against)
 
 
 def chosen_candidate(d: Diagnosis) -> Candidate | None:
     """The one that the verdict names."""
     if d.verdict.word != "named":
         return None
-    return next((each for each in d.candidates if set(each.effects) == set(d.verdict.effects)), None)
+    return next((c for c in d.candidates if set(c.effects) == set(d.verdict.effects)), None)
 
 
-def parameters_table(d: Diagnosis) -> list[Row]:
-    """The named effects' numbers, a line a value."""
+def parameters_table(d: Diagnosis, note: str = "") -> Table:
+    """The named effects' numbers, a line a value; no rows where none is named."""
     chosen = chosen_candidate(d)
-    if chosen is None:
-        return []
-    rows = []
-    for effect, estimates in chosen.parameters.items():
+    columns = [words("effect"), words("parameter"), Column("value"), Column("± std\nerror")]
+    rows: list[list[str]] = []
+    for effect, estimates in () if chosen is None else chosen.parameters.items():
         for one in estimates:
             own = isinstance(one.value, tuple)
             for run, pair in zip(d.campaign.runs if own else [None], values_of(one), strict=True):
                 rows.append([effect, one.name if run is None else f"{one.name}, run {run.name}", *with_error(*pair)])
-    return rows
+    return Table(columns, rows, note)

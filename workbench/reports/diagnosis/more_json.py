@@ -5,52 +5,47 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from workbench import __version__
 from workbench.consequences import as_json
 from workbench.diagnose.records import Candidate, Curve, Diagnosis, Estimate, Profile
-from workbench.reports.numbers import rounded
+from workbench.json_records import plain
 from workbench.reports.words import words_of
-from workbench.run import Array
 
-DIGITS = 5
+DIGITS = 5  # significant
+ANGLE_DIGITS = 4
 
 
 def more(d: Diagnosis) -> dict[str, Any]:
-    """Keys that stand behind the fixed ones."""
-    return {
-        "sentence": d.verdict.sentence,
-        "reasons": [
-            {"kind": r.kind.value, "effects": list(r.effects), "value": _digits(r.value), "percent": _digits(r.percent)}
-            for r in d.verdict.reasons
-        ],
-        "warnings": list(d.warnings),
-        "notes": list(d.campaign.all_notes),
-        "machine": d.campaign.machine.name,
-        "runs": [run.name for run in d.campaign.runs],
-        "seed": d.seed,
-        "version": __version__,
-        "condition": _condition(d),
-        "gap_details": _gap(d),
-        "where_details": _where(d),
-        "candidates": [_candidate(each) for each in d.candidates],
-        "isolability": _isolability(d),
-        "next_run_details": None
-        if d.next_run is None
-        else {"separation": _digits(d.next_run.separation), "separation_now": _digits(d.next_run.now)},
-        "shrink_details": {
-            "by_run": {
-                name: {"before": _digits(was), "after": _digits(now)} for name, (was, now) in d.shrink.by_run.items()
+    """Keys that stand behind the fixed ones. What is no finite number is null."""
+    keys: dict[str, Any] = plain(
+        {
+            "sentence": d.verdict.sentence,
+            "reasons": [
+                {"kind": r.kind, "effects": r.effects, "value": r.value, "percent": r.percent}
+                for r in d.verdict.reasons
+            ],
+            "warnings": d.warnings,
+            "notes": d.campaign.all_notes,
+            "machine": d.campaign.machine.name,
+            "runs": [run.name for run in d.campaign.runs],
+            "seed": d.seed,
+            "version": __version__,
+            "condition": _condition(d),
+            "gap_details": _gap(d),
+            "where_details": _where(d),
+            "candidates": [_candidate(candidate) for candidate in d.candidates],
+            "isolability": _isolability(d),
+            "next_run_details": d.next_run and {"separation": d.next_run.separation, "separation_now": d.next_run.now},
+            "shrink_details": {
+                "by_run": {name: {"before": was, "after": now} for name, (was, now) in d.shrink.by_run.items()},
+                "sentences": d.shrink.sentences,
             },
-            "sentences": list(d.shrink.sentences),
+            "unknown": d.unknown
+            and {"curves": [_curve(curve) for curve in d.unknown.curves], "sentences": d.unknown.sentences},
         },
-        "unknown": None
-        if d.unknown is None
-        else {
-            "curves": [_curve(each) for each in d.unknown.curves],
-            "sentences": list(d.unknown.sentences),
-        },
+        DIGITS,
+    )
+    return keys | {
         "consequences": None if d.consequences is None else as_json(d.consequences),
         "why_no_consequences": d.why_no_consequences,
     }
@@ -59,33 +54,18 @@ def more(d: Diagnosis) -> dict[str, Any]:
 def estimates_json(parameters: Mapping[str, Sequence[Estimate]]) -> dict[str, dict[str, Any]]:
     """effect -> parameter -> value and standard error; lists where they are each run's own."""
     return {
-        effect: {
-            each.name: {"value": _each(each.value), "std_error": _each(each.std_error)} for each in estimates
-        }
+        effect: {one.name: plain({"value": one.value, "std_error": one.std_error}, DIGITS) for one in estimates}
         for effect, estimates in parameters.items()
-    }  # fmt: skip
+    }
 
 
 def _condition(d: Diagnosis) -> dict[str, Any]:
-    c, suffix = d.condition, words_of(d.campaign.machine).suffix
+    noise = f"noise_rms_{words_of(d.campaign.machine).suffix}"
     return {
-        "band_hz": _digits(c.band_hz),
-        f"noise_rms_{suffix}": _digits(c.noise_rms),
-        "runs": [
-            {
-                "name": run.name,
-                "samples": run.samples,
-                "sample_time_s": _digits(run.sample_time_s),
-                f"noise_rms_{suffix}": _digits(run.noise_rms),
-                "moving_share": _digits(run.moving_share),
-                "clipped_share": _digits(run.clipped_share),
-                "outliers": run.outliers,
-                "delay_s": None if run.delay_s is None else _digits(run.delay_s),
-                "notes": list(run.notes),
-            }
-            for run in c.runs
-        ],
-        "sentences": list(c.sentences),
+        "band_hz": d.condition.band_hz,
+        noise: d.condition.noise_rms,
+        "runs": [_renamed(run, noise_rms=noise) for run in d.condition.runs],
+        "sentences": d.condition.sentences,
     }
 
 
@@ -94,11 +74,11 @@ def _gap(d: Diagnosis) -> dict[str, Any]:
     name, size = g.worst_tolerance
     return {
         "significant": g.significant,
-        "force_on_carriage_rms_n": None if g.force_rms_n is None else _digits(g.force_rms_n),
-        f"nominal_{w.quantity}_rms_{w.suffix}": _digits(g.nominal_residual_rms),
-        "nominal_speed_rmse_percent": _digits(g.nominal_speed_rmse_percent),
-        "worst_tolerance": {"key": name, "tolerances": _digits(size)},
-        "sentences": list(g.sentences),
+        "force_on_carriage_rms_n": g.force_rms_n,
+        f"nominal_{w.quantity}_rms_{w.suffix}": g.nominal_residual_rms,
+        "nominal_speed_rmse_percent": g.nominal_speed_rmse_percent,
+        "worst_tolerance": {"key": name, "tolerances": size},
+        "sentences": g.sentences,
     }
 
 
@@ -107,79 +87,50 @@ def _where(d: Diagnosis) -> dict[str, Any] | None:
     if w is None:
         return None
     return {
-        "share_interval": _list(w.interval),
+        "share_interval": w.interval,
         "side": w.side,
-        "energy_by_run": {name: _digits(share) for name, share in w.energy_by_run.items()},
-        "profiles": [_profile(each) for each in w.profiles],
-        "sentences": list(w.sentences),
+        "energy_by_run": w.energy_by_run,
+        "profiles": [_profile(profile) for profile in w.profiles],
+        "sentences": w.sentences,
     }
 
 
-def _profile(each: Profile) -> dict[str, Any]:
-    return {
-        "variable": each.variable,
-        "unit": each.unit,
-        "regime": each.regime,
-        "edges": _list(each.edges),
-        "mean_forward": _list(each.mean_forward),
-        "mean_backward": _list(each.mean_backward),
-        "share": _list(each.share),
-        "explains": _digits(each.explains),
-        "interval": _list(each.interval),
-    }
+def _profile(profile: Profile) -> dict[str, Any]:
+    return {name: value for name, value in vars(profile).items() if name != "label"}
 
 
-def _candidate(each: Candidate) -> dict[str, Any]:
+def _candidate(candidate: Candidate) -> dict[str, Any]:
+    c = candidate
     return {
-        "effects": list(each.effects),
-        "gain": _digits(each.gain),
-        "merit": _digits(each.merit),
-        "residual_rms": _maybe(each.residual_rms),
-        "held_out_rms": _maybe(each.held_out_rms),
-        "explained": _maybe(each.explained),
-        "fitted": each.fitted,
-        "parameters": estimates_json(each.parameters),
-        "against": list(each.against),
-        "failure": each.failure,
+        "effects": c.effects,
+        "gain": c.gain,
+        "merit": c.merit,
+        "residual_rms": c.residual_rms,
+        "held_out_rms": c.held_out_rms,
+        "explained": c.explained,
+        "fitted": c.fitted,
+        "parameters": estimates_json(c.parameters),
+        "against": c.against,
+        "failure": c.failure,
     }
 
 
 def _isolability(d: Diagnosis) -> dict[str, Any]:
     i = d.isolability
     return {
-        "names": list(i.names),
-        "angle_deg": [[rounded(float(a), 4) for a in row] for row in i.angle],
+        "names": i.names,
+        "angle_deg": plain(i.angle, ANGLE_DIGITS),
         "smallest_visible": {
-            name: {"parameter": parameter, "value": _digits(size)} for name, (parameter, size) in i.visible.items()
+            name: {"parameter": parameter, "value": size} for name, (parameter, size) in i.visible.items()
         },
-        "sentences": list(i.sentences),
+        "sentences": i.sentences,
     }
 
 
-def _curve(each: Curve) -> dict[str, Any]:
-    return {
-        "over": each.over,
-        "acts_on": each.acts_on,
-        "at": _list(each.at),
-        "forward": _list(each.forward),
-        "backward": _list(each.backward),
-        "std_error_forward": _list(each.std_forward),
-        "std_error_backward": _list(each.std_backward),
-        "explains": _digits(each.explains),
-    }
+def _curve(curve: Curve) -> dict[str, Any]:
+    return _renamed(curve, std_forward="std_error_forward", std_backward="std_error_backward")
 
 
-def _digits(value: float) -> float | None:
-    return rounded(float(value), DIGITS)
-
-
-def _maybe(value: float | None) -> float | None:
-    return None if value is None else _digits(value)
-
-
-def _list(values: Array | Sequence[float]) -> list[float | None]:
-    return [_digits(value) for value in np.asarray(values, dtype=float)]
-
-
-def _each(value: float | tuple[float, ...]) -> float | list[float | None] | None:
-    return _list(value) if isinstance(value, tuple) else _digits(value)
+def _renamed(record: object, **names: str) -> dict[str, Any]:
+    """A record's fields, some under another name."""
+    return {names.get(name, name): value for name, value in vars(record).items()}

@@ -1,22 +1,24 @@
-"""The page of a diagnosis: the answer first, then each step as it was taken, with its figures and tables."""
+"""The folder of a diagnosis: JSON, machine, and a page with the answer first, then each step as it was taken."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from workbench.diagnose.records import Diagnosis, Unknown
 from workbench.diagnose.unexplained.words import OVER
 from workbench.figures import diagnose_time, diagnose_where
 from workbench.figures.consequences import before_and_after
-from workbench.figures.diagnose_shrink import shrink_bars
 from workbench.figures.diagnose_time import RunSeries
-from workbench.figures.diagnose_verdict import isolability, ranking
-from workbench.figures.save import Section, save_sections
-from workbench.reports.diagnosis import consequences as consequences_report
+from workbench.figures.diagnose_verdict import isolability, ranking, shrink_bars
+from workbench.figures.save import Section, save_page
+from workbench.machine import save_machine
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import tables as report
+from workbench.reports.diagnosis.as_json import to_json
 from workbench.reports.diagnosis.series import MOST_RUNS, own_values, series_of
 from workbench.reports.words import direction_names, words_of
+from workbench.whole_folder import check_free, whole_folder, write_json
 
 MOST_RANKED, MOST_CANDIDATES, MOST_PROFILES = 8, 24, 9
 
@@ -39,44 +41,44 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
     }
 
 
+def write_diagnosis(run: Callable[[], Diagnosis], folder: Path, say: Callable[[str], None] | None = None) -> Diagnosis:
+    """Diagnose, and write diagnosis.json, machine.yaml (the corrected one) and diagnose.html: all of them or none.
+
+    say: told what is done once the diagnosis itself is over.
+    """
+    check_free(folder)
+    with whole_folder(folder) as hidden:
+        diagnosis = run()
+        if say is not None:
+            say("writing the report")
+        write_json(hidden / "diagnosis.json", to_json(diagnosis))
+        save_machine(diagnosis.corrected, hidden / "machine.yaml")
+        save_diagnosis_page(diagnosis, hidden / "diagnose.html")
+    return diagnosis
+
+
 def save_diagnosis_page(d: Diagnosis, path: Path) -> None:
     """Write the page of a diagnosis; it needs no network."""
     title = f"Diagnosis of {d.campaign.machine.name} from campaign {d.campaign.name}"
-    save_sections(list(sections_of(d).values()), path, title, answer=d.verdict.sentence)
+    save_page(list(sections_of(d).values()), path, title, answer=d.verdict.sentence)
 
 
 def _answer(d: Diagnosis) -> Section:
     """What the rest of the page is the evidence for."""
     lead = [words.probability_sentence(d), words.alike_sentence(d), words.shrink_sentence(d)]
     lead += words.effect_sentences(d)
-    table = hypotheses.parameters_table(d)
     held = "the first run's of what is each run's own" if own_values(d) else "the same values"
-    note = f"What the fit found, with one standard error. A name's end is its unit. machine.yaml holds {held}."
-    return Section(
-        "",
-        [sentence for sentence in lead if sentence],
-        d.warnings,
-        [(hypotheses.PARAMETERS_HEAD, table, note)] if table else [],
-    )
+    note = f"Fitted values with one standard error. A name's end is its unit. machine.yaml holds {held}."
+    table = hypotheses.parameters_table(d, note)
+    return Section("", [sentence for sentence in lead if sentence], d.warnings, [table] if table else [])
 
 
 def _condition(d: Diagnosis) -> Section:
-    c, w = d.condition, words_of(d.campaign.machine)
-    note = (
-        f"Noise: rms of the logged {w.quantity} below {c.band_hz:.3g} Hz, where measured and predicted are compared. "
-        "Moving: the share of samples that speak of friction and inertia; at rest a machine may hold its load anywhere "
-        "within its friction. Delay: logged speed behind its reference."
-    )
-    table = (report.condition_head(d), report.condition_table(d), note)
-    return Section("1. Condition of the logs", (), c.sentences, [table])
+    return Section("1. Condition of the logs", (), d.condition.sentences, [report.condition_table(d)])
 
 
 def _gap(d: Diagnosis) -> Section:
-    note = (
-        "Rms while moving. Open loop: the measured input drives the model from the first sample on, so every bias adds "
-        "up; judge by the residual."
-    )
-    return Section("2. The gap", (), d.gap.sentences, [(report.gap_head(d), report.gap_table(d), note)])
+    return Section("2. The gap", (), d.gap.sentences, [report.gap_table(d)])
 
 
 def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
@@ -89,11 +91,10 @@ def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
         return Section(
             "3. Where it lies", [words.where_sentence(d)], (), (), [(diagnose_time.inputs(runs, unit), note)]
         )
-    table = (report.WHERE_HEAD, report.where_table(d), "Where most of the gap's energy lies, run by run.")
     note = f"Yellow: the windows that hold most of the gap's energy.{fewer}"
     figures = [(diagnose_time.inputs(runs, unit), note)]
     shown = filter(diagnose_where.worth_a_panel, d.where.profiles)
-    order = sorted(shown, key=lambda each: -each.explains)[:MOST_PROFILES]
+    order = sorted(shown, key=lambda profile: -profile.explains)[:MOST_PROFILES]
     if order:
         note = (
             "Explains: the share of the gap's energy that a function of this variable and the direction takes away, "
@@ -101,24 +102,12 @@ def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
             "own in each panel. Over a frequency: the share that one wave in each band takes."
         )
         figures.append((diagnose_where.profiles(order, unit, direction_names(d.campaign.machine)), note))
-    return Section("3. Where it lies", [words.where_sentence(d), *d.where.sentences], (), [table], figures)
+    sentences = [words.where_sentence(d), *d.where.sentences]
+    return Section("3. Where it lies", sentences, (), [report.where_table(d)], figures)
 
 
 def _candidates(d: Diagnosis) -> Section:
-    shown = hypotheses.candidates_table(d, MOST_CANDIDATES)
-    rest = len(d.candidates) - len(shown)
-    more = (
-        f" {rest} more hypotheses were weighed, most of them linearly only, for they promised less than these; "
-        "diagnosis.json has them all."
-        if rest > 0
-        else ""
-    )
-    note = (
-        "Explains: the share of the gap's energy. Held out: residual rms of runs that the fit did not see. Merit: gain "
-        "in the penalised likelihood, less what its parameters cost; below 0 it is not worth them. Names end in their "
-        f"units.{more}"
-    )
-    return Section("4. Candidates", (), (), [(hypotheses.candidates_head(d), shown, note)])
+    return Section("4. Candidates", (), (), [hypotheses.candidates_table(d, MOST_CANDIDATES)])
 
 
 def _isolability(d: Diagnosis) -> Section:
@@ -128,11 +117,9 @@ def _isolability(d: Diagnosis) -> Section:
         "What refitted base parameters could explain is taken out first."
     )
     table = report.visible_table(d)
-    below = "The smallest amount of each effect that these runs would show. A name's end is its unit."
     figure = [(isolability(i.names, i.angle, d.verdict.effects), note)] if len(i.names) > 1 else []
     return Section(
-        "5. What these runs can tell apart", (), i.sentences, [(report.VISIBLE_HEAD, table, below)] if table else [],
-        figure,
+        "5. What these runs can tell apart", (), i.sentences, [table] if table else [], figure,
     )  # fmt: skip
 
 
@@ -144,7 +131,7 @@ def _verdict(d: Diagnosis) -> Section:
 
 def _unknown(d: Diagnosis, unknown: Unknown) -> Section:
     note = "A level for each direction, with a band of two standard errors; positive opposes the motion."
-    units = [words.curve_unit(d.campaign.machine, each.acts_on) for each in unknown.curves]
+    units = [words.curve_unit(d.campaign.machine, curve.acts_on) for curve in unknown.curves]
     figure = diagnose_where.curves(unknown.curves, direction_names(d.campaign.machine), OVER, units)
     drawn = [(figure, note)] if unknown.curves else []
     return Section("What is known of the unknown cause", words.unknown_sentences(d), (), (), drawn)
@@ -152,7 +139,6 @@ def _unknown(d: Diagnosis, unknown: Unknown) -> Section:
 
 def _shrink(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
     s, w = d.shrink, words_of(d.campaign.machine)
-    table = (report.shrink_head(d), report.shrink_table(d), f"Residual rms below {s.band_hz:.3g} Hz.")
     left = "Dashed: ± twice the noise. Grey: left out, at an end or at rest, where friction may hold any load."
     driven = f"The measured {w.quantity} drives the machine"
     figures = [
@@ -172,7 +158,8 @@ def _shrink(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
     if d.verdict.word != "no_gap":
         bars = shrink_bars(s.by_run, (s.before, s.after), s.noise, s.unit)
         figures.insert(0, (bars, "Each run predicted by a fit to the others."))
-    return Section("7. How far it shrinks", [words.shrink_sentence(d), *s.sentences], (), [table], figures)
+    sentences = [words.shrink_sentence(d), *s.sentences]
+    return Section("7. How far it shrinks", sentences, (), [report.shrink_table(d)], figures)
 
 
 def _consequences(d: Diagnosis) -> Section:
@@ -180,13 +167,11 @@ def _consequences(d: Diagnosis) -> Section:
     c = d.consequences
     if c is None:
         return Section(heading, [d.why_no_consequences or "The control study was not asked for."])
-    table = (consequences_report.HEAD, consequences_report.table(c), consequences_report.CAPTION)
-    return Section(heading, c.sentences[:1], c.sentences[1:], [table], [(before_and_after(c), "")])
+    return Section(
+        heading, c.sentences[:1], c.sentences[1:], [report.consequences_table(c)], [(before_and_after(c), "")]
+    )
 
 
 def _next_run(d: Diagnosis) -> Section:
     table = report.next_run_table(d)
-    note = "Apart: how many standard deviations lie between the predictions of the candidates that are still open."
-    return Section(
-        "9. The next run", [words.next_run_sentence(d)], (), [(report.NEXT_RUN_HEAD, table, note)] if table else []
-    )
+    return Section("9. The next run", [words.next_run_sentence(d)], (), [table] if table else [])

@@ -30,11 +30,11 @@ def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
     windows = () if d.where is None else d.where.windows
     energy = {} if d.where is None else d.where.energy_by_run
     kept = sorted(range(len(before)), key=lambda j: -energy.get(before[j][0].run.name, 0.0))[:most]
-    found = []
+    series = []
     for j in sorted(kept):
         balance, scale, speed = before[j]
         name, time = balance.run.name, balance.run.time_s
-        each = RunSeries(
+        one = RunSeries(
             name,
             time,
             balance.measured,
@@ -50,21 +50,21 @@ def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
         )
         if after is not None:
             corrected, scale, speed = after[j]
-            each = replace(each, after=corrected.predicted, speed_after=100.0 * speed / scale)
-        found.append(each)
-    return tuple(found)
+            one = replace(one, after=corrected.predicted, speed_after=100.0 * speed / scale)
+        series.append(one)
+    return tuple(series)
 
 
 def own_values(d: Diagnosis) -> Own:
     """What is each run's own in the chosen hypothesis, such as a phase; machine.yaml holds the first run's."""
-    chosen = next((each for each in d.candidates if set(each.effects) == set(d.verdict.effects)), None)
+    chosen = next((c for c in d.candidates if set(c.effects) == set(d.verdict.effects)), None)
     if chosen is None or d.verdict.word != "named":
         return {}
     return {
-        f"{effect}__{each.name}": each.value
+        f"{effect}__{one.name}": one.value
         for effect, estimates in chosen.parameters.items()
-        for each in estimates
-        if isinstance(each.value, tuple) and len(each.value) == len(d.campaign.runs)
+        for one in estimates
+        if isinstance(one.value, tuple) and len(one.value) == len(d.campaign.runs)
     }
 
 

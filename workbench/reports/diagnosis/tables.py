@@ -1,62 +1,63 @@
-"""The steps of a diagnosis as tables; a head that begins with a blank stands over words."""
+"""The steps of a diagnosis as tables."""
 
 from __future__ import annotations
 
+from workbench.consequences import Change, Consequences
 from workbench.diagnose.records import Diagnosis
 from workbench.kinds import kind_of
 from workbench.reports.diagnosis.words import unit_of
 from workbench.reports.numbers import NOTHING, figures
 from workbench.reports.words import words_of
+from workbench.tables import Column, Table, words
 
 MOST_WINDOWS = 6  # of a run, that are listed
-Row = list[str]
-Head = tuple[str, ...]
-
-BRIEF_SHRINK_HEAD = (" ", "before", "after", "noise\nfloor", "factor", "95 %\ninterval")
-WHERE_HEAD = (" run", "of the gap's\nenergy, %", " windows, s")
-NEXT_RUN_HEAD = (" profile", "payload\nkg", " signals to log too", "apart\nnow", "apart\nwith it")
-VISIBLE_HEAD = (" effect", " parameter", "smallest\nvisible")
-
-
-def condition_head(d: Diagnosis) -> Head:
-    load = ("payload\nkg",) if kind_of(d.campaign.machine).payload else ()
-    return (
-        " run", *load, "length\ns", "samples", "step\nms", f"noise\n{unit_of(d)}", "moving\n%",
-        "clipped\n%", "outliers", "delay\nms",
-    )  # fmt: skip
+CONSEQUENCES = (
+    Column("payload", "kg"), words("reference"), Column("peak", "N m"), Column("now", "N m"), Column("peak", "%"),
+    Column("error max", "rad/s"), Column("now", "rad/s"), Column("error max", "%"), Column("error rms", "%"),
+    Column("min wire", "kN"), Column("now", "kN"), Column("moves", "s"),
+)  # fmt: skip
+CONSEQUENCES_NOTE = (
+    "Each value before and now, with the effects, and its change in %. Peak: torque of the harder-worked motor; error: "
+    "motor speed against its set point; min wire: smallest tension. A dash: the run failed."
+)
 
 
-def condition_table(d: Diagnosis) -> list[Row]:
+def condition_table(d: Diagnosis) -> Table:
     """The logs, run by run."""
+    w = words_of(d.campaign.machine)
+    has_payload = kind_of(d.campaign.machine).payload
+    columns = [
+        words("run"), *([Column("payload", "kg")] if has_payload else []), Column("length", "s"), Column("samples"),
+        Column("step", "ms"), Column("noise", unit_of(d)), Column("moving", "%"), Column("clipped", "%"),
+        Column("outliers"), Column("delay", "ms"),
+    ]  # fmt: skip
     runs = {run.name: run for run in d.campaign.runs}
     rows = []
-    for each in d.condition.runs:
-        run = runs[each.name]
-        load = [f"{run.payload_kg:g}"] if kind_of(d.campaign.machine).payload else []
-        delay = NOTHING if each.delay_s is None else f"{1e3 * each.delay_s:.0f}"
+    for log in d.condition.runs:
+        run = runs[log.name]
+        load = [f"{run.payload_kg:g}"] if has_payload else []
+        delay = NOTHING if log.delay_s is None else f"{1e3 * log.delay_s:.0f}"
         rows.append(
-            [each.name, *load, f"{run.duration_s:.1f}", str(each.samples), figures(1e3 * each.sample_time_s),
-             figures(each.noise_rms), f"{100.0 * each.moving_share:.0f}", figures(100.0 * each.clipped_share, 2),
-             str(each.outliers), delay]
+            [log.name, *load, f"{run.duration_s:.1f}", str(log.samples), figures(1e3 * log.sample_time_s),
+             figures(log.noise_rms), f"{100.0 * log.moving_share:.0f}", figures(100.0 * log.clipped_share, 2),
+             str(log.outliers), delay]
         )  # fmt: skip
-    return rows
-
-
-def gap_head(d: Diagnosis) -> Head:
-    w = words_of(d.campaign.machine)
-    force = ("on the\ncarriage, N",) if d.gap.force_rms_n is not None else ()
-    return (
-        " machine",
-        f"{w.quantity}\nresidual\n{unit_of(d)}",
-        "times\nthe noise",
-        *force,
-        "speed error\nopen loop\n%",
+    note = (
+        f"Noise: rms of the logged {w.quantity} below {d.condition.band_hz:.3g} Hz, where measured and predicted are "
+        "compared. Moving: the share of samples that speak of friction and inertia; at rest a machine may hold its "
+        "load anywhere within its friction. Delay: logged speed behind its reference."
     )
+    return Table(columns, rows, note)
 
 
-def gap_table(d: Diagnosis) -> list[Row]:
+def gap_table(d: Diagnosis) -> Table:
     """The residual of the nominal machine, and after the refit within tolerances."""
     g = d.gap
+    columns = [
+        words("machine"), Column(f"{words_of(d.campaign.machine).quantity}\nresidual", unit_of(d)),
+        Column("times\nthe noise"), *([Column("on the\ncarriage", "N")] if g.force_rms_n is not None else []),
+        Column("speed error\nopen loop", "%"),
+    ]  # fmt: skip
     rows = []
     for name, residual, speed in (
         ("as given", g.nominal_residual_rms, g.nominal_speed_rmse_percent),
@@ -67,17 +68,23 @@ def gap_table(d: Diagnosis) -> list[Row]:
             # One lever for both: what a torque is on the carriage.
             row.append(figures(g.force_rms_n * residual / g.residual_rms) if g.residual_rms > 0.0 else NOTHING)
         rows.append([*row, figures(speed)])
-    return rows
+    note = (
+        "Rms while moving. Open loop: the measured input drives the model from the first sample on, so every bias adds "
+        "up; judge by the residual."
+    )
+    return Table(columns, rows, note)
 
 
 def _times(value: float, noise: float) -> str:
     return figures(value / noise, 2) if noise > 0.0 else NOTHING
 
 
-def where_table(d: Diagnosis) -> list[Row]:
-    """Each run's share of the gap's energy, and where in it most of that lies."""
+def where_table(d: Diagnosis) -> Table:
+    """Each run's share of the gap's energy, and where in it most of that lies; no rows without a gap."""
+    columns = [words("run"), Column("of the gap's\nenergy", "%"), Column("windows", "s", "left")]
+    note = "Where most of the gap's energy lies, run by run."
     if d.where is None:
-        return []
+        return Table(columns, [], note)
     rows = []
     for name, share in d.where.energy_by_run.items():
         mine = [w for w in d.where.windows if w.run == name]
@@ -86,51 +93,87 @@ def where_table(d: Diagnosis) -> list[Row]:
         rest = len(mine) - len(said)
         more = f"; {rest} shorter one{'s' if rest > 1 else ''}" if rest else ""
         rows.append([name, f"{100.0 * share:.0f}", (", ".join(said) or NOTHING) + more])
-    return rows
+    return Table(columns, rows, note)
 
 
-def visible_table(d: Diagnosis) -> list[Row]:
+def visible_table(d: Diagnosis) -> Table:
     """The smallest amount of each effect that these runs would show."""
-    return [[name, parameter, figures(size)] for name, (parameter, size) in d.isolability.visible.items()]
+    return Table(
+        [words("effect"), words("parameter"), Column("smallest\nvisible")],
+        [[name, parameter, figures(size)] for name, (parameter, size) in d.isolability.visible.items()],
+        "The smallest amount of each effect that these runs would show. A name's end is its unit.",
+    )
 
 
-def shrink_head(d: Diagnosis) -> Head:
-    unit = unit_of(d)
-    if d.verdict.word == "no_gap":
-        return (" held out", f"residual\n{unit}", "times\nthe noise")
-    return (" held out", f"before\n{unit}", f"after\n{unit}", "factor", "after, times\nthe noise")
-
-
-def shrink_table(d: Diagnosis) -> list[Row]:
-    """Under its head; without a gap there is no before."""
-    s = d.shrink
+def shrink_table(d: Diagnosis) -> Table:
+    """The residual of runs held out of the fit, before and after; without a gap there is no before."""
+    s, unit = d.shrink, unit_of(d)
     rows = [_shrunk(name, *both, s.noise) for name, both in s.by_run.items()]
     if len(rows) > 1:
         rows.append(_shrunk("all runs", s.before, s.after, s.noise))
-    return [[name, after, times] for name, _, after, _, times in rows] if d.verdict.word == "no_gap" else rows
+    note = f"Residual rms below {s.band_hz:.3g} Hz."
+    if d.verdict.word == "no_gap":
+        columns = [words("held out"), Column("residual", unit), Column("times\nthe noise")]
+        return Table(columns, [[name, after, times] for name, _, after, _, times in rows], note)
+    columns = [words("held out"), Column("before", unit), Column("after", unit), Column("factor"),
+               Column("after, times\nthe noise")]  # fmt: skip
+    return Table(columns, rows, note)
 
 
-def _shrunk(name: str, before: float, after: float, noise: float) -> Row:
+def _shrunk(name: str, before: float, after: float, noise: float) -> list[str]:
     return [name, figures(before), figures(after), figures(before / after) if after > 0.0 else NOTHING,
             _times(after, noise)]  # fmt: skip
 
 
-def brief_shrink_table(d: Diagnosis) -> list[Row]:
-    """Under BRIEF_SHRINK_HEAD: the residual and the replayed speed, before and after."""
+def brief_shrink_table(d: Diagnosis) -> Table:
+    """The residual and the replayed speed, before and after."""
     s, w = d.shrink, words_of(d.campaign.machine)
     low, high = s.ci95
     speed = s.speed_rmse_percent_before, s.speed_rmse_percent_after
-    return [
+    columns = [words("what"), Column("before"), Column("after"), Column("noise\nfloor"), Column("factor"),
+               Column("95 %\ninterval")]  # fmt: skip
+    rows = [
         [f"{w.quantity} residual, rms, {w.unit}", figures(s.before), figures(s.after), figures(s.noise),
          figures(s.factor), f"{figures(low)} to {figures(high)}"],
-        ["speed error, open loop, %", *(figures(each) for each in speed), "", "", ""],
+        ["speed error, open loop, %", *(figures(percent) for percent in speed), "", "", ""],
+    ]  # fmt: skip
+    return Table(columns, rows)
+
+
+def next_run_table(d: Diagnosis) -> Table:
+    """The run that decides what is open; no row where nothing is."""
+    n = d.next_run
+    columns = [words("profile"), Column("payload", "kg"), words("signals to log too"), Column("apart\nnow"),
+               Column("apart\nwith it")]  # fmt: skip
+    note = "Apart: how many standard deviations lie between the predictions of the candidates that are still open."
+    if n is None:
+        return Table(columns, [], note)
+    load = f"{n.payload_kg:g}" if kind_of(d.campaign.machine).payload else NOTHING
+    row = [n.profile, load, ", ".join(n.signals) or NOTHING, figures(n.now, 2), figures(n.separation, 2)]
+    return Table(columns, [row], note)
+
+
+def consequences_table(consequences: Consequences) -> Table:
+    """A line for each payload and reference."""
+    return Table(CONSEQUENCES, [_consequence(row) for row in consequences.rows], CONSEQUENCES_NOTE)
+
+
+def _consequence(row: Change) -> list[str]:
+    was, now = row.before, row.after
+    return [
+        f"{row.payload_kg:g}", row.reference,
+        _whole(was.peak_torque_motor_nm), _whole(now.peak_torque_motor_nm), _changed(row, "peak_torque_motor_nm"),
+        figures(was.speed_error_max_rad_s), figures(now.speed_error_max_rad_s), _changed(row, "speed_error_max_rad_s"),
+        _changed(row, "speed_error_rms_rad_s"),
+        figures(was.min_wire_tension_n / 1000.0), figures(now.min_wire_tension_n / 1000.0),
+        f"{now.move_time_s:.2f}",
     ]  # fmt: skip
 
 
-def next_run_table(d: Diagnosis) -> list[Row]:
-    """Under NEXT_RUN_HEAD: the run that decides what is open; none where nothing is."""
-    n = d.next_run
-    if n is None:
-        return []
-    load = f"{n.payload_kg:g}" if kind_of(d.campaign.machine).payload else NOTHING
-    return [[n.profile, load, ", ".join(n.signals) or NOTHING, figures(n.now, 2), figures(n.separation, 2)]]
+def _whole(value: float) -> str:
+    return f"{value:.0f}" if value == value else NOTHING
+
+
+def _changed(row: Change, metric: str) -> str:
+    change = row.percent(metric)
+    return f"{change:+.1f}" if change == change else NOTHING

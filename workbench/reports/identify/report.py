@@ -9,35 +9,39 @@ from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification
 from workbench.identify.iteration import Levels
 from workbench.identify.parameters import Free, fittable, free_parameters
+from workbench.json_records import rounded
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, get_value
-from workbench.reports.numbers import change_percent, figures, rounded, with_error
+from workbench.reports.numbers import change_percent, figures, with_error
+from workbench.reports.replay import report as replay_report
 from workbench.reports.replay.report import EXPLAINED, noise_is_floor
 from workbench.reports.words import direction_names, words_of
 from workbench.simulate.replay import ReplayResult
+from workbench.tables import Column, Table, words
 
 FAR = 3.0  # tolerances: a value beyond them stands in for something else
-HEAD = (" parameter", "nominal", "identified", "± std\nerror", "change\n%", " held")
+COLUMNS = (words("parameter"), Column("nominal"), Column("identified"), Column("± std\nerror"), Column("change", "%"),
+           words("held"))  # fmt: skip
 CAPTION = (
     "held: the nominal value, within its tolerance, counts as one more measurement; else the runs alone decide. "
     "A name's end is its unit."
 )
 
 
-def as_campaign(found: Identification) -> Campaign:
+def as_campaign(identification: Identification) -> Campaign:
     """The campaign with the identified machine in place of the nominal one."""
-    return replace(found.campaign, machine=found.machine)
+    return replace(identification.campaign, machine=identification.machine)
 
 
-def table(fit: Fit) -> list[list[str]]:
-    """A line a fitted parameter, under HEAD."""
+def table(fit: Fit) -> Table:
+    """A line a fitted parameter."""
     lines = []
     for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True):
         shown, spread = with_error(value, error)
         change = change_percent(free.nominal, value)
         lines.append([free.key, figures(free.nominal, 4), shown, spread, change, held(free.prior_std is not None)])
-    return lines
+    return Table(COLUMNS, lines, CAPTION)
 
 
 def held(by_tolerance: bool) -> str:
@@ -45,62 +49,46 @@ def held(by_tolerance: bool) -> str:
     return "yes" if by_tolerance else "no"
 
 
-def keys_table(campaign: Campaign) -> list[list[str]]:
+def keys_table(campaign: Campaign) -> Table:
     """Every key that a fit may free, its value, and whether the usual fit frees it."""
     machine = campaign.machine
     usual = {free.key: free.prior_std is not None for free in free_parameters(machine, campaign.runs)}
-    return [
+    rows = [
         [key, figures(get_value(machine, key), 5), ("held" if usual[key] else "free") if key in usual else ""]
         for key in fittable(machine)
     ]
+    return Table([words("key"), Column("value"), words("usual fit")], rows)
 
 
-def measures_head(machine: Hoist | Axis) -> tuple[str, ...]:
-    w = words_of(machine)
-    return (
-        " machine",
-        "speed error\nopen loop\n%",
-        "speed error\nrestarted\n%",
-        f"{w.quantity}\nresidual\n{w.unit}",
-        f"the same,\nmoving\n{w.unit}",
-        f"sensor\nnoise\n{w.unit}",
-    )
-
-
-def measures_table(found: Identification) -> list[list[str]]:
+def measures_table(identification: Identification) -> Table:
     """The replay before and after."""
-    return [_measures("nominal", found.before), _measures("identified", found.after)]
-
-
-def _measures(name: str, result: ReplayResult) -> list[str]:
-    return [
-        name,
-        f"{result.speed_rmse_percent:.2f}",
-        f"{result.speed_rmse_percent_restarted_2s:.2f}",
-        figures(result.residual_rms),
-        figures(result.residual_rms_moving),
-        figures(result.noise_rms),
+    machine, before, after = identification.machine, identification.before, identification.after
+    rows = [
+        replay_report.measures("nominal", before, before.noise_rms),
+        replay_report.measures("identified", after, after.noise_rms),
     ]
+    return Table(replay_report.columns(machine, "machine"), rows, replay_report.note(machine, after))
 
 
 REMEDY = "`workbench diagnose` names what"
 
 
-def sentences(found: Identification, remedy: str = REMEDY) -> list[str]:
+def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]:
     """How far the residual fell, the paper's iteration, then what the data cannot tell, and the remedy."""
-    w = words_of(found.machine)
-    before, after = found.before.residual_percent, found.after.residual_percent
+    w = words_of(identification.machine)
+    before, after = identification.before.residual_percent, identification.after.residual_percent
     fell = f"The {w.quantity} residual went from {before:.2f} to {after:.2f} % of the {w.quantity} itself."
-    said = [fell, iteration(found.campaign.machine, found.levels), *found.fit.statements]
-    return [*said, *_lacking(found, remedy)]
+    said = [fell, iteration(identification.campaign.machine, identification.levels), *identification.fit.statements]
+    return [*said, *_lacking(identification, remedy)]
 
 
-def _lacking(found: Identification, remedy: str) -> list[str]:
+def _lacking(identification: Identification, remedy: str) -> list[str]:
     """Where values alone do not explain the runs, the command that goes on from here."""
-    off = max((tolerances_off(free, value) for free, value in zip(found.fit.free, found.fit.value, strict=True)))
-    left, noise = found.after.residual_rms_moving, found.after.noise_rms
+    fit = identification.fit
+    off = max(tolerances_off(free, value) for free, value in zip(fit.free, fit.value, strict=True))
+    left, noise = identification.after.residual_rms_moving, identification.after.noise_rms
     signs = [f"a value is {off:.0f} tolerances off"] if off > FAR else []
-    if left > EXPLAINED * noise > 0.0 and noise_is_floor(found.machine, found.after):
+    if left > EXPLAINED * noise > 0.0 and noise_is_floor(identification.machine, identification.after):
         signs.append(f"the residual while moving is {left / noise:.1f} times the noise")
     if not signs:
         return []
@@ -127,15 +115,15 @@ def iteration(machine: Hoist | Axis, levels: Levels) -> str:
     )
 
 
-def to_json(found: Identification) -> dict[str, Any]:
+def to_json(identification: Identification) -> dict[str, Any]:
     """identify.json: parameters with errors, correlations, the iteration's history, statements, replays."""
-    machine, fit, levels = found.campaign.machine, found.fit, found.levels
+    machine, fit, levels = identification.campaign.machine, identification.fit, identification.levels
     w = words_of(machine)
     forward, backward = direction_names(machine)
     return {
         "format": 1,
-        "campaign": found.campaign.name,
-        "runs": [run.name for run in found.campaign.runs],
+        "campaign": identification.campaign.name,
+        "runs": [run.name for run in identification.campaign.runs],
         "parameters": {
             free.key: {
                 "nominal": free.nominal,
@@ -162,13 +150,11 @@ def to_json(found: Identification) -> dict[str, Any]:
             "samples": fit.samples,
             "evaluations": fit.evaluations,
         },
-        "before": overall(found.campaign, found.before),
-        "after": overall(as_campaign(found), found.after),
-        "notes": list(found.campaign.all_notes),
+        "before": overall(identification.campaign, identification.before),
+        "after": overall(as_campaign(identification), identification.after),
+        "notes": list(identification.campaign.all_notes),
     }
 
 
 def overall(campaign: Campaign, result: ReplayResult) -> Any:
-    from workbench.reports.replay.report import to_json as replay_json
-
-    return replay_json(campaign, result)["overall"]
+    return replay_report.to_json(campaign, result)["overall"]

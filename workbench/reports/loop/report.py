@@ -13,15 +13,18 @@ from workbench.analysis.family import Member, weakest
 from workbench.analysis.margins import Margins
 from workbench.effects import find
 from workbench.figures.loop import bode, gang_of_four, nyquist, steps
-from workbench.figures.save import save
+from workbench.figures.save import Section, save_page
+from workbench.json_records import rounded
 from workbench.machine import Hoist
 from workbench.reports.loop.case import LoopCaseFile
-from workbench.reports.numbers import NOTHING, figures, rounded
+from workbench.reports.numbers import NOTHING, figures
+from workbench.tables import Column, Table
 from workbench.whole_folder import write_json
 
-HEAD = (
-    "load\nkg", "height\nm", "gain\ndB", "phase\n°", "delay\nms", "\ndisk", "\nMs", "\nMt",
-    "cross\nHz", "band\nHz", "slowest\n1/s", "least\nζ",
+COLUMNS = (
+    Column("load", "kg"), Column("height", "m"), Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),
+    Column("disk"), Column("Ms"), Column("Mt"), Column("cross", "Hz"), Column("band", "Hz"), Column("slowest", "1/s"),
+    Column("least ζ"),
 )  # fmt: skip
 CAPTION = (
     "Margins: how much more gain (after a slash: less), phase and delay the loop bears; disk: gain and phase at once "
@@ -30,8 +33,9 @@ CAPTION = (
 )
 
 
-def table(members: Sequence[Member]) -> list[list[str]]:
-    return [_line(member) for member in members]
+def table(members: Sequence[Member]) -> Table:
+    """A line a loop."""
+    return Table(COLUMNS, [_line(member) for member in members], CAPTION)
 
 
 def _line(member: Member) -> list[str]:
@@ -112,10 +116,10 @@ def drive_sentence(machine: Hoist, sample_time_s: float) -> str:
 
 def effect_sentences(machine: Hoist) -> list[str]:
     """What of effects and measured correction is in the loop, and what acts on the log alone; none where none is."""
-    found = {name: find(name, "hoist") for name in machine.effects}
-    inside = [name for name, effect in found.items() if not effect.on_sensor]
+    known = {name: find(name, "hoist") for name in machine.effects}
+    inside = [name for name, effect in known.items() if not effect.on_sensor]
     inside += ["measured_correction"] if machine.measured_correction is not None else []
-    outside = [name for name, effect in found.items() if effect.on_sensor]
+    outside = [name for name, effect in known.items() if effect.on_sensor]
     said = [f"In the machine: {', '.join(inside)}."] if inside else []
     return said + ([f"Not in the loop, for they act on the log alone: {', '.join(outside)}."] if outside else [])
 
@@ -140,24 +144,27 @@ def _loop_json(member: Member) -> dict[str, Any]:
     return {**where, **values, "poles_z": poles}
 
 
-def save_page(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, path: Path) -> None:
+def save_loop_page(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, path: Path) -> None:
     """The page; it needs no network."""
-    save(
-        [bode(members), nyquist(members, ms_limit), gang_of_four(members, ms_limit), steps(members)],
-        path,
-        title=f"Speed loop — {case.machine.name}",
+    section = Section(
         sentences=[f"Controller {case.origin}: {gains_text(case)}.", *sentences(case, members)],
-        table=([name.replace("\n", " ") for name in HEAD], table(members)),
-        caption=CAPTION,
-        figure_notes=[
-            "Drawn: gain and phase margin of the weakest loop. The phase begins at −180°: two integrals, the "
-            "controller's and the machine's.",
-            "A curve outside the grey disk keeps Ms below the limit.",
-            "S: what is left of slow disturbances. T: what follows the reference. PS: a torque on the shaft to the "
-            "speed. CS: noise of the speed to the torque.",
-            "The linear loop; limits of the torque are not in it.",
+        tables=[table(members)],
+        figures=[
+            (
+                bode(members),
+                "Drawn: gain and phase margin of the weakest loop. The phase begins at −180°: two integrals, the "
+                "controller's and the machine's.",
+            ),
+            (nyquist(members, ms_limit), "A curve outside the grey disk keeps Ms below the limit."),
+            (
+                gang_of_four(members, ms_limit),
+                "S: what is left of slow disturbances. T: what follows the reference. PS: a torque on the shaft to the "
+                "speed. CS: noise of the speed to the torque.",
+            ),
+            (steps(members), "The linear loop; limits of the torque are not in it."),
         ],
     )
+    save_page([section], path, f"Speed loop — {case.machine.name}")
 
 
 def gains_text(case: LoopCaseFile) -> str:
@@ -170,5 +177,5 @@ def gains_text(case: LoopCaseFile) -> str:
 
 def write_loop(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, folder: Path) -> None:
     """loop.html and loop.json into a folder that is there."""
-    save_page(case, members, ms_limit, folder / "loop.html")
+    save_loop_page(case, members, ms_limit, folder / "loop.html")
     write_json(folder / "loop.json", as_json(case, members))

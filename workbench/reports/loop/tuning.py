@@ -17,9 +17,13 @@ from workbench.machine import Hoist
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.loop.report import drive_sentence, effect_sentences
 from workbench.reports.numbers import figures
+from workbench.tables import Column, Table, words
 from workbench.yaml_strict import dumps
 
-HEAD = (" ", "kp", "ki", "weight", "tracking\n%", "peak\n%", "effort\n%", "Ms", "band\nHz", "cost")
+COLUMNS = (
+    words("what"), Column("kp"), Column("ki"), Column("weight"), Column("tracking", "%"), Column("peak", "%"),
+    Column("effort", "%"), Column("Ms"), Column("band", "Hz"), Column("cost"),
+)  # fmt: skip
 CAPTION = (
     "kp in N m s/rad, ki in N m/rad, of all motors. Candidates that no other beats in tracking error, torque peak and "
     "Ms at once, spread over all that were found. Worst of all payloads and references: tracking: rms speed error in % "
@@ -42,8 +46,9 @@ def rows(tuned: Tuned) -> list[Candidate]:
     return sorted(wanted.values(), key=lambda c: c.score.tracking_percent)
 
 
-def table(tuned: Tuned) -> list[list[str]]:
-    return [_line(tuned, c) for c in rows(tuned)]
+def table(tuned: Tuned) -> Table:
+    """A line a candidate; see `rows`."""
+    return Table(COLUMNS, [_line(tuned, c) for c in rows(tuned)], CAPTION)
 
 
 def _line(tuned: Tuned, c: Candidate) -> list[str]:
@@ -111,10 +116,10 @@ def controller_text(settings: PiSettings, comments: Sequence[str] = ()) -> str:
 
 def weights_of(text: str) -> Weights:
     """`1,2,1` as weights of tracking, peak and effort."""
-    found = [float(part) for part in text.split(",")] if _are_numbers(text) else []
-    if len(found) != 3 or min(found) < 0.0 or not 0.0 < sum(found) < float("inf"):
+    weights = [float(part) for part in text.split(",")] if _are_numbers(text) else []
+    if len(weights) != 3 or min(weights) < 0.0 or not 0.0 < sum(weights) < float("inf"):
         raise InputError(f"'{text}', expected three numbers from 0 up, not all 0, such as 1,2,1", place="--weights")
-    return Weights(*found)
+    return Weights(*weights)
 
 
 def _are_numbers(text: str) -> bool:

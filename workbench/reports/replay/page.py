@@ -1,15 +1,15 @@
-"""The page of a replay: the paper's Figures 6 and 8, and the residual over time."""
+"""The folder of a replay: replay.json, and a page with the paper's Figures 6 and 8 and the residual over time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from workbench.figures.replay import input_profiles, speed_comparison, torque_profiles, torque_residual
-from workbench.figures.save import save
+from workbench.figures.save import Section, save_page
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
@@ -18,33 +18,45 @@ from workbench.reports.replay import report
 from workbench.reports.words import words_of
 from workbench.run import Run
 from workbench.simulate.replay import Replay, ReplayResult
+from workbench.whole_folder import check_free, whole_folder, write_json
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+INPUTS_NOTE = "What the machine was given (the paper's Figure 6)."
 RESIDUAL_NOTE = (
     "At rest the machine may hold its load anywhere within its friction, so the residual says nothing there; "
     "the scale is that of the motion."
 )
 
 
+def write_replay(run: Callable[[], ReplayResult], campaign: Campaign, folder: Path) -> ReplayResult:
+    """Replay, and write replay.json and replay.html; all or nothing, see `whole_folder`."""
+    check_free(folder)
+    with whole_folder(folder) as hidden:
+        result = run()
+        write_json(hidden / "replay.json", report.to_json(campaign, result))
+        save_replay_page(campaign, result, hidden / "replay.html")
+    return result
+
+
 def save_replay_page(campaign: Campaign, result: ReplayResult, path: Path) -> None:
     """Write the page of a replay; it needs no network."""
     machine = campaign.machine
-    save(
-        [inputs(machine, result), speeds(machine, result), residuals(machine, result)],
-        path,
-        title=f"Replay of campaign {campaign.name} — {machine.name}",
+    section = Section(
         sentences=[*report.sentences(machine, result), *notes_line(campaign)],
-        table=(report.head(machine), report.table(result)),
-        caption=report.caption(machine, result),
-        figure_notes=[
-            "What the machine was given (the paper's Figure 6).",
-            "Simulated: the measured input replayed from the first sample on (the paper's Figure 8). Restarted: set "
-            "back to the measured motion every 2 s.",
-            RESIDUAL_NOTE,
+        tables=[report.table(machine, result)],
+        figures=[
+            (inputs(machine, result), INPUTS_NOTE),
+            (
+                speeds(machine, result),
+                "Simulated: the measured input replayed from the first sample on (the paper's Figure 8). Restarted: "
+                "set back to the measured motion every 2 s.",
+            ),
+            (residuals(machine, result), RESIDUAL_NOTE),
         ],
     )
+    save_page([section], path, f"Replay of campaign {campaign.name} — {machine.name}")
 
 
 def notes_line(campaign: Campaign) -> list[str]:

@@ -4,48 +4,50 @@ from __future__ import annotations
 
 from typing import Any
 
+from workbench.json_records import rounded
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.reports.numbers import figures, rounded
+from workbench.reports.numbers import figures
 from workbench.reports.words import words_of
 from workbench.simulate.replay import Replay, ReplayResult
+from workbench.tables import Column, Table, words
 
 PAPER_PERCENT = 7.49  # RMSE of the paper's own machine, its Figure 8
 EXPLAINED = 1.3  # times the noise: what is left while moving is then little more than noise
 
 
-def head(machine: Hoist | Axis) -> tuple[str, ...]:
-    """Heads of `table`; what starts with a blank holds words. The last line is the unit."""
-    quantity, unit = words_of(machine).quantity, words_of(machine).unit
-    return (
-        " run",
-        "speed error\nopen loop\n%",
-        "speed error\nrestarted\n%",
-        f"{quantity}\nresidual\n{unit}",
-        f"the same,\nmoving\n{unit}",
-        f"sensor\nnoise\n{unit}",
-    )
-
-
-def table(result: ReplayResult) -> list[list[str]]:
+def table(machine: Hoist | Axis, result: ReplayResult) -> Table:
     """A line a run, and one for all."""
-    lines = [_line(run.name, run, run.balance.noise_rms) for run in result.runs]
-    return lines if len(lines) == 1 else [*lines, _line("all runs", result, result.noise_rms)]
+    rows = [measures(run.name, run, run.balance.noise_rms) for run in result.runs]
+    if len(rows) > 1:
+        rows.append(measures("all runs", result, result.noise_rms))
+    return Table(columns(machine, "run"), rows, note(machine, result))
 
 
-def _line(name: str, figured: Replay | ReplayResult, noise_rms: float) -> list[str]:
+def columns(machine: Hoist | Axis, first: str) -> list[Column]:
+    """The columns of `measures`, and before them one of names."""
+    w = words_of(machine)
+    return [
+        words(first), Column("speed error\nopen loop", "%"), Column("speed error\nrestarted", "%"),
+        Column(f"{w.quantity}\nresidual", w.unit), Column("the same,\nmoving", w.unit),
+        Column("sensor\nnoise", w.unit),
+    ]  # fmt: skip
+
+
+def measures(name: str, replay: Replay | ReplayResult, noise_rms: float) -> list[str]:
+    """The row of a run, or of all: speed errors, residuals, noise."""
     return [
         name,
-        f"{figured.speed_rmse_percent:.2f}",
-        f"{figured.speed_rmse_percent_restarted_2s:.2f}",
-        figures(figured.residual_rms),
-        figures(figured.residual_rms_moving),
+        f"{replay.speed_rmse_percent:.2f}",
+        f"{replay.speed_rmse_percent_restarted_2s:.2f}",
+        figures(replay.residual_rms),
+        figures(replay.residual_rms_moving),
         figures(noise_rms),
     ]
 
 
-def caption(machine: Hoist | Axis, result: ReplayResult) -> str:
+def note(machine: Hoist | Axis, result: ReplayResult) -> str:
     """How the columns are made."""
     w = words_of(machine)
     return (
@@ -107,8 +109,8 @@ def to_json(campaign: Campaign, result: ReplayResult) -> dict[str, Any]:
         "format": 1,
         "campaign": campaign.name,
         "machine": machine.name,
-        "runs": [{"name": run.name} | _measures(machine, run, run.balance.noise_rms) for run in result.runs],
-        "overall": _measures(machine, result, result.noise_rms),
+        "runs": [{"name": run.name} | _measures_json(machine, run, run.balance.noise_rms) for run in result.runs],
+        "overall": _measures_json(machine, result, result.noise_rms),
     }
     said["overall"] |= {
         f"{words_of(machine).quantity}_residual_percent": rounded(result.residual_percent),
@@ -117,12 +119,12 @@ def to_json(campaign: Campaign, result: ReplayResult) -> dict[str, Any]:
     return said | {"notes": list(campaign.all_notes)}
 
 
-def _measures(machine: Hoist | Axis, figured: Replay | ReplayResult, noise_rms: float) -> dict[str, float | None]:
+def _measures_json(machine: Hoist | Axis, replay: Replay | ReplayResult, noise_rms: float) -> dict[str, float | None]:
     w = words_of(machine)
     return {
-        "speed_rmse_percent": rounded(figured.speed_rmse_percent),
-        "speed_rmse_percent_restarted_2s": rounded(figured.speed_rmse_percent_restarted_2s),
-        f"{w.quantity}_residual_rms_{w.suffix}": rounded(figured.residual_rms),
-        f"{w.quantity}_residual_rms_moving_{w.suffix}": rounded(figured.residual_rms_moving),
+        "speed_rmse_percent": rounded(replay.speed_rmse_percent),
+        "speed_rmse_percent_restarted_2s": rounded(replay.speed_rmse_percent_restarted_2s),
+        f"{w.quantity}_residual_rms_{w.suffix}": rounded(replay.residual_rms),
+        f"{w.quantity}_residual_rms_moving_{w.suffix}": rounded(replay.residual_rms_moving),
         f"noise_rms_{w.suffix}": rounded(noise_rms),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from workbench.errors import InputError
-from workbench.figures.save import save
+from workbench.figures.save import Section, save_page
 from workbench.reports.study.figures import figures_of
 from workbench.reports.study.tables import run_tables, what_was_run
 from workbench.reports.study.words import conclusions
@@ -20,20 +20,16 @@ def write_study_report(result: Finished, path: Path) -> None:
     InputError where another file stands there, or it cannot be written.
     """
     _check_free(path)
-    noted = figures_of(result)
     description = str(result.scenario.get("description") or "")
+    section = Section(
+        sentences=[description] if description else [],
+        points=conclusions(result),
+        tables=[*run_tables(result.rows), what_was_run(result)],
+        figures=figures_of(result),
+    )
     temporary = path.with_name(f".{path.name}.part")
     try:
-        save(
-            [figure for figure, _ in noted],
-            temporary,
-            title=f"Study {result.name}",
-            sentences=[description] if description else [],
-            points=conclusions(result),
-            more_tables=[*run_tables(result.rows), what_was_run(result)],
-            figure_notes=[note for _, note in noted],
-            generator=MARK,
-        )
+        save_page([section], temporary, f"Study {result.name}", generator=MARK)
         temporary.replace(path)
     except OSError as error:
         raise InputError(f"the report cannot be written: {error.strerror or error}", file=path) from error

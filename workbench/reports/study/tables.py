@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from workbench.figures.save import Table
 from workbench.metrics import View, shown_in
 from workbench.study.conclude import tables
 from workbench.study.results.finished import Finished
 from workbench.study.results.labels import field_label, shown
 from workbench.study.results.row import Row
 from workbench.study.variations.varying import drawn_columns, swept_axes
+from workbench.tables import Table, words
 
 MOST_LINES = 60
 
@@ -21,18 +22,19 @@ def run_tables(rows: Sequence[Row]) -> list[Table]:
     if len(rows) > MOST_LINES:
         ends = tables.extremes_table(rows, swept_axes(rows))
         return [
-            (tables.quantile_head(), tables.quantile_table(rows), tables.quantile_caption()),
-            (tables.extremes_head(), ends, f"Each of the {len(rows)} runs has its line in index.parquet."),
+            tables.quantile_table(rows),
+            replace(ends, note=f"Each of the {len(rows)} runs has its line in index.parquet."),
         ]
-    lines, heads = tables.run_table(rows), tables.run_head(rows)
-    first = len(heads) - tables.metric_columns(rows)
-    report: list[Table] = [(heads, lines, tables.run_caption(rows))]
+    runs = tables.run_table(rows)
+    first = len(runs.columns) - tables.metric_columns(rows)
+    report = [runs]
     for view, what in ((View.DRIVE, "The drive"), (View.MOTION, "Motion and wire")):
-        columns = [metric for metric in shown_in(view) if any(row.metrics.get(metric.name) is not None for row in rows)]
-        if columns:
-            cells = [[metric.text(row.get(metric.name)) for metric in columns] for row in rows]
-            more = [[*line[:first], *figures] for line, figures in zip(lines, cells, strict=True)]
-            report.append(((*heads[:first], *tables.heads(columns)), more, f"{what}. {tables.caption(columns)}"))
+        metrics = [metric for metric in shown_in(view) if any(row.metrics.get(metric.name) is not None for row in rows)]
+        if metrics:
+            cells = [[metric.text(row.get(metric.name)) for metric in metrics] for row in rows]
+            more = [[*line[:first], *texts] for line, texts in zip(runs.rows, cells, strict=True)]
+            columns = [*runs.columns[:first], *tables.metric_heads(metrics)]
+            report.append(Table(columns, more, f"{what}. {tables.metric_note(metrics)}"))
     return report
 
 
@@ -57,7 +59,7 @@ def what_was_run(result: Finished) -> Table:
         ("scenario", f"{manifest.get('scenario_hash', '')}, seed {manifest.get('seed')}"),
         ("program", _program(manifest)),
     ]  # fmt: skip
-    return ((" what", " was run"), [[name, text] for name, text in lines if text], "")
+    return Table([words("what"), words("was run")], [[name, text] for name, text in lines if text])
 
 
 def _varied(rows: Sequence[Row]) -> list[tuple[str, str]]:

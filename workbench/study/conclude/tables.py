@@ -1,7 +1,6 @@
 """The tables of a study as ready text: a line a run, quantiles of many runs, the runs at the ends.
 
-Which metrics are columns, and how, is declared with the metrics. Heads that start with a blank are words, set left;
-the second line is the unit.
+Which metrics are columns, and how, is declared with the metrics.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from workbench.metrics import Metric, View, shown_in
 from workbench.study.results.labels import field_label, shown
 from workbench.study.results.row import Row
 from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_words, swept_axes
+from workbench.tables import Column, Table, words
 
 QUANTILES = (0.05, 0.5, 0.95)
 MOST_SWEPT = 3  # columns of swept values
@@ -24,13 +24,14 @@ _SHARES = (0.0, *QUANTILES, 1.0)
 _NAMES = ("least", "5 %", "median", "95 %", "most")
 
 
-def run_head(rows: Sequence[Row]) -> tuple[str, ...]:
-    """The heads of `run_table`: payload, reference, the fields that differ between the runs, metrics."""
-    return ("payload\nkg", " reference", *(_field_head(name, rows) for name in _swept(rows)), *heads(_columns(rows)))
+_CASE = (Column("payload", "kg"), words("reference"))
 
 
-def run_table(rows: Sequence[Row]) -> list[list[str]]:
-    """A line a run, under `run_head`; a failed run has no metrics but those known before it runs."""
+def run_table(rows: Sequence[Row]) -> Table:
+    """A line a run: payload, reference, the fields that differ between the runs, metrics.
+
+    A failed run has no metrics but those known before it runs.
+    """
     swept, columns = _swept(rows), _columns(rows)
     lines = []
     for row in rows:
@@ -39,12 +40,8 @@ def run_table(rows: Sequence[Row]) -> list[list[str]]:
             cells[0] = "failed"
         values = [shown(row.assigned.get(name, "")) for name in swept]
         lines.append([f"{row.payload_kg:g}", row.reference, *values, *cells])
-    return lines
-
-
-def run_caption(rows: Sequence[Row]) -> str:
-    """What the heads of `run_table` mean."""
-    return caption(_columns(rows))
+    fields = [_field_column(name, rows) for name in swept]
+    return Table([*_CASE, *fields, *metric_heads(columns)], lines, metric_note(columns))
 
 
 def metric_columns(rows: Sequence[Row]) -> int:
@@ -62,33 +59,15 @@ def _swept(rows: Sequence[Row]) -> list[str]:
     return (swept or drawn_columns(rows))[:MOST_SWEPT]
 
 
-def _field_head(column: str, rows: Sequence[Row]) -> str:
-    """A field's words over as many lines as it needs to be narrow, its unit below; left where it holds words."""
-    label = field_label(column)
-    first, *more = _narrow(label.words)
-    text = any(isinstance(row.assigned.get(column), str) for row in rows)
-    return "\n".join([(" " if text else "") + first, *more, *([label.unit] if label.unit else [])])
+def _field_column(field: str, rows: Sequence[Row]) -> Column:
+    """A field's words over as many lines as it needs to be narrow; left where it holds words."""
+    label = field_label(field)
+    text = any(isinstance(row.assigned.get(field), str) for row in rows)
+    return Column("\n".join(_narrow(label.words)), label.unit, "left" if text else "right")
 
 
-def quantile_head() -> tuple[str, ...]:
-    """The heads of `quantile_table`."""
-    return ("payload\nkg", " reference", "runs\n", " \n", *heads(shown_in(View.QUANTILES)))
-
-
-def quantile_caption() -> str:
-    return (
-        "Of each payload and reference the smallest value, the 5 %, 50 % and 95 % quantiles and the largest value of "
-        f"each column for itself. {caption(shown_in(View.QUANTILES))}"
-    )
-
-
-def extremes_head() -> tuple[str, ...]:
-    """The heads of `extremes_table`."""
-    return (" run with the", " which", *heads(shown_in(View.EXTREMES)))
-
-
-def quantile_table(rows: Sequence[Row]) -> list[list[str]]:
-    """Under `quantile_head`, five lines for each payload and reference; of failed runs their number only."""
+def quantile_table(rows: Sequence[Row]) -> Table:
+    """Five lines for each payload and reference; of failed runs their number only."""
     columns = shown_in(View.QUANTILES)
     groups: dict[tuple[float, str], list[Row]] = {}
     for row in rows:
@@ -107,11 +86,15 @@ def quantile_table(rows: Sequence[Row]) -> list[list[str]]:
                 metric.text(float(np.quantile([row.get(metric.name) for row in good], share))) for metric in columns
             ]
             lines.append([*start, name, *cells])
-    return lines
+    note = (
+        "Of each payload and reference the smallest value, the 5 %, 50 % and 95 % quantiles and the largest value of "
+        f"each column for itself. {metric_note(columns)}"
+    )
+    return Table([*_CASE, Column("runs"), words("quantile"), *metric_heads(columns)], lines, note)
 
 
-def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> list[list[str]]:
-    """Under `extremes_head`: the runs at the ends of what matters; where all runs are alike no line."""
+def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> Table:
+    """The runs at the ends of what matters; where all runs are alike no line."""
     good = [row for row in rows if row.ok]
     columns = shown_in(View.EXTREMES)
     lines = []
@@ -125,41 +108,32 @@ def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> list[list[
             row = known[int(np.argmax(sign * values))]
             which = textwrap.fill(run_in_words(row, axes), WIDEST_RUN)
             lines.append([name, which, *(column.text(row.get(column.name)) for column in columns)])
-    return lines
+    return Table([words("run with the"), words("which"), *metric_heads(columns)], lines)
 
 
-def heads(metrics: Sequence[Metric]) -> tuple[str, ...]:
-    """Each metric's head with its unit below it, or after it where the head has two lines."""
-    return tuple(_head(metric) for metric in metrics)
+def metric_heads(metrics: Sequence[Metric]) -> list[Column]:
+    """A column a metric."""
+    return [Column(metric.head or "\n".join(_narrow(metric.label)), metric.shown_unit) for metric in metrics]
 
 
-def caption(metrics: Sequence[Metric]) -> str:
+def metric_note(metrics: Sequence[Metric]) -> str:
     """What the heads mean: `Peak and RMS: torque of one motor; moves: time in motion.`; heads of one note together."""
     by_note: dict[str, dict[str, None]] = {}
     for metric in metrics:
-        words = (metric.head or metric.label).replace("\n", " ")
-        by_note.setdefault(metric.note or metric.label, {})[words] = None
-    parts = [note if [note] == list(words) else f"{' and '.join(words)}: {note}" for note, words in by_note.items()]
+        head = (metric.head or metric.label).replace("\n", " ")
+        by_note.setdefault(metric.note or metric.label, {})[head] = None
+    parts = [note if [note] == list(heads) else f"{' and '.join(heads)}: {note}" for note, heads in by_note.items()]
     text = "; ".join(parts)
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
-def _narrow(words: str) -> list[str]:
+def _narrow(label: str) -> list[str]:
     """Words over as many lines as they need to be narrow."""
     lines = [""]
-    for word in words.split():
+    for word in label.split():
         joined = f"{lines[-1]} {word}".strip()
         if len(joined) <= WIDEST_HEAD:
             lines[-1] = joined
         else:
             lines.append(word)
     return lines
-
-
-def _head(metric: Metric) -> str:
-    unit = metric.shown_unit
-    if not metric.head:
-        return "\n".join([*_narrow(metric.label), unit]).rstrip()
-    if "\n" in metric.head:
-        return f"{metric.head} {unit}".rstrip()
-    return f"{metric.head}\n{unit}"

@@ -1,4 +1,4 @@
-"""One writer at a time: a lock file that the operating system lets go of when its holder dies."""
+"""One writer at a time: a lock file that the operating system releases when its holder dies."""
 
 from __future__ import annotations
 
@@ -8,61 +8,52 @@ import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from workbench.errors import InputError
 
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
 LOCK = "lock"
+PATIENCE_S = 0.2  # a holder that has just finished removes the file: then the lock is tried again
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Make `folder` if need be and hold it for this process; the lock file is gone when the block ends.
+    """Make `folder` if need be and hold it for this process; the lock file is removed when the block ends.
 
-    The file names its holder. One that was killed leaves the file but not the lock, so what the file
-    says is then stale and is written over. InputError while another process holds the folder.
+    The file names its holder. A process that was killed leaves the file but not the lock, and the next
+    holder overwrites the name. InputError while another process holds the folder.
     """
     path = folder / LOCK
-    descriptor = _hold(path)
+    lock = _acquired(path)
     try:
-        os.ftruncate(descriptor, 0)
-        os.write(descriptor, f"process {os.getpid()} on {platform.node()}".encode())
+        path.write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
         yield
     finally:
         # Removed while it is held, so that nobody waits for a file that is no longer there. The
         # folder may have got its final name meanwhile; then the file went with it and is gone already.
         with contextlib.suppress(OSError):
             path.unlink()
-        os.close(descriptor)
+        lock.release()
 
 
-def _hold(path: Path) -> int:
+def _acquired(path: Path) -> BaseFileLock:
+    from filelock import FileLock, Timeout
+
+    lock = FileLock(path, timeout=PATIENCE_S)
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+            lock.acquire()
+            return lock
         except FileNotFoundError:
-            continue  # whoever held the folder has just given it its final name
-        if not _lock(descriptor):
-            holder = os.read(descriptor, 200).decode(errors="replace") or "another process"
-            os.close(descriptor)
+            continue  # the holder of the folder has just given it its final name
+        except Timeout as error:
+            holder = "another process"
+            with contextlib.suppress(OSError):
+                holder = path.read_text(encoding="utf-8", errors="replace") or holder
             raise InputError(
                 f"is being written by {holder}; let it finish, or stop it and call again", file=path.parent
-            )
-        # Its holder may have removed the file between open and lock: then this lock holds nothing.
-        with contextlib.suppress(OSError):
-            if os.path.samestat(os.fstat(descriptor), path.stat()):
-                return descriptor
-        os.close(descriptor)
-
-
-def _lock(descriptor: int) -> bool:
-    """Whether the file is this process's now. Where the system has no such locks, it always is."""
-    try:
-        import fcntl
-    except ImportError:
-        return True
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+            ) from error

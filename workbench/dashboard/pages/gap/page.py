@@ -17,6 +17,7 @@ from workbench.dashboard.pages.gap.watch import watch
 from workbench.dashboard.widgets import plain, problem, table
 from workbench.errors import InputError
 from workbench.kinds import kind_of
+from workbench.tables import Column, Table, words
 
 OPEN, OF = "gap open", "gap open of"
 SHOWN = "gap shown"
@@ -109,12 +110,12 @@ def _before(question: Asked) -> None:
         icon=":material/troubleshoot:",
     )
     payload = kind_of(campaign.machine).payload
-    head = (" run", *(("payload (kg)",) if payload else ()), "length (s)", "samples")
+    columns = [words("run"), *([Column("payload", "kg")] if payload else []), Column("length", "s"), Column("samples")]
     rows = [
         [run.name, *([f"{run.payload_kg:g}"] if payload else []), f"{run.duration_s:.1f}", str(len(run.time_s))]
         for run in campaign.runs
     ]
-    table((head, rows, ""))
+    table(Table(columns, rows))
     if campaign.all_notes:
         with st.expander(f"What the reader says of the logs ({len(campaign.all_notes)})"):
             st.markdown("\n".join(f"- {plain(note)}" for note in campaign.all_notes))

@@ -18,9 +18,8 @@ from workbench.errors import InputError
 from workbench.figures import diagnose_where
 from workbench.logs import read_campaign
 from workbench.reports.diagnosis import words
-from workbench.reports.diagnosis.page import sections_of
+from workbench.reports.diagnosis.page import sections_of, write_diagnosis
 from workbench.reports.diagnosis.progress import progress_words, share_done
-from workbench.reports.diagnosis.write import write_diagnosis
 from workbench.reports.words import direction_names, words_of
 
 if TYPE_CHECKING:

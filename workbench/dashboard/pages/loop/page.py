@@ -10,7 +10,7 @@ from workbench.analysis.family import Member, weakest
 from workbench.dashboard.pages.loop.controls import Question, gains, question
 from workbench.dashboard.pages.loop.family import loops
 from workbench.dashboard.pages.loop.tuning import tuned_before, tuning, wanted
-from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain
+from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain, table
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
 from workbench.reports.loop import report
 from workbench.reports.loop.case import LoopCaseFile, usual_controller
@@ -98,7 +98,4 @@ def _others(members: Sequence[Member], asked: Question) -> None:
 
 def _table(members: Sequence[Member]) -> None:
     st.markdown("##### Margins")
-    heads = [" ".join(head.split()) for head in report.HEAD]
-    lines = report.table(members)
-    st.dataframe({head: [line[i] for line in lines] for i, head in enumerate(heads)}, hide_index=True)
-    st.caption(plain(report.CAPTION))
+    table(report.table(members))

@@ -10,7 +10,7 @@ from workbench.analysis.family import operating_points
 from workbench.analysis.tune import Goal, Tuned, Weights, tune
 from workbench.dashboard import session
 from workbench.dashboard.pages.loop.controls import Question, put_gains
-from workbench.dashboard.widgets import plain, problem
+from workbench.dashboard.widgets import plain, problem, table
 from workbench.errors import InputError
 from workbench.machine.files import machine_text
 from workbench.reports.loop import tuning as report
@@ -69,10 +69,7 @@ def _result(found: Found, same_machine: bool) -> None:
     if not same_machine:
         st.caption("Found for another machine or drive:")
     st.markdown(plain(" ".join(report.sentences(found.case, found.tuned, Weights()))))
-    heads = [" ".join(head.split()) or "what" for head in report.HEAD]
-    lines = report.table(found.tuned)
-    st.dataframe({head: [line[i] for line in lines] for i, head in enumerate(heads)}, hide_index=True)
-    st.caption(plain(report.CAPTION))
+    table(report.table(found.tuned))
     st.download_button(
         "Controller block for scenarios", report.controller_text(found.tuned.winner.settings),
         file_name="controller.yaml", mime="application/yaml", icon=":material/download:", on_click="ignore",

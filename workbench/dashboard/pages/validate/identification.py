@@ -11,9 +11,8 @@ import streamlit as st
 from workbench.dashboard import session
 from workbench.dashboard.machines import keep_machine
 from workbench.dashboard.pages.validate.replay import question
-from workbench.dashboard.widgets import chart, in_a_line, plain
-from workbench.figures.estimates import Estimate, estimates
-from workbench.figures.identify import correlation_matrix
+from workbench.dashboard.widgets import chart, plain, table
+from workbench.figures.identify import Estimate, correlation_matrix, estimates
 from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
@@ -64,10 +63,7 @@ def offer(found: Identification) -> None:
         chart(law, "validate friction", "Law of friction, nominal and identified, with the log's points")
     st.markdown("\n".join(f"- {plain(each)}" for each in report.sentences(found, "the page Gap names what")))
     with st.expander("Values, standard errors, correlations"):
-        lines = report.table(found.fit)
-        heads = [in_a_line(head) for head in report.HEAD]
-        st.dataframe({head: [line[i] for line in lines] for i, head in enumerate(heads)}, hide_index=True)
-        st.caption(plain(report.CAPTION))
+        table(report.table(found.fit))
         names = [free.key for free in found.fit.free]
         chart(correlation_matrix(names, found.fit.correlation), "validate correlation", "Correlations of the fit")
 

@@ -11,7 +11,7 @@ from workbench.dashboard.campaigns import chosen_campaign
 from workbench.dashboard.machines import kept_machines
 from workbench.dashboard.pages.validate.identification import found_for, identification, offer
 from workbench.dashboard.pages.validate.replay import replayed
-from workbench.dashboard.widgets import Number, chart, guarded, in_a_line, numbers, plain
+from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain, table
 from workbench.logs import Campaign
 from workbench.reports.replay import report
 from workbench.reports.replay.page import RESIDUAL_NOTE, inputs, residuals, speeds
@@ -96,7 +96,4 @@ def _figures(campaign: Campaign, result: ReplayResult, before: ReplayResult | No
     chart(residuals(machine, result, before), "validate residuals", "Residual of every run over time")
     st.caption(plain(RESIDUAL_NOTE))
     chart(inputs(machine, result), "validate inputs", "Measured input of every run")
-    heads = [in_a_line(head) for head in report.head(machine)]
-    lines = report.table(result)
-    st.dataframe({head: [line[i] for line in lines] for i, head in enumerate(heads)}, hide_index=True)
-    st.caption(plain(report.caption(machine, result)))
+    table(report.table(machine, result))

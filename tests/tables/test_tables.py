@@ -1,0 +1,106 @@
+"""The record of a table: what fits into it, and its forms as text, Markdown and HTML."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from workbench.tables import Column, Table, words
+from workbench.tables.templates import render
+
+TABLE = Table(
+    [words("run"), Column("speed error\nopen loop", "%"), Column("proba-\nbility")],
+    [["full <&> fast", "1.00", "0.9"], ["empty", "–", "0.1"]],
+    "What | means.",
+)
+
+
+class Cells(HTMLParser):
+    """The texts of a table's cells, row by row."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.inside = False
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attributes: object) -> None:
+        if tag == "tr":
+            self.rows.append([])
+        elif tag in ("td", "th"):
+            self.rows[-1].append("")
+            self.inside = True
+        elif tag == "br":
+            self.rows[-1][-1] += "\n"
+
+    def handle_endtag(self, tag: str) -> None:
+        self.inside = self.inside and tag not in ("td", "th")
+
+    def handle_data(self, data: str) -> None:
+        if self.inside:
+            self.rows[-1][-1] += data
+
+
+def test_a_row_has_one_text_a_column():
+    with pytest.raises(ValueError, match="2 columns, and a row of 1"):
+        Table([words("a"), Column("b")], [["1", "2"], ["3"]])
+
+
+def test_head_and_unit_are_one_line_and_a_parted_word_is_whole():
+    assert TABLE.heads == ("run", "speed error open loop %", "probability")
+    assert TABLE.by_column["speed error open loop %"] == ["1.00", "–"]
+
+
+def test_text_sets_words_left_numbers_right_and_units_in_the_last_line_of_the_head():
+    assert TABLE.text().splitlines() == [
+        "               speed error  proba-",
+        "                 open loop  bility",
+        "run                      %",
+        "full <&> fast         1.00     0.9",
+        "empty                    –     0.1",
+    ]
+
+
+def test_text_is_no_wider_than_asked_for():
+    assert max(len(line) for line in TABLE.text(24).splitlines()) <= 24
+
+
+def test_markdown_has_alignment_and_escapes_its_own_mark():
+    shown = Table(TABLE.columns, [["a | b", "1", "2"]]).markdown()
+    assert shown.splitlines() == [
+        "| run | speed error open loop % | probability |",
+        "|---|---:|---:|",
+        r"| a \| b | 1 | 2 |",
+    ]
+
+
+def test_html_holds_each_cell_escaped_and_the_note():
+    html = TABLE.html()
+    assert "full &lt;&amp;&gt; fast" in html
+    assert '<p class="caption">What | means.</p>' in html
+    assert Cells(html).rows[0] == ["run", "speed error\nopen loop\n%", "proba-\nbility\n\u00a0"]
+    assert Cells(html).rows[1:] == [list(row) for row in TABLE.rows]
+
+
+CELL = st.text(st.characters(codec="utf-8", exclude_characters="\r\x00"), max_size=8)
+
+
+@given(st.lists(st.lists(CELL, min_size=2, max_size=2), max_size=3))
+def test_whatever_a_cell_says_html_says_it_back_and_nothing_else(rows: list[list[str]]):
+    html = Table([words("a"), Column("b")], rows).html()
+    assert Cells(html).rows[1:] == [[cell.strip() for cell in row] for row in rows]
+
+
+def test_a_table_without_rows_is_false_and_still_has_a_head():
+    empty = Table(TABLE.columns, [])
+    assert not empty
+    assert TABLE
+    assert "run" in empty.text()
+
+
+def test_a_template_refuses_to_leave_a_value_out():
+    with pytest.raises(Exception, match="'title' is undefined"):
+        render("figures/page.html.j2")

@@ -1,0 +1,39 @@
+"""Records as JSON knows them: pydantic makes them plain, numbers get so many significant digits."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+
+def plain(record: Any, digits: int = 6) -> Any:
+    """Mappings, lists, texts and numbers of a record, a mapping or an array, in their order.
+
+    A float has `digits` significant digits; None stands for what is no finite number.
+    """
+    from pydantic_core import to_jsonable_python
+
+    return _shortened(to_jsonable_python(record, fallback=_plain_array), digits)
+
+
+def rounded(value: float, digits: int = 6) -> float | None:
+    """So many significant digits; None for what is no finite number."""
+    return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+
+
+def _plain_array(array: Any) -> Any:
+    """numpy's arrays and numbers; TypeError for anything else that pydantic does not know."""
+    try:
+        return array.tolist()
+    except AttributeError:
+        raise TypeError(f"a {type(array).__name__} has no form in JSON") from None
+
+
+def _shortened(value: Any, digits: int) -> Any:
+    if isinstance(value, float):
+        return rounded(value, digits)
+    if isinstance(value, dict):
+        return {key: _shortened(each, digits) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_shortened(each, digits) for each in value]
+    return value
