@@ -34,8 +34,7 @@ def command(source: Path, out: Path | None, runs: str | None, machine: Path | No
         check_free(out)
     simulate = comparison_of(source, runs, machine, step)
     compared = simulate() if out is None else report.write_models(simulate, source.name, out)
-    print_table(report.HEAD, report.table(compared))
-    print_text([report.caption(compared)], dim=True)
+    print_table(report.table(compared))
     print_text(["", *report.sentences(compared)])
     if out is not None:
         click.echo(f"\nFigures: {out / 'models.html'}\nNumbers: {out / 'models.json'}")

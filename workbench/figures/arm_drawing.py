@@ -43,7 +43,9 @@ class _Drawing:
             f'<rect x="{x1}" y="{y1}" {size} stroke="{colour}" stroke-width="2" fill="{colour}" fill-opacity="0.08"/>'
         )
 
-    def text(self, p: Point, words: str, colour: str = _BLACK, anchor: str = "start", dx: float = 0, dy: float = 0) -> None:
+    def text(
+        self, p: Point, words: str, colour: str = _BLACK, anchor: str = "start", dx: float = 0, dy: float = 0
+    ) -> None:
         x, y = self.at(p)
         self.lines.append(
             f'<text x="{x + dx:.1f}" y="{y + dy:.1f}" fill="{colour}" text-anchor="{anchor}">{words}</text>'

@@ -4,35 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from workbench.figures.models import models_apart, models_forces, models_speed
-from workbench.figures.save import save
+from workbench.figures.save import Section, save_page
 from workbench.reports.numbers import rounded
 from workbench.simulate.models import ModelsCompared, ModelsRun
+from workbench.tables import Column, Table, words
 from workbench.whole_folder import check_free, whole_folder, write_json
 
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
 PAPER = (91.53, 3.46, 49.76)  # s of compute, multi-body and analytical, for so many seconds: the paper's Table 1
-HEAD = (
-    " run",
-    "lumped\nRMSE\n%",
-    "multi-body\nRMSE\n%",
-    "apart\nrms\n%",
-    "parts\nmost at\ns",
-    "height\nthere\nm",
-    "lumped\ncompute\ns",
-    "multi-body\ncompute\ns",
+COLUMNS = (
+    words("run"),
+    Column("lumped\nRMSE", "%"),
+    Column("multi-body\nRMSE", "%"),
+    Column("apart\nrms", "%"),
+    Column("parts\nmost at", "s"),
+    Column("height\nthere", "m"),
+    Column("lumped\ncompute", "s"),
+    Column("multi-body\ncompute", "s"),
 )
 
 
-def table(compared: ModelsCompared) -> list[list[str]]:
+def table(compared: ModelsCompared) -> Table:
     """A line a run, and one for all."""
     lines = [_line(run) for run in compared.runs]
-    if len(lines) == 1:
-        return lines
-    lumped, multibody = compared.cpu_s
-    pooled = [compared.pooled(f"{name}_percent") for name in ("lumped_rmse", "multibody_rmse", "apart")]
-    return [*lines, ["all runs", *(f"{v:.3f}" for v in pooled), "", "", f"{lumped:.4f}", f"{multibody:.2f}"]]
+    if len(lines) > 1:
+        lumped, multibody = compared.cpu_s
+        pooled = [compared.pooled(f"{name}_percent") for name in ("lumped_rmse", "multibody_rmse", "apart")]
+        lines.append(["all runs", *(f"{v:.3f}" for v in pooled), "", "", f"{lumped:.4f}", f"{multibody:.2f}"])
+    return Table(COLUMNS, lines, note(compared))
 
 
 def _line(run: ModelsRun) -> list[str]:
@@ -48,7 +52,8 @@ def _line(run: ModelsRun) -> list[str]:
     ]
 
 
-def caption(compared: ModelsCompared) -> str:
+def note(compared: ModelsCompared) -> str:
+    """How the columns are made."""
     return (
         f"RMSE: motor speed against {compared.against}, in per cent of nominal ({compared.scale_rad_s:.4g} rad/s). "
         "Apart: the two models against each other. Parts most: where their difference grows fastest, over a second. "
@@ -123,17 +128,21 @@ def write_models(simulate: Callable[[], ModelsCompared], title: str, folder: Pat
 
 def save_models_page(compared: ModelsCompared, title: str, path: Path) -> None:
     """The page; it needs no network."""
-    save(
-        [models_speed(compared.runs, compared.scale_rad_s), models_apart(compared.runs, compared.scale_rad_s),
-         models_forces(compared.runs)],
-        path,
-        title=f"Two models of {compared.machine.name} — {title}",
-        sentences=sentences(compared),
-        table=(HEAD, table(compared)),
-        caption=caption(compared),
-        figure_notes=[
+    section = Section(sentences=sentences(compared), tables=[table(compared)], figures=figures_of(compared))
+    save_page([section], path, f"Two models of {compared.machine.name} — {title}")
+
+
+def figures_of(compared: ModelsCompared) -> list[tuple[Figure, str]]:
+    """The paper's Figure 8 for these runs, the difference of the two models, forces; each with a line below it."""
+    runs, scale = compared.runs, compared.scale_rad_s
+    return [
+        (
+            models_speed(runs, scale),
             "The paper's Figure 8: motor speed of the record and of both models under its torque.",
-            "What the multi-body model's motor speed is more than the lumped one's.",
+        ),
+        (models_apart(runs, scale), "What the multi-body model's motor speed is more than the lumped one's."),
+        (
+            models_forces(runs),
             "Normal forces of the rollers, both rails' together, and the cylinders' force; multi-body model only.",
-        ],
-    )  # fmt: skip
+        ),
+    ]
