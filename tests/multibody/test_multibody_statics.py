@@ -12,7 +12,7 @@ from workbench.multibody import Switches, geometry_of, hang
 from workbench.multibody.switches import wound_m
 
 MACHINE = default_hoist()
-STIFF = with_values(MACHINE, {"arm.roller_stiffness_n_per_m": 1e11, "arm.cylinder_stiffness_n_per_m": 1e11})
+STIFF = with_values(MACHINE, {"arm.roller_stiffness_n_per_m": 1e10, "arm.cylinder_stiffness_n_per_m": 1e10})
 HEIGHTS = (1.0, 5.0, 9.0, 13.0, 18.0)
 PAYLOADS = (0.0, 4500.0, 9000.0)
 
