@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from workbench.figures.models import models_apart, models_forces, models_speed
 from workbench.figures.save import Section, save_page
-from workbench.reports.numbers import rounded
+from workbench.json_records import rounded
 from workbench.simulate.models import ModelsCompared, ModelsRun
 from workbench.tables import Column, Table, words
 from workbench.whole_folder import check_free, whole_folder, write_json
