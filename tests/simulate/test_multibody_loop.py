@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ FULL = SETTINGS.model_copy(
 REFERENCE = np.interp(np.arange(1250) * 0.004, [0.2, 1.2, 2.0, 3.2, 4.4], [0.0, 60.0, 60.0, -60.0, 0.0])
 
 
-def case(settings: PiSettings = SETTINGS, **drive: float) -> LoopCase:
+def case(settings: PiSettings = SETTINGS, **drive: Any) -> LoopCase:
     machine = with_values(MACHINE, {f"drive.{name}": value for name, value in drive.items()})
     return LoopCase("run", machine, 4500.0, 9.0, settings, REFERENCE)
 
