@@ -103,7 +103,12 @@ def test_the_compiled_metrics_are_those_of_a_log(pair):
 
 
 def test_a_lagging_drive_with_a_counted_late_speed_is_the_same_drive_here():
-    drive = {"torque_lag_s": 0.012, "speed_delay_s": 0.004, "speed_filter_s": 0.003, "encoder_counts_per_turn": 8192}
+    drive: dict[str, Any] = {
+        "torque_lag_s": 0.012,
+        "speed_delay_s": 0.004,
+        "speed_filter_s": 0.003,
+        "encoder_counts_per_turn": 8192,
+    }
     (lumped,) = simulate_loop([case(**drive)])
     multibody = simulate_multibody_loop(case(**drive), step_s=0.004)
     for name in ("peak_torque_motor_nm", "speed_error_rms_rad_s"):
