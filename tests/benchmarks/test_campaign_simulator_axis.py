@@ -382,7 +382,6 @@ def test_pairs_are_not_alike_by_nature():
         pair = drawn_pair(rng, "linear", first)
         assert pair[0] == first != pair[1]
         assert not any(set(pair) <= group for group in ALIKE)
-        assert "torque_ripple" not in pair
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
