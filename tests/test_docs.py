@@ -105,6 +105,14 @@ def test_every_link_leads_somewhere(page: Path):
     assert broken == []
 
 
+def test_every_folder_that_contributing_names_is_there():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([\w.]+(?:/[\w.]+)*/|(?:[\w]+/)*\w+\.py)`", text)) - {"workbench/cli/NAME.py"}
+    assert len(named) > 30
+    roots = (ROOT, ROOT / "workbench")
+    assert [path for path in sorted(named) if not any((root / path).exists() for root in roots)] == []
+
+
 @each_page
 def test_no_line_of_text_vanishes_as_a_comment(page: Path):
     """To the site's generator a line that begins with % is one, and +++ a break."""

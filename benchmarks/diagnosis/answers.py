@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
-from workbench.diagnose.verdict.judge import same_but_freer
+from workbench.diagnose.verdict.judge import ranked_merits, same_but_freer
 from workbench.errors import InputError
 from workbench.logs import read_campaign
 from workbench.plants import plant_of
@@ -24,7 +24,7 @@ class Answer:
     weighed: a row for each hypothesis: names, merit, and how it fits. counted: names and merit of those that took part
     in the ranking, no names for what speaks for an unknown cause. evidence: what speaks for one besides. estimates:
     effect -> name -> (value, standard error). places: subsystem and probability. explained: share of the gap's energy.
-    left: rms, percent_of_input, relevant. The last three are empty where the diagnosis says nothing of them.
+    left: rms, percent_of_input, relevant. events: run, from_s, to_s of each that the answer says.
     """
 
     folder: str
@@ -48,6 +48,7 @@ class Answer:
     wall_s: float
     kind: str = ""
     places: list[tuple[str, float]] = field(default_factory=list)
+    events: list[tuple[str, float, float]] = field(default_factory=list)
     explained: float | None = None
     left: dict[str, Any] | None = None
     warnings: tuple[str, ...] = ()
@@ -64,17 +65,27 @@ def answer(folder: Path, label: Path, withheld: Sequence[str] = (), most_effects
     try:
         diagnosis = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
     except InputError as error:
-        return _refused(folder, label, tuple(withheld), str(error), time.process_time() - cpu, time.monotonic() - wall)
+        return _refused(
+            folder,
+            label,
+            tuple(withheld),
+            str(error),
+            kind.partition("-")[0],
+            time.process_time() - cpu,
+            time.monotonic() - wall,
+        )
     return _kept(diagnosis, folder, label, tuple(withheld), time.process_time() - cpu, time.monotonic() - wall)
 
 
-def _refused(folder: Path, label: Path, withheld: tuple[str, ...], why: str, cpu: float, wall: float) -> Answer:
+def _refused(
+    folder: Path, label: Path, withheld: tuple[str, ...], why: str, kind: str, cpu: float, wall: float
+) -> Answer:
     told = json.loads(label.read_text(encoding="utf-8"))
     told.pop("truth", None)
     return Answer(
         folder=folder.name, withheld=withheld, label=told, word="refused", names=(), alike=(),
         ranking=[("refused", [], 1.0)], weighed=[], counted=[], evidence={}, estimates={}, before=0.0, after=0.0,
-        noise=0.0, subsystem="", regime="", windows=[], cpu_s=cpu, wall_s=wall, warnings=(why,),
+        noise=0.0, kind=kind, subsystem="", regime="", windows=[], cpu_s=cpu, wall_s=wall, warnings=(why,),
     )  # fmt: skip
 
 
@@ -90,7 +101,7 @@ def _kept(d: Diagnosis, folder: Path, label: Path, withheld: tuple[str, ...], cp
         alike=d.verdict.alike,
         ranking=[(row.verdict, list(row.effects), row.probability) for row in d.verdict.ranking[:8]],
         weighed=[_weighed(w, len(d.found.base.z)) for w in d.judged.weighed],
-        counted=[(list(names), merit) for names, merit in _counted(d.judged)],
+        counted=[(list(names), merit) for names, merit in ranked_merits(d.judged.weighed, d.judged.best)],
         evidence=dict(d.judged.evidence),
         estimates={
             name: {e.name: (e.value, e.std_error) for e in rows}
@@ -105,22 +116,12 @@ def _kept(d: Diagnosis, folder: Path, label: Path, withheld: tuple[str, ...], cp
         cpu_s=cpu,
         wall_s=wall,
         kind=str(told.get("kind") or plant_of(d.campaign.machine).kind.partition("-")[0]),
-        places=[(place.subsystem, place.probability) for place in getattr(d, "places", ())],
-        explained=_said(d, "explained"),
-        left=None if (left := _said(d, "left")) is None else asdict(left),
+        places=[(place.subsystem, place.probability) for place in (d.where.places if d.where else ())],
+        events=[(event.run, event.from_s, event.to_s) for event in (d.where.events if d.where else ())],
+        explained=d.verdict.explained,
+        left=asdict(d.verdict.left),
         warnings=tuple(map(str, d.warnings)),
     )
-
-
-def _said(d: Diagnosis, name: str) -> Any:
-    """A later part of the diagnosis, of itself or of its verdict; None before it has one."""
-    return getattr(d, name, getattr(d.verdict, name, None))
-
-
-def _counted(judged: Any) -> list[tuple[tuple[str, ...], float]]:
-    """Names and merits as they were ranked; what speaks for an unknown cause has no names."""
-    own = getattr(judged, "counted", None)
-    return list(own) if own is not None else [(() if w.rival else w.names, w.merit) for w in judged.weighed]
 
 
 def _weighed(w: Any, base: int) -> dict[str, Any]:

@@ -104,10 +104,10 @@ def has_event(row: Row) -> bool:
 
 
 def event_found(row: Row) -> bool:
-    """Said to be an event, with a window in its run that meets its time."""
+    """Said to be an event, with one of its stretches, or of the answer's windows, in its run and at its time."""
     return row["regime"] == "event" and any(
         run == event["run"] and begins <= event["to_s"] + SLACK_S and ends >= event["from_s"] - SLACK_S
-        for run, begins, ends in row.get("windows") or ()
+        for run, begins, ends in row.get("events") or row.get("windows") or ()
         for event in row["label"]["events"]
     )
 

@@ -35,7 +35,9 @@ def code_cells(notebook: Path) -> list[str]:
 def run_cell(source: str, names: dict[str, Any], number: int) -> tuple[str, Any]:
     """What the cell prints, and the value of its last line where that is an expression."""
     tree = ast.parse(source)
-    last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
+    last = None
+    if tree.body and isinstance(final := tree.body[-1], ast.Expr):
+        last, tree.body = final, tree.body[:-1]
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         exec(compile(tree, f"cell {number}", "exec"), names)
         value = eval(compile(ast.Expression(last.value), f"cell {number}", "eval"), names) if last else None

@@ -229,8 +229,8 @@ def test_an_unknown_cause_is_said_to_be_a_measured_correction(capsys: pytest.Cap
 def test_the_terminal_says_why_a_cause_is_unknown(capsys: pytest.CaptureFixture[str]):
     show(made_diagnosis("unknown"), None)
     said = " ".join(capsys.readouterr().out.split())
-    assert "- An unlisted effect explains more: weigh it with `--candidates friction_step`." in said
-    assert "- The best hypothesis leaves 3.6 times the noise away from standstill." in said
+    assert "- An unlisted effect explains more: friction_step. Weigh it among the candidates." in said
+    assert "- The best hypothesis leaves 3.6 N m, 0.8 % of the input, beyond noise and what a model may miss." in said
 
 
 def test_without_a_gap_the_terminal_claims_no_shrink_and_no_share_of_it(capsys: pytest.CaptureFixture[str]):

@@ -221,9 +221,11 @@ def test_the_jacobian_is_the_slope(hoist: Problem):
     _, change = hoist.differences(setting_of(knobs, z), ends)
     slope = (change[0::2] - change[1::2]).T / 0.04
     size = np.linalg.norm(slope, axis=0)
-    assert np.all(np.linalg.norm(jacobian - slope, axis=0) < 0.01 * size + 1e-6)
+    # A delay is differenced over a part of the band's period, for friction jumps between two samples.
+    late = np.array([knob.symbol == LOG_TIMING for knob in knobs])
+    assert np.all(np.linalg.norm(jacobian - slope, axis=0) < np.where(late, 0.1, 0.01) * size + 1e-6)
     some, part = hoist.evaluate(knobs, z, only=[3, 1])
-    assert part == pytest.approx(jacobian[:, [3, 1]], abs=1e-6)
+    assert part == pytest.approx(jacobian[:, [3, 1]], abs=1e-5 * float(np.max(size)))
     assert some == pytest.approx(base)
 
 
@@ -426,7 +428,7 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     """The torque without noise, for values that are off by up to two tolerances and a tight stretch besides."""
     effect = find("friction_position_dependent", "hoist")
     knobs: list[Knob] = list(base_knobs(hoist.machine, hoist.runs).values())
-    truth = np.array([2.0, -1.0, 0.3, 1.0, -1.5, 1.0, -1.0, 0.5, 1.0, -1.0])
+    truth = np.array([2.0, -1.0, 0.3, 1.0, -1.5, 1.0, -1.0, 0.5, 1.0, -1.0, 0.0])
     assert len(truth) == len(knobs)
     ranges = ranges_of(effect, hoist.machine, hoist.runs)
     true = dict(zip([r.symbol for r in ranges], (4000.0, 8.2, 0.45), strict=True))

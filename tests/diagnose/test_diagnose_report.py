@@ -30,7 +30,8 @@ from workbench.reports.diagnosis.series import own_values, series_of
 from workbench.simulate.driven import Bench, pooled_rms
 
 FIXED = [
-    "format", "campaign", "verdict", "effects", "ranking", "alike", "next_run", "where", "parameters", "gap", "shrink",
+    "format", "campaign", "verdict", "effects", "ranking", "alike", "next_run", "where", "parameters",
+    "explained", "left", "places", "gap", "shrink",
 ]  # fmt: skip
 SHRINK = [
     "before", "after", "noise", "unit", "band_hz", "factor", "ci95",
@@ -232,7 +233,7 @@ def test_the_verdicts_section_says_what_speaks_for_another_cause_and_for_an_unkn
     assert '<p class="lead">What speaks against it:</p>' in page_of(made_diagnosis("named"), tmp_path)
     page = page_of(made_diagnosis("unknown"), tmp_path)
     assert "What speaks for a cause that the library does not hold:" in page
-    assert "weigh it with <code>--candidates friction_step</code>.</li>" in page
+    assert "An unlisted effect explains more: friction_step. Weigh it among the candidates.</li>" in page
 
 
 def test_a_report_without_a_gap_has_no_before_and_after(tmp_path: Path):

@@ -161,15 +161,21 @@ def test_a_fit_with_effects_is_refused(rail: Case):
         explain(problem, replace(base, effects=("drum_eccentricity",)))
 
 
-def test_the_stiff_machines_columns_are_what_the_driven_one_gains(rail: Case):
-    """A force over the height: the wire changes little of it below the band."""
+@pytest.mark.parametrize(
+    ("over", "acts_on", "level", "slope"),
+    [("position_carriage_m", "guide", 1200.0, 100.0), ("torque_load_nm", "motor", 3.0, 0.02)],
+)
+def test_the_stiff_machines_columns_are_what_the_driven_one_gains(
+    rail: Case, over: str, acts_on: str, level: float, slope: float
+):
+    """Below the band the wire changes little of a force, and nothing of a torque at the motor."""
     problem, _, _ = rail
-    variable = next(table for table in kind_of(problem.machine).tables if table.over == "position_carriage_m")
+    variable = next(table for table in kind_of(problem.machine).tables if table.over == over)
     rides = rides_of(problem, {})
     at = points_of(problem, rides, variable)
-    forward, backward = 500.0 + 100.0 * at, 2000.0 - 150.0 * at
+    forward, backward = 0.4 * level + slope * at, 1.7 * level - 1.5 * slope * at
     linear = columns_of(problem, rides, variable, at, 1.0) @ np.concatenate([forward, backward])
-    curve = replace(rail[2].curves[0], at=at, forward=forward, backward=backward)
+    curve = replace(rail[2].curves[0], over=over, acts_on=acts_on, at=at, forward=forward, backward=backward)
     benches = [
         Bench(machine, problem.runs, problem.band_hz).balances()
         for machine in (problem.machine, with_table(problem.machine, curve))

@@ -51,7 +51,7 @@ def choices(machine: Hoist | Axis) -> list[tuple[str, str]]:
     """(over, acts_on) that a machine's block may say."""
     record = next(each for each in get_args(type(machine).model_fields["measured_correction"].annotation) if each)
     over, acts_on = (get_args(record.model_fields[name].annotation) for name in ("over", "acts_on"))
-    return [(variable, place) for variable in over for place in acts_on]
+    return [(x, place) for x in over for place in acts_on if (x, place) != ("torque_load_nm", "guide")]
 
 
 EVERY = [(kind, *choice) for kind, machine in MACHINES.items() for choice in choices(machine)]
@@ -148,6 +148,11 @@ def test_an_axis_takes_no_block_of_a_hoist():
         with_correction(MACHINES["axis-linear"], "position_carriage_m", "axis", [0.0, 1.0, 2.0], [1.0] * 3, [1.0] * 3)
 
 
+def test_a_load_s_torque_passes_the_motor_and_no_guide():
+    with pytest.raises(InputError, match="over torque_load_nm goes with acts_on motor"):
+        with_correction(HOIST, "torque_load_nm", "guide", [0.0, 1.0, 2.0], [1.0] * 3, [1.0] * 3)
+
+
 # What it does
 
 
@@ -168,6 +173,8 @@ def signals_at(over: str, x: float, way: float) -> dict[str, float]:
         s["w" if over == "speed_motor_rad_s" else "v"] = way * x
     elif over in ("position_carriage_m", "position_m", "angle_rad", "angle_in_turn_rad"):
         s["x"] = x
+    elif over == "torque_load_nm":
+        s["load"] = x
     elif over in ("angle_motor_rad", "angle_drum_rad"):
         s["angle"] = x * (HOIST.gearbox.ratio if over == "angle_drum_rad" else 1.0)
     else:
@@ -195,7 +202,7 @@ def test_a_table_that_opposes_both_ways_only_ever_takes_energy(kind: str, over: 
     lost = []
     for _ in range(200):
         v = float(rng.normal(0.0, rng.choice([0.001, 0.05, 1.0])))
-        s = {name: float(rng.normal(0.0, 5.0)) for name in ("t", "x", "angle")}
+        s = {name: float(rng.normal(0.0, 5.0)) for name in ("t", "x", "angle", "load")}
         lost.append(force(machine, v=v, w=v, switch=float(np.clip(v / 0.01, -1.0, 1.0)), **s) * v)
     assert max(lost) <= 0.0 and min(lost) < 0.0
 

@@ -190,7 +190,7 @@ def test_the_compiled_loop_gives_the_metrics_of_its_own_recorded_signals(monkeyp
     reference = np.interp(np.arange(1500) * 0.001, [0.1, 0.11, 0.3, 0.31, 0.8], [0.0, -400.0, -400.0, 60.0, 0.0])
     case = LoopCase("run", machine, 4500.0, 10.0, PiSettings(kp_nm_s_per_rad=200.0, ki_nm_per_rad=50.0), reference)
     result = simulate_loop([case], record_every=1)[0]
-    p = vars(PLANTS["hoist"].values(machine, 4500.0)) | loop._limits(case) | {"T_hold": result.hold_torque_nm}
+    p = vars(PLANTS["hoist"].values(machine, 4500.0)) | loop.case_limits(case) | {"T_hold": result.hold_torque_nm}
     measured = measure(result.run, SimpleNamespace(**p))
     assert measured.keys() == result.metrics.keys()
     for name, value in result.metrics.items():

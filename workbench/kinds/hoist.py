@@ -194,6 +194,7 @@ KIND = Kind(
         Table("angle_drum_rad", "motor", lambda s, p: s.angle / p.ratio, turn=True),
         Table("angle_motor_rad", "motor", lambda s, p: s.angle, turn=True),
         Table("payload_kg", "guide", lambda s, p: p.m_p),
+        Table("torque_load_nm", "motor", lambda s, p: s.load),
         Table("time_s", "guide", lambda s, p: s.t),
         Table("campaign_time_s", "guide", lambda s, p: s.t + p.start_time_s),
     ),

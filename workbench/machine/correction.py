@@ -83,6 +83,7 @@ class HoistCorrection(MeasuredCorrection):
         "angle_motor_rad",
         "angle_drum_rad",
         "payload_kg",
+        "torque_load_nm",
         "time_s",
         "campaign_time_s",
     ]
@@ -109,6 +110,8 @@ class HoistCorrection(MeasuredCorrection):
     def _right_unit(cls, data: object) -> object:
         """Before the other checks, which could not say as much."""
         if isinstance(data, dict) and data.get("acts_on") in ("guide", "motor"):
+            if data.get("over") == "torque_load_nm" and data["acts_on"] == "guide":
+                raise ValueError("over torque_load_nm goes with acts_on motor, where that torque passes; got guide")
             unit, other = ("n", "nm") if data["acts_on"] == "guide" else ("nm", "n")
             for way in ("forward", "backward"):
                 if data.get(f"{way}_{other}") is not None:

@@ -145,11 +145,12 @@ def _load_angle(angle: float, p: Any) -> float:
             x = angle - (load(x) / p.k + 0.5 * side * p.b) / (1.0 + GREASE * (p.b > 0.0))
         return x
 
+    grease = 0.5 * GREASE * p.k * p.b  # what it carries at the flanks
     forward = on_flank(1.0)
-    if load(forward) >= 0.0:
+    if load(forward) >= grease:
         return forward
     backward = on_flank(-1.0)
-    if load(backward) <= 0.0:
+    if load(backward) <= -grease:
         return backward
     low, high = forward, backward  # the load falls off either flank: the grease holds it where its torque is nearly 0
     for _ in range(ROUNDS):

@@ -40,5 +40,5 @@ def brief_notes(campaign: Campaign) -> list[str]:
 
 
 def listed(names: Sequence[str]) -> str:
-    """a, b and c."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    """a, b and c; "" for none."""
+    return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -10,6 +10,7 @@ import numpy as np
 
 from workbench.effects import true_input
 from workbench.errors import InputError
+from workbench.kinds import STUDIED, of_kind, studied
 from workbench.machine import Hoist
 from workbench.multibody import Outcome, Shaft, move
 from workbench.run import Array, Run
@@ -84,8 +85,8 @@ def compare_models(
     InputError where the extra is missing, where the machine has an effect that this model does not know, and where
     the engine does not converge, with time and state.
     """
-    if not isinstance(machine, Hoist):
-        raise InputError("the multi-body machine is a hoist's; this one is an axis", place="kind")
+    if studied(machine) is None:
+        raise InputError(f"is {of_kind(machine)}; the multi-body machine is of {STUDIED}", place="kind")
     bench = Bench(machine, runs)
     simulate_replays(machine, bench)  # compiles, which is no model's compute time
     out = []

@@ -141,8 +141,9 @@ class Problem:
 
     def _tension(self, run: Run, states: Array, p: SimpleNamespace) -> Array:
         """The dead line's tension (n,) that goes with the driven states."""
-        assert self.line is not None
-        return np.asarray(self.line.force(run.time_s, states, p, self.bench.equipped.effects))
+        line = kind_of(self.machine).dead_line
+        assert line is not None
+        return np.asarray(line.force(run.time_s, states, p, self.bench.equipped.effects))
 
     def _sensed(self, setting: Setting) -> list[float]:
         """The numbers of SENSOR_KEYS."""

@@ -81,6 +81,10 @@ class Ports:
     def u(self, c: Course) -> Array:
         return np.abs(c.speed) / self.fastest
 
+    def creeping(self, low: float) -> Of:
+        """Friction that fades as the speed rises beyond `low`, of the fastest."""
+        return lambda c: c.way * np.exp(-((self.u(c) / low) ** 2))
+
     def squared(self, line: float) -> Of:
         """Drag over the speed squared, and a little in proportion to it beside."""
 
@@ -187,7 +191,7 @@ class Ports:
             yield m("guide", "speed", "the speed", curve, 1.0, 0.1)
             yield m("guide", "speed", "the speed, each way", self.ways(curve), 1.0, 0.25)
         for low in (0.03, 0.06, 0.12):
-            creep: Of = lambda c, low=low: c.way * np.exp(-((u(c) / low) ** 2))  # noqa: E731
+            creep = self.creeping(low)
             yield m("guide", "low_speed", "low speed", creep, 1.0, 0.33)
             yield m("guide", "low_speed", "low speed, each way", self.ways(creep), 1.0, 0.33)
         yield m("guide", "load", "the payload", lambda c: c.way * c.payload, 1.0, 1.0, True)
@@ -226,8 +230,7 @@ class Ports:
         yield m("gearbox", "periodic", "the drum's angle", teeth, 0.0, 0.4)
         # Brake: lets go late.
         for tau in (0.3, 0.7, 1.5, 3.0):
-            late: Of = lambda c, tau=tau: c.way * np.exp(-c.since_start / tau)  # noqa: E731
-            yield m("brake", "start", "the time since the start", late, 0.0, 0.25, True)
+            yield m("brake", "start", "the time since the start", _late(tau), 0.0, 0.25, True)
         # Drum: the arm of what hangs.
         for length in (0.05, 0.15, 0.5):
             yield m("drum", "position", "the height", times(carried, self.along(length)), 0.0, 0.33)
@@ -280,7 +283,7 @@ class Ports:
             yield m("axis", "speed", "the speed", curve, 0.0, 0.25)
             yield m("axis", "speed", "the speed, each way", self.ways(curve), 0.0, 0.25)
         for low in (0.03, 0.06, 0.12):
-            creep: Of = lambda c, low=low: c.way * np.exp(-((u(c) / low) ** 2))  # noqa: E731
+            creep = self.creeping(low)
             yield m("axis", "low_speed", "low speed", creep, 0.0, 0.33)
             yield m("axis", "low_speed", "low speed, each way", self.ways(creep), 0.0, 0.33)
         yield m("axis", "load", "the load", lambda c: c.way * np.abs(c.carried), 0.0, 1.0, True)
@@ -291,8 +294,7 @@ class Ports:
             yield m("axis", "position", "the position, rubbing", times(way, along), 0.0, 0.33)
         span = self.high - self.low
         for share in (0.001, 0.004, 0.016):
-            fresh: Of = lambda c, d=share * span: c.way * np.exp(-_since_reversal(c) / d)  # noqa: E731
-            yield m("axis", "start", "the way since a reversal", fresh, 0.0, 0.33)
+            yield m("axis", "start", "the way since a reversal", _fresh(share * span), 0.0, 0.33)
         waves = np.arange(2.0, 3.0 * 60.0) / (3.0 * span)
         yield from self.waves("axis", "periodic", "the position", waves, lambda c: c.position, way, 0.0, False)
         yield from self.waves("motor", "periodic", "the position", waves, lambda c: c.position, one, 0.0, False)
@@ -308,10 +310,9 @@ class Ports:
         yield m("torque_sensor", "time", "the run's time", walk, own=True)
         for hz in np.geomspace(4.0 / longest, 0.9 * s.band_hz, 24):
             for damping in (0.02, 0.06):
-                swing: Of = lambda c, w=TURN * float(hz), d=damping: _lag(  # noqa: E731
-                    c.acceleration, float(np.median(np.diff(c.time))), w, d
+                yield m(
+                    "axis", "acceleration", "its own swinging", _swing(TURN * float(hz), damping), 0.0, 1 / 48, True
                 )
-                yield m("axis", "acceleration", "its own swinging", swing, 0.0, 1 / 48, True)
         yield from self._sensors()
 
     def _sensors(self) -> Iterator[Port | None]:
@@ -327,9 +328,7 @@ class Ports:
             yield m("torque_sensor", "load", "the torque", self.curve(torque, least, most, length), 0.0, 0.5)
         yield m("torque_sensor", "acceleration", "the torque's change", lambda c: -slope(c.torque, c), 0.0, 1.0, True)
         for share in (0.01, 0.02, 0.04, 0.08):
-            band = share * max(most, -least)
-            kept: Of = lambda c, band=band: play(c.torque, band) - c.torque  # noqa: E731
-            yield m("torque_sensor", "all", "a dead band", kept, 0.0, 0.25, True)
+            yield m("torque_sensor", "all", "a dead band", _kept(share * max(most, -least)), 0.0, 0.25, True)
         yield m("speed_sensor", "acceleration", "the torque's change", lambda c: slope(c.torque, c), 0.0, 1.0, True)
 
 
@@ -338,6 +337,22 @@ def _since_reversal(c: Course) -> Array:
     gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(c.position)))])
     turned = np.concatenate([[True], np.diff(c.speed > 0.0)])
     return np.asarray(gone - np.maximum.accumulate(np.where(turned, gone, 0.0)), dtype=float)
+
+
+def _late(tau_s: float) -> Of:
+    return lambda c: c.way * np.exp(-c.since_start / tau_s)
+
+
+def _fresh(distance: float) -> Of:
+    return lambda c: c.way * np.exp(-_since_reversal(c) / distance)
+
+
+def _swing(w: float, damping: float) -> Of:
+    return lambda c: _lag(c.acceleration, float(np.median(np.diff(c.time))), w, damping)
+
+
+def _kept(band: float) -> Of:
+    return lambda c: play(c.torque, band) - c.torque
 
 
 def slope(x: Array, c: Course) -> Array:

@@ -51,10 +51,11 @@ def rides_of(problem: Problem, setting: Setting) -> list[Ride]:
     """All runs as a machine of these values goes through them."""
     bench = problem.bench
     chosen = [_of_run(bench.base[j], setting, j) for j in range(len(problem.runs))]
-    states = [out for _, out in bench.predict([chosen])[0]]
+    predicted = bench.predict([chosen])[0]
     kind, found = kind_of(problem.machine), []
-    for run, motion, others, p in zip(problem.runs, bench.motions, states, chosen, strict=True):
+    for run, motion, (force, others), p in zip(problem.runs, bench.motions, predicted, chosen, strict=True):
         frame = kind.frame(run, motion.position, motion.speed, others, p)
+        frame.load, _ = kind.transmitted(p, frame, force, motion.acceleration, run.payload_kg)
         here = changed(p, {"start_time_s": run.start_time_s - run.time_s[0]})
         at = {table.over: np.broadcast_to(table.of(frame, here), run.time_s.shape) for table in kind.tables}
         turned = {table.over: at[table.over] % TURN for table in kind.tables if table.turn}

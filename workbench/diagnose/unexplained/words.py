@@ -13,6 +13,7 @@ OVER: Mapping[str, tuple[str, str]] = {
     "angle_motor_rad": ("motor's angle", "rad"),
     "angle_drum_rad": ("drum's angle", "rad"),
     "payload_kg": ("payload", "kg"),
+    "torque_load_nm": ("torque that goes through the gearbox", "N m"),
     "velocity_m_s": ("speed of the axis", "m/s"),
     "speed_rad_s": ("speed of the axis", "rad/s"),
     "position_m": ("position of the axis", "m"),

@@ -178,7 +178,7 @@ def judge(found: Found) -> Judged:
     floor = math.hypot(found.problem.noise, discrepancy_rms(found.problem))
     left, share = left_of(found, held, floor)
     evidence = evidence_of(found, held, size, left, share)
-    rows = rank(_counted(weighed, best), evidence, calibration())
+    rows = rank(ranked_merits(weighed, best), evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, weighed, best)
     answer = rows[0]
@@ -187,7 +187,7 @@ def judge(found: Found) -> Judged:
     )
 
 
-def _counted(weighed: Sequence[Weighed], best: Weighed | None) -> list[tuple[Names, float]]:
+def ranked_merits(weighed: Sequence[Weighed], best: Weighed | None) -> list[tuple[Names, float]]:
     """Merits as they are ranked. An unlisted effect that is about as good as a listed one is alike, and no veto."""
     own = best.merit if best is not None else -math.inf
     return [(() if w.rival else w.names, w.merit) for w in weighed if not w.rival or w.merit > own + DECISIVE]

@@ -62,7 +62,7 @@ def reasons_of(d: Diagnosis) -> list[str]:
 
 
 def _reason(reason: Reason, unit: str) -> str:
-    names = listed(reason.effects)
+    names = listed(reason.effects) if reason.effects else ""
     return {
         ReasonKind.UNLISTED_EXPLAINS_MORE: f"An unlisted effect explains more: {names}. Weigh it among the candidates.",
         ReasonKind.LEAVES_MUCH: f"The best hypothesis leaves {reason.value:.2g} {unit}, {reason.percent:.2g} % of the "

@@ -1,0 +1,85 @@
+"""A campaign of two inertias goes through the commands as any other: read, replayed, identified, checked."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.commands import Commands
+from tests.support.driven_campaign import driven, planned, write
+from tests.support.effect_machines import MACHINES
+from workbench.diagnose.readiness.checks import check_runs
+from workbench.errors import InputError
+from workbench.identify.identify import identify
+from workbench.logs import read_campaign
+from workbench.machine import get_value, load_machine, with_values
+from workbench.run import Run
+
+NOMINAL = MACHINES["two_inertia"]
+TRUE = {"load.inertia_kg_m2": 0.056, "coupling.stiffness_nm_per_rad": 760.0}
+NOISE = {"torque_nm": 0.05, "speed_rad_s": 0.005, "angle_rad": 1e-5}
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Run]:
+    motions = [planned(NOMINAL, "slow", 3.0, 3.0), planned(NOMINAL, "fast", 12.0, 20.0)]
+    return driven(with_values(NOMINAL, TRUE), motions, NOISE)
+
+
+@pytest.fixture(scope="module")
+def campaign(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("two") / "two", NOMINAL, runs)
+
+
+def test_its_replay_is_reported_as_that_of_any_axis(capsys: pytest.CaptureFixture[str], campaign: Path, tmp_path: Path):
+    done = Commands(capsys)("replay", campaign, "--out", tmp_path / "replay")
+    assert done.status == 0, done.err
+    overall = json.loads((tmp_path / "replay" / "replay.json").read_text())["overall"]
+    assert overall["torque_residual_rms_nm"] > 0.2  # the load is a tenth heavier than stated
+    assert "largest measured speed" in done.out
+
+
+def test_identification_finds_load_and_coupling_within_their_errors(campaign: Path):
+    found = identify(read_campaign(campaign))
+    at = {free.key: number for number, free in enumerate(found.fit.free)}
+    for key, true in TRUE.items():
+        value, error = found.fit.value[at[key]], found.fit.std_error[at[key]]
+        assert value == pytest.approx(true, rel=0.005)
+        assert abs(value - true) < 4.0 * error
+    assert found.after.residual_rms_moving < 1.3 * found.after.noise_rms
+    assert found.before.residual_rms_moving > 10.0 * found.before.noise_rms
+
+
+def test_an_identified_machine_comes_back_from_its_file(
+    capsys: pytest.CaptureFixture[str], campaign: Path, tmp_path: Path
+):
+    done = Commands(capsys)("identify", campaign, "--out", tmp_path / "found")
+    assert done.status == 0, done.err
+    machine = load_machine(tmp_path / "found" / "machine.yaml")
+    assert type(machine) is type(NOMINAL)
+    for key, true in TRUE.items():
+        assert get_value(machine, key) == pytest.approx(true, rel=0.005)
+
+
+def test_its_runs_are_fit_for_a_diagnosis(campaign: Path):
+    assert [text for text in check_runs(read_campaign(campaign)) if "machine" in text] == []
+
+
+def test_a_load_side_that_turns_the_other_way_is_refused(runs: list[Run], tmp_path: Path):
+    flipped = [replace(run, signals={**run.signals, "angle_load_rad": -run["angle_rad"]}) for run in runs]
+    folder = write(tmp_path / "flipped", NOMINAL, flipped)
+    with pytest.raises(InputError, match=r"slow: angle_load_rad goes -1 times the way of angle_rad"):
+        check_runs(read_campaign(folder))
+
+
+def test_play_is_seen_in_the_motors_torque_and_gone_with_its_effect():
+    motion = [planned(NOMINAL, "middle", 6.0, 8.0)]
+    worn = NOMINAL.model_copy(update={"effects": {"backlash": {"play_share": 1.0, "play_rad": 0.02}}})
+    taken, plain = (driven(machine, motion, {})[0]["torque_nm"] for machine in (worn, NOMINAL))
+    assert np.sqrt(np.mean((taken - plain) ** 2)) > 0.3
+    both = driven(with_values(NOMINAL, {"coupling.backlash_rad": 0.02}), motion, {})[0]["torque_nm"]
+    assert taken == pytest.approx(both, abs=1e-3 * float(np.max(np.abs(both))))
