@@ -1,15 +1,14 @@
 """Campaigns whose truth is the multi-body machine, under a rig's own drive, logged and labelled like the others.
 
-python -m benchmarks.campaigns_multibody --out DIR --count N --seed S [--kind ...] [--machines ...] [--processes 2]
+python -m benchmarks.campaigns_multibody --out DIR --count N --seed S [--family …] [--case …] [--processes 2]
 """
 
 from __future__ import annotations
 
 import math
 import multiprocessing
-import os
 import shutil
-from collections.abc import Sequence
+import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,43 +16,27 @@ from typing import Any
 import click
 import numpy as np
 import numpy.typing as npt
-import yaml
 
-from benchmarks.campaigns.campaign import (
-    CURRENT_NOISE,
-    ENCODER_NOISE_RAD_S,
-    Label,
-    built,
-    csv_text,
-    label_of,
-    rounded,
-    save_nominal,
-)
-from benchmarks.campaigns.content import KINDS, MACHINES, Content, RunPlan, draw, travel_m
-from benchmarks.campaigns.kernel import COLUMNS, HEIGHT, RECORD_S, SPEED, TENSION, TORQUE
-from benchmarks.campaigns.listed import USUAL
-from benchmarks.campaigns.many import orders
-from benchmarks.campaigns.profiles import reference
-from benchmarks.campaigns.sensors import log_columns
-from benchmarks.campaigns.truth import Truth
+from benchmarks.campaigns.campaign import Label, make_campaign, rounded
+from benchmarks.campaigns.content import CASES, Content, draw
+from benchmarks.campaigns.families import FAMILIES, Family
+from benchmarks.campaigns.hoist.kernel import COLUMNS, HEIGHT, RECORD_S, SPEED, TENSION, TORQUE
+from benchmarks.campaigns.hoist.machines import Drawn
+from benchmarks.campaigns.hoist.record import CURRENT_NOISE, ENCODER_NOISE_RAD_S, HOIST
+from benchmarks.campaigns.hoist.truth import WIRE_KG_M3, Truth
+from benchmarks.campaigns.kind import Kind
+from benchmarks.campaigns.many import Order, orders
 from workbench.machine import Hoist, with_values
 from workbench.multibody import Driven, Outcome, Shaft, Switches, hang, move, sampled
 
 Array = npt.NDArray[np.float64]
 STEP_S = 0.005  # of the engine and of the drive: motor speed converged to 1e-5 of nominal, see docs/multibody.md
-KEPT_EVERY = 1
 RELEASE_S = 0.2  # a rest of the reference as long as this sets the brake
+USUAL = ("hoist_practice", "hoist_double", "hoist_small", "hoist_middle", "hoist_large")
 # Of the unlisted causes those that this machine, or a sensor, has.
 UNLISTED = (
-    "fan",
-    "rail_step",
-    "quadratic_drag",
-    "roller",
-    "gain_by_direction",
-    "torque_walk",
-    "dead_band",
-    "torque_bend",
-)
+    "fan", "rail_step", "quadratic_drag", "roller", "gain_by_direction", "torque_walk", "dead_band", "torque_bend",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -110,50 +93,58 @@ class Drive:
         return start
 
 
-def simulate_runs(
-    machine: Hoist, plan: Sequence[RunPlan], switches: Switches | Sequence[Switches], seed: int | Sequence[int],
-    *, drive: Drive, duration_s: float, nominal: Hoist | None = None,
-) -> list[dict[str, Any]]:  # fmt: skip
-    """Every run of a plan, as name, `reference` and `record`: (n, COLUMNS), a row each millisecond as of the kernel.
+def simulate_run(
+    machine: Hoist,
+    switches: Switches,
+    drive: Drive,
+    truth: Truth,
+    payload_kg: float,
+    speed: Array,
+    noise: tuple[Array, Array],
+) -> Array:
+    """One run, (n, COLUMNS), a row each millisecond as of the other simulator's kernel.
 
-    machine: the true one, its sensors.payload_scale is true over stated payload. switches: of all runs or of each.
-    nominal: whose speeds and travel set the references. RuntimeError where the engine gives up, with its state.
+    machine: the true one; payload_kg: the true one; speed: its reference, a value each millisecond; noise: of the
+    drive's torque and speed, at its samples. RuntimeError where the engine gives up, with its state.
     """
-    nominal, seeds = nominal or machine, [seed] if isinstance(seed, int) else list(seed)
-    of_each = [switches] * len(plan) if isinstance(switches, Switches) else list(switches)
-    out = []
-    for number, (run, own) in enumerate(zip(plan, of_each, strict=True)):
-        rng = np.random.default_rng([*seeds, 5, number])
-        speed = reference(
-            run.profile,
-            rng,
-            duration_s=duration_s,
-            speed_rad_s=nominal.motor.nominal_speed_rad_s,
-            room_rad=travel_m(nominal, duration_s) / nominal.lift_m_per_rad,
-        )
-        steps = round(duration_s / STEP_S)
-        at = np.minimum(np.round(np.arange(steps) * STEP_S / RECORD_S).astype(int), len(speed) - 1)
-        current = rng.normal(scale=CURRENT_NOISE * drive.limit_nm * math.sqrt(RECORD_S / STEP_S), size=steps)
-        encoder = rng.normal(scale=ENCODER_NOISE_RAD_S * math.sqrt(RECORD_S / STEP_S), size=steps)
-        result = move(
-            machine,
-            run.payload_kg,
-            run.start_position_m,
-            drive.on(speed[at], current, encoder),
-            steps * STEP_S,
-            name=run.name,
-            step_s=STEP_S,
-            record_every=KEPT_EVERY,
-            start_time_s=run.start_time_s,
-            switches=own,
-            reactions_every=0,
-        )
-        if result.outcome is not Outcome.COMPLETED:
-            raise RuntimeError(f"run {run.name}: {result.outcome.value} {result.at}")
-        out.append(
-            {"name": run.name, "reference": speed, "record": _record(result.run, len(speed)), "cpu_s": result.cpu_s}
-        )
-    return out
+    steps = len(noise[0])
+    at = np.minimum(np.round(np.arange(steps) * STEP_S / RECORD_S).astype(int), len(speed) - 1)
+    result = move(
+        machine,
+        payload_kg,
+        truth.x_0,
+        drive.on(speed[at], *noise),
+        steps * STEP_S,
+        step_s=STEP_S,
+        record_every=1,
+        start_time_s=truth.start_time_s,
+        switches=switches,
+        reactions_every=0,
+    )
+    if result.outcome is not Outcome.COMPLETED:
+        raise RuntimeError(f"{result.outcome.value} {result.at}")
+    return _record(result.run, len(speed))
+
+
+def moved(rng: np.random.Generator, drawn: Drawn, truth: Truth, family: Family, speed: Array, pulses: Array) -> Array:
+    """What `Kind.move` is of the other simulator."""
+    machine, switches, drive = from_truth(drawn, truth)
+    steps = round(len(speed) * RECORD_S / STEP_S)
+    scale = 0.0 if family.logger.quiet else math.sqrt(RECORD_S / STEP_S)
+    current = rng.normal(scale=scale * CURRENT_NOISE * truth.T_max, size=steps)
+    encoder = rng.normal(scale=scale * ENCODER_NOISE_RAD_S, size=steps)
+    return simulate_run(machine, switches, drive, truth, truth.m_p, speed, (current, encoder))
+
+
+MULTIBODY: Kind = replace(HOIST, unlisted=UNLISTED, events=(), move=moved)
+
+
+class MultibodyContent(Content):
+    """A hoist's content, moved by the other machine."""
+
+    @property
+    def kind(self) -> Kind:
+        return MULTIBODY
 
 
 def _record(run: Any, n: int) -> Array:
@@ -181,19 +172,25 @@ def drawn_arm(machine: Hoist, rng: np.random.Generator) -> dict[str, float]:
     }
 
 
-def from_truth(
-    nominal: Hoist, p: Truth, full_kg: float, payload_scale: float, rng: np.random.Generator
-) -> tuple[Hoist, Switches, Drive]:
+def arm_of(drawn: Drawn, p: Truth) -> tuple[dict[str, float], float]:
+    """The arm of one machine, and a trace of roller friction; a stream of its own, which no cause changes."""
+    numbers = struct.pack("4d", p.kp, p.ki, p.mu, p.EA)
+    rng = np.random.default_rng(np.frombuffer(numbers, dtype=np.uint32))
+    return drawn_arm(drawn.machine, rng), float(rng.uniform(0.0, 0.001))
+
+
+def from_truth(drawn: Drawn, p: Truth) -> tuple[Hoist, Switches, Drive]:
     """The multi-body machine with the numbers of a `Truth`, its arm drawn; load-dependent friction comes from rollers.
 
     Friction in proportion to the rollers' forces takes a_load of the full payload's weight more with it than without.
     The Coulomb levels include what the empty machine's rollers give, as whoever measured them found.
     """
+    nominal, full_kg = drawn.machine, drawn.full_kg
     wire, count = nominal.wire, nominal.motor.count
-    arm = drawn_arm(nominal, rng)
+    arm, trace = arm_of(drawn, p)
     base = with_values(nominal, arm)
     empty, full = (sum(abs(N) for N in hang(base, m, 9.0).normal_n.values()) for m in (0.0, full_kg))
-    mu = rng.uniform(0.0, 0.001) + p.a_load * full_kg * p.g / (full - empty)
+    mu = trace + p.a_load * full_kg * p.g / (full - empty)
     slope = nominal.guide.atan_slope_s_per_m if p.bristles > 0.5 else 1.5 / p.turn_m_s
     machine = with_values(
         base,
@@ -206,7 +203,6 @@ def from_truth(
             "guide.coulomb_hoisting_n": max(p.F_up - mu * empty, 0.05 * p.F_up),
             "guide.coulomb_lowering_n": max(p.F_dn - mu * empty, 0.05 * p.F_dn),
             "guide.atan_slope_s_per_m": slope,
-            "sensors.payload_scale": payload_scale,
         },
     )
     switches = Switches(
@@ -233,7 +229,7 @@ def from_truth(
         drift_s=p.drift_tau,
         follows_length=p.k_share,
         wire_inertia=True,
-        hose_kg_per_m=p.rho - 7850.0 * wire.effective_area_m2,
+        hose_kg_per_m=p.rho - WIRE_KG_M3 * wire.effective_area_m2,
         layer_m=p.layer_dR,
         layer_rad=p.layer_th,
         eccentricity_m=p.ecc_e,
@@ -249,107 +245,45 @@ def from_truth(
         fan_nm_s2=p.fan_q,
         heave_m=p.heave_A,
         heave_rad_s=p.heave_w,
+        heave_rad=p.heave_ph,
     )
     drive = Drive(p.kp, p.ki, p.T_max, p.lag_tau, p.seen_tau, p.count_rad, p.brk_T, p.brk_tau)
     return machine, switches, drive
 
 
-def make_campaign(folder: Path, seeds: Sequence[int], content: Content) -> Label:
-    """Writes machine.yaml, runs.yaml and runs/*.csv under `folder`, whole or not at all; gives the label."""
-    truth = built(content, seeds)
-    machine, switches, drive = from_truth(
-        content.machine, truth.truth, content.full_kg, truth.payload_scale, np.random.default_rng([*seeds, 9])
-    )
-    each = []
-    for number in range(len(content.runs)):
-        of_causes = np.random.default_rng([*seeds, 6, number])
-        drawn = {name: of_causes.uniform(*span) for cause in content.causes for name, span in cause.per_run.items()}
-        if set(drawn) - {"heave_ph"}:
-            raise ValueError(f"the multi-body machine has no {sorted(drawn)}")
-        each.append(replace(switches, heave_rad=drawn.get("heave_ph", 0.0)))
-    runs = simulate_runs(
-        machine, content.runs, each, seeds, drive=drive, duration_s=content.duration_s, nominal=content.machine
-    )
-    part = folder.with_name(f".{folder.name}.part-{os.getpid()}")
-    shutil.rmtree(part, ignore_errors=True)
-    (part / "runs").mkdir(parents=True)
-    save_nominal(content, part / "machine.yaml")
-    _without_arm(part / "machine.yaml")
-    of_log, walk = (np.random.default_rng([*seeds, k]) for k in (7, 8))
-    entries: list[dict[str, Any]] = []
-    wander = 0.0
-    for plan, run in zip(content.runs, runs, strict=True):
-        columns, wander = log_columns(
-            run["record"],
-            run["reference"],
-            truth.sensors,
-            of_log,
-            walk,
-            rate_hz=content.rate_hz,
-            wander_nm=wander,
-            full=content.full_signals,
-            sum_only=content.sum_only,
-            with_reference=content.with_reference,
-        )
-        file = f"runs/{plan.name}.csv"
-        (part / file).write_text(csv_text(columns), encoding="utf-8")
-        said = {"payload_kg": plan.payload_kg, "start_position_m": plan.start_position_m}
-        entries.append({"name": plan.name, "file": file, **said, "start_time_s": plan.start_time_s})
-    (part / "runs.yaml").write_text(yaml.safe_dump({"runs": entries}, sort_keys=False), encoding="utf-8")
-    label = label_of(content, truth, seeds)
-    own = {name: rounded(float(value)) for name, value in vars(switches).items()}
-    arm = {
-        name.removeprefix("arm."): rounded(float(v))
-        for name, v in drawn_arm(content.machine, np.random.default_rng([*seeds, 9])).items()
-    }
-    os.replace(part, folder)
-    return replace(label, truth={**label.truth, **{f"multibody_{k}": v for k, v in (own | arm).items()}})
-
-
-def _without_arm(path: Path) -> None:
-    """The engineer who wrote machine.yaml drew no arm."""
-    data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    data.pop("arm", None)
-    path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
-
-
-@dataclass(frozen=True)
-class Order:
-    out: Path
-    number: int
-    seeds: tuple[int, int]
-    kind: str
-    names: tuple[str, ...]
-    machines: str
+def labelled(order: Order) -> Label:
+    """Makes the campaign of an order; its label says the arm and the switches too."""
+    content = MultibodyContent(**vars(draw(order.seed, order.family, order.case, order.names)))
+    label = make_campaign(order.folder, order.seed, content)
+    truth = Truth(**{name: label.truth[name] for name in Truth._fields})
+    arm, trace = arm_of(content.drawn, truth)
+    more = {f"multibody_{name}": rounded(float(value)) for name, value in {**arm, "trace": trace}.items()}
+    return replace(label, truth={**label.truth, **more})
 
 
 def make(order: Order) -> str:
     """Makes one campaign unless its folder and label are there; says what it did."""
-    name = f"{order.number:03d}"
-    folder, label_file = order.out / name, order.out / "labels" / f"{name}.json"
-    if folder.exists() and label_file.exists():
-        return f"{name} is there"
-    shutil.rmtree(folder, ignore_errors=True)
-    label_file.parent.mkdir(parents=True, exist_ok=True)
-    content = draw(order.seeds, order.kind, names=order.names, machines=order.machines)
+    if order.folder.exists() and order.label.exists():
+        return f"{order.name} is there"
+    shutil.rmtree(order.folder, ignore_errors=True)
+    order.label.parent.mkdir(parents=True, exist_ok=True)
     try:
-        label = make_campaign(folder, order.seeds, content)
+        label = labelled(order)
     except RuntimeError as error:
-        return f"{name} not made: {error}"
-    label_file.write_text(label.text(), encoding="utf-8")
-    return f"{name} {order.kind}: {', '.join(label.effects) or 'no gap'}"
+        return f"{order.name} not made: {error}"
+    order.label.write_text(label.text(), encoding="utf-8")
+    return f"{order.name} {order.case}: {', '.join(label.effects) or 'no gap'}"
 
 
-def all_orders(out: Path, count: int, seed: int, kind: str, machines: str) -> list[Order]:
+def all_orders(out: Path, count: int, seed: int, families: tuple[str, ...], case: str) -> list[Order]:
     """As of the other simulator; unlisted causes that this machine does not have give way to some that it has."""
+    counts = None if case == "mixed" else {case: count}
     wanted, spare = [], 0
-    for order in orders(out, count, seed, kind, machines):
-        names = order.names
-        if order.kind == "unknown" and names[0] not in UNLISTED:
-            names = (UNLISTED[spare % len(UNLISTED)],)
+    for order in orders(out, seed, families, count=count, counts=counts):
+        if order.case == "unknown" and order.names[0] not in UNLISTED:
+            order = replace(order, names=(UNLISTED[spare % len(UNLISTED)],))
             spare += 1
-        wanted.append(Order(out, order.number, (seed, order.number), order.kind, names, machines))
-    assert all(name in USUAL or name in UNLISTED for order in wanted for name in order.names)
+        wanted.append(order)
     return wanted
 
 
@@ -357,11 +291,13 @@ def all_orders(out: Path, count: int, seed: int, kind: str, machines: str) -> li
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
 @click.option("--count", type=click.IntRange(min=1), required=True)
 @click.option("--seed", type=int, required=True)
-@click.option("--kind", type=click.Choice([*KINDS, "mixed"]), default="mixed", show_default=True)
-@click.option("--machines", type=click.Choice(MACHINES), default="mixed", show_default=True)
+@click.option(
+    "--family", "families", type=click.Choice([name for name in FAMILIES if name.startswith("hoist")]), multiple=True
+)
+@click.option("--case", type=click.Choice([*CASES, "mixed"]), default="mixed", show_default=True)
 @click.option("--processes", type=click.IntRange(1, 8), default=2, show_default=True)
-def main(out: Path, count: int, seed: int, kind: str, machines: str, processes: int) -> None:
-    wanted = all_orders(out, count, seed, kind, machines)
+def main(out: Path, count: int, seed: int, families: tuple[str, ...], case: str, processes: int) -> None:
+    wanted = all_orders(out, count, seed, families or USUAL, case)
     if processes == 1:
         for order in wanted:
             print(make(order), flush=True)

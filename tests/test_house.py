@@ -150,7 +150,7 @@ def test_a_python_module_is_no_host(text: str):
 
 
 def test_the_readme_has_a_row_for_every_command():
-    rows = re.findall(r"^\| `workbench (\w+)\b", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    rows = re.findall(r"^\| `workbench ([\w-]+)\b", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert sorted(rows) == sorted(COMMANDS)
 
 

@@ -223,7 +223,7 @@ def test_an_unknown_cause_shows_its_curves(server, monkeypatch, spring):
     number, job = finished(server, monkeypatch, spring, "unknown")
     app = shown(number)
     assert [tab.label for tab in app.tabs] == [TABS[0], "Unknown cause", *TABS[1:]]
-    assert "- An unlisted effect explains more: choose friction_step under Candidates." in words(app)
+    assert "- An unlisted effect explains more: friction_step. Weigh it among the candidates." in words(app)
     assert titles(turned(app, job, "Unknown cause")) == ["The unknown cause: force against the motion"]
     assert "measured_correction" in words(app)
 

@@ -226,7 +226,7 @@ def test_the_jacobian_is_the_slope(hoist: Problem):
     assert np.all(np.linalg.norm(jacobian - slope, axis=0) < np.where(late, 0.1, 0.01) * size + 1e-6)
     some, part = hoist.evaluate(knobs, z, only=[3, 1])
     assert part == pytest.approx(jacobian[:, [3, 1]], abs=1e-5 * float(np.max(size)))
-    assert some == pytest.approx(base)
+    assert some == pytest.approx(base, abs=0.02 * hoist.noise)  # lanes that differ in time take other steps
 
 
 def test_the_dead_lines_tension_stands_behind_the_torque_on_its_scale():

@@ -70,6 +70,7 @@ LINEAR: dict[str, Values] = {
     "friction_position_dependent": {"peak_n": 10.0, "centre_m": 0.1, "width_m": 0.05},
     "friction_thermal_drift": {"friction_fraction": 0.8, "time_constant_s": 100.0},
     "gearbox_efficiency": {"loss_fraction": 0.4},
+    "torque_ripple": {"amplitude_n": 6.0, "waves_per_m": 8.0, "phase_rad": 0.5},
     "inertia_error": {"inertia_fraction": 0.2},
     "presliding": {"distance_m": 0.01},
     "backlash": {"play_m": 0.01, "load_share": 0.5},

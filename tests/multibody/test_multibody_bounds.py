@@ -72,7 +72,7 @@ def test_an_effect_is_taken_under_the_librarys_names(name: str):
 
 
 def test_effects_of_the_log_move_no_machine():
-    effects = {name: {} for name in _SENSORS}
+    effects: dict[str, dict[str, float]] = {name: {} for name in _SENSORS}
     assert switches_of(MACHINE.model_copy(update={"effects": effects})) == NO_SWITCHES
 
 

@@ -167,7 +167,7 @@ def test_roller_friction_grows_with_payload_and_reach():
         run = move(
             machine, payload, 6.0, regulated(30.0), 3.0, step_s=0.004, switches=Switches(roller_friction=0.01)
         ).run
-        normal = sum(np.abs(run[name]) for name in run.signals if name.startswith("force_roller"))
+        normal = np.sum([np.abs(run[name]) for name in run.signals if name.startswith("force_roller")], axis=0)
         late = run.time_s > 2.0
         v = run["speed_carriage_m_s"][late]
         switch = 2.0 / math.pi * np.arctan(MACHINE.guide.atan_slope_s_per_m * v)

@@ -12,7 +12,7 @@ from workbench.multibody import Switches, geometry_of, hang
 from workbench.multibody.switches import wound_m
 
 MACHINE = default_hoist()
-STIFF = with_values(MACHINE, {"arm.roller_stiffness_n_per_m": 1e11, "arm.cylinder_stiffness_n_per_m": 1e11})
+STIFF = with_values(MACHINE, {"arm.roller_stiffness_n_per_m": 1e10, "arm.cylinder_stiffness_n_per_m": 1e10})
 HEIGHTS = (1.0, 5.0, 9.0, 13.0, 18.0)
 PAYLOADS = (0.0, 4500.0, 9000.0)
 
@@ -44,7 +44,8 @@ def test_tension_and_holding_torque_are_those_of_the_closed_form(payload: float,
 def test_a_hose_bundle_hangs_from_the_top_with_the_wire(height: float):
     rest = hang(MACHINE, 4500.0, height, Switches(hose_kg_per_m=8.0))
     top, hold = by_hand(MACHINE, 4500.0, height, 8.0 + 7850.0 * MACHINE.wire.effective_area_m2)
-    assert (rest.tension_drum_n, rest.hold_torque_nm) == (pytest.approx(top, rel=1e-6), pytest.approx(hold, rel=1e-6))
+    assert rest.tension_drum_n == pytest.approx(top, rel=1e-6)
+    assert rest.hold_torque_nm == pytest.approx(hold, rel=1e-6)
 
 
 @pytest.mark.parametrize("height", HEIGHTS)

@@ -19,6 +19,7 @@ from workbench.errors import InputError, nearest
 COMMANDS: dict[str, tuple[str, str]] = {
     "app": ("workbench.cli.app:command", "Open the dashboard in a browser."),
     "compare": ("workbench.cli.compare:command", "Compare two results metric by metric; report regressions."),
+    "compare-models": ("workbench.cli.compare_models:command", "Run the lumped and the multi-body machine alike."),
     "diagnose": ("workbench.cli.diagnose:command", "Find the missing effect behind a sim-to-real gap."),
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign."),
     "loop": ("workbench.cli.loop:command", "Stability margins of the sampled speed loop."),

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 COLUMNS = 2
 
 
-def _grid(title: str, y_title: str, names: Sequence[str]) -> tuple[Panels, list[tuple[int, int]], int]:
+def run_grid(title: str, y_title: str, names: Sequence[str]) -> tuple[Panels, list[tuple[int, int]], int]:
     """A panel a run: panels, (row, column) of each run, height."""
     columns = min(COLUMNS, len(names))
     rows = -(-len(names) // columns)
@@ -36,7 +36,7 @@ def _grid(title: str, y_title: str, names: Sequence[str]) -> tuple[Panels, list[
 
 def torque_profiles(runs: Sequence[Run], nominal_torque_nm: float) -> Figure:
     """Fig. 6: both motors' measured torque over one motor's nominal torque, a panel a run."""
-    panels, places, height = _grid("Measured motor torque", "torque / nominal", [run.name for run in runs])
+    panels, places, height = run_grid("Measured motor torque", "torque / nominal", [run.name for run in runs])
     drawn = []
     for (row, column), run in zip(places, runs, strict=True):
         if "torque_motor1_nm" in run and "torque_motor2_nm" in run:
@@ -54,7 +54,7 @@ def torque_profiles(runs: Sequence[Run], nominal_torque_nm: float) -> Figure:
 def input_profiles(runs: Sequence[Run], signal: str, unit: str) -> Figure:
     """Fig. 6 for an axis: the measured force (torque) in its own unit, a panel a run."""
     quantity = signal.rpartition("_")[0].replace("_", " ")
-    panels, places, height = _grid(f"Measured {quantity}", f"{quantity} ({unit})", [run.name for run in runs])
+    panels, places, height = run_grid(f"Measured {quantity}", f"{quantity} ({unit})", [run.name for run in runs])
     for (row, column), run in zip(places, runs, strict=True):
         panels.line(row, column, run.time_s, run[signal], "measured", line("measured", width=1.2), unit)
     return panels.figure(height, ranges_below_names(places, [[run[signal]] for run in runs]))
@@ -76,7 +76,7 @@ def speed_comparison(
     names = [measured.name for measured, _ in pairs]
     if rmse_percent is not None:
         names = [f"{name}</b>, RMSE {value:.2f} %<b>" for name, value in zip(names, rmse_percent, strict=True)]
-    panels, places, height = _grid("Measured and simulated speed", f"speed (% of {scale_name})", names)
+    panels, places, height = run_grid("Measured and simulated speed", f"speed (% of {scale_name})", names)
     drawn = []
     for index, ((row, column), pair) in enumerate(zip(places, pairs, strict=True)):
         drawn.append([run[signal] * (100.0 / nominal_speed) for run in pair])
@@ -113,7 +113,7 @@ def torque_residual(
     if any(rests):
         said.append("grey: at rest or at an end, left out")
     title = f"{quantity.capitalize()} residual" + (f" ({'; '.join(said)})" if said else "")
-    panels, places, height = _grid(title, f"{quantity} residual ({unit})", names)
+    panels, places, height = run_grid(title, f"{quantity} residual ({unit})", names)
     for index, (row, column) in enumerate(places):
         if before:
             look = {"color": BEFORE, "dash": "solid", "width": 1.1, "simplify": False}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,18 +15,21 @@ from workbench.machine import Hoist
 from workbench.multibody import Outcome, Shaft, move
 from workbench.run import Array, Run
 from workbench.simulate.driven import Bench, sensor, start_point
+from workbench.simulate.loop import LoopCase, simulate_loop
+from workbench.simulate.loop import Outcome as LoopOutcome
+from workbench.simulate.multibody_loop import simulate_multibody_loop
 from workbench.simulate.replay import simulate_replays, simulated_run
 
 STEP_S = 0.004  # motor speed within 1e-5 of nominal of that at a fraction of it
-_ROLLER = "force_roller_"
+_ROLLER, _SPEED = "force_roller_", "speed_motor_rad_s"
 
 
 @dataclass(frozen=True)
 class ModelsRun:
     """One run. measured: what was given; lumped, multibody: both models under its torque, at its own samples.
 
-    Errors are rms, in per cent of nominal motor speed. cpu_s: of each model's own simulation. parted_*: where the two
-    are furthest apart, or nothing where they never are by more than `PARTED_PERCENT`.
+    Errors are rms, in per cent of nominal motor speed. cpu_s: of each model's own simulation. parted_*: where their
+    difference grows fastest, over a second: an error once made is carried on.
     """
 
     measured: Run
@@ -50,11 +53,12 @@ class ModelsRun:
 
 @dataclass(frozen=True)
 class ModelsCompared:
-    """All runs. ratio: of compute time, multi-body over lumped; real_time: simulated over computed seconds of each."""
+    """All runs, on one machine. against: what the errors are of. ratio: of compute time, multi-body over lumped."""
 
     machine: Hoist
     runs: tuple[ModelsRun, ...]
     scale_rad_s: float
+    against: str = "the measured one"
 
     @property
     def simulated_s(self) -> float:
@@ -101,8 +105,48 @@ def compare_models(
         given = true_input(alone.equipped.active, run.time_s, (alone.inputs[0] - offset) / gain)
         multibody, multibody_s = _replayed(machine, run, given, start_point(bench.plant, run, bench.motions[j]), step_s)
         measured = bench.motions[j].speed
-        out.append(_compared(run, measured, lumped, multibody, lumped_s, multibody_s, bench.scale))
+        out.append(
+            _compared(
+                replace(run, signals={**run.signals, _SPEED: measured}),
+                measured,
+                lumped,
+                multibody,
+                lumped_s,
+                multibody_s,
+                bench.scale,
+            )
+        )
     return ModelsCompared(machine, tuple(out), bench.scale)
+
+
+def compare_loops(cases: Sequence[LoopCase], *, step_s: float = STEP_S) -> ModelsCompared:
+    """The same closed loops on both machines; errors are of the motor speed against its reference.
+
+    step_s: of the multi-body model, at most; a step ends at every sample of the controller. InputError as above.
+    """
+    simulate_loop(cases, record_every=1)  # compiles, which is no model's compute time
+    out = []
+    for case in cases:
+        began = time.process_time()
+        (lumped,) = simulate_loop([case], record_every=1)
+        between = time.process_time()
+        multibody = simulate_multibody_loop(case, record_every=1, step_s=step_s)
+        ended = time.process_time()
+        if multibody.outcome is LoopOutcome.DIVERGED:
+            raise InputError(f"{multibody.outcome.value}, {multibody.at}", place=f"run {case.name}")
+        n = min(len(lumped.run.time_s), len(multibody.run.time_s))
+        reference = np.asarray(case.speed_reference_rad_s, dtype=float)[:n]
+        asked = Run(case.name, lumped.run.time_s[:n], {_SPEED: reference}, case.payload_kg, case.start_position_m)
+        ours, other = _first(lumped.run, n), _first(multibody.run, n)
+        scale = case.machine.motor.nominal_speed_rad_s
+        out.append(_compared(asked, reference, ours, other, between - began, ended - between, scale))
+    machine = cases[0].machine
+    return ModelsCompared(machine, tuple(out), machine.motor.nominal_speed_rad_s, "its reference")
+
+
+def _first(run: Run, n: int) -> Run:
+    """Its first n samples."""
+    return replace(run, time_s=run.time_s[:n], signals={name: values[:n] for name, values in run.signals.items()})
 
 
 def _replayed(machine: Hoist, run: Run, torque: Array, start: tuple[float, float], step_s: float) -> tuple[Run, float]:
@@ -129,18 +173,17 @@ def _replayed(machine: Hoist, run: Run, torque: Array, start: tuple[float, float
         raise InputError(f"{result.outcome.value}, {result.at}", place=f"run {run.name}")
     kept = result.run
     signals = {name: np.interp(time_s, kept.time_s, values) for name, values in kept.signals.items()}
-    return Run(run.name, run.time_s, signals, run.payload_kg, run.start_position_m, run.start_time_s), result.cpu_s
+    return replace(kept, time_s=run.time_s, signals=signals), result.cpu_s
 
 
 def _compared(
     run: Run, measured: Array, lumped: Run, multibody: Run, lumped_s: float, multibody_s: float, scale: float
 ) -> ModelsRun:
-    w1, w2 = lumped["speed_motor_rad_s"], multibody["speed_motor_rad_s"]
+    w1, w2 = lumped[_SPEED], multibody[_SPEED]
 
     def percent(difference: Array) -> float:
         return 100.0 * float(np.sqrt(np.mean(difference**2))) / scale
 
-    # Where they part is where their difference grows fastest, over a second: an error once made is carried on.
     apart = w2 - w1
     width = max(1, round(1.0 / run.sample_time_s))
     growth = np.abs(apart[width:] - apart[:-width]) if len(apart) > width else np.abs(apart)

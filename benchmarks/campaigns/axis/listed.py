@@ -210,6 +210,10 @@ def _ripple(rng: np.random.Generator, s: Scales) -> Cause:
     """Of an order that shows: more than a wave and a half within the travel, and not too quick for the log."""
     A, ph = s.force * about(rng, 0.02, 0.07), rng.uniform(0.0, TURN)
     low, high = 1.5 * TURN / s.travel, 0.04 * TURN / (s.speed * s.step_s)
+    if s.linear:  # waves along the way, some tens of them
+        n = float(min(rng.uniform(4.0, 20.0) * TURN / s.travel, high))
+        numbers = {"amplitude_n": A, "waves_per_m": n / TURN, "phase_rad": ph}
+        return caused("torque_ripple", "periodic", numbers, {"ripple_A": A, "ripple_n": n, "ripple_ph": ph})
     orders = [n for n in (0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0) if low <= n <= high]
     n = float(rng.choice(orders)) if orders else low
     numbers = {"amplitude_nm": A, "order_per_turn": n, "phase_rad": ph}
@@ -235,7 +239,6 @@ LISTED: Mapping[str, AxisDraw] = {
     "speed_delay": _delay,
     "torque_ripple": _ripple,
 }
-ROTARY_ONLY = ("torque_ripple",)
 OF_A_LOAD = ("friction_load_dependent", "gearbox_efficiency")  # nothing of them shows without one
 OF_NO_LOAD = ("backlash",)  # a load beyond friction keeps the teeth on one flank
 # Of two effects at once: these are alike by nature, or one hides the other, so no log says which of them it holds.
@@ -252,8 +255,8 @@ ALIKE = (
 
 
 def usual(motion: str) -> tuple[str, ...]:
-    """Of linear axes, rotary ones, or of either (axis)."""
-    return tuple(name for name in LISTED if motion != "linear" or name not in ROTARY_ONLY)
+    """Of linear axes, rotary ones, or of either (axis): both have all."""
+    return tuple(LISTED)
 
 
 def drawn_pair(rng: np.random.Generator, motion: str, first: str | None = None) -> tuple[str, str]:

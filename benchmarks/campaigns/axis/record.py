@@ -13,7 +13,6 @@ from benchmarks.campaigns.axis.listed import (
     LISTED,
     OF_A_LOAD,
     OF_NO_LOAD,
-    ROTARY_ONLY,
     Scales,
     drawn_pair,
     scales_of,
@@ -40,7 +39,7 @@ OF_A_PLACE = ("position", "periodic")  # regimes that a log of the speed alone d
 def drawn(rng: np.random.Generator, family: Family, names: Sequence[str]) -> Drawn:
     """Of either motion; some effects ask for a turning axis, for a load or for none."""
     motion = str(rng.choice(MOTIONS))
-    if set(names) & {*ROTARY_ONLY, *OF_A_LOAD}:  # a load that never changes tells little of what depends on it
+    if set(names) & {*OF_A_LOAD}:  # a load that never changes tells little of what depends on it
         motion = "rotary"
     loaded = True if set(names) & set(OF_A_LOAD) else False if set(names) & set(OF_NO_LOAD) else None
     return drawn_axis(rng, motion, loaded)

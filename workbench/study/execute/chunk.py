@@ -28,15 +28,7 @@ def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tupl
         except InputError as error:
             done[index] = (_row(spec, {}, str(error)), None)
             continue
-        case = LoopCase(
-            name=spec.run_id,
-            machine=spec.machine,
-            payload_kg=spec.payload_kg,
-            start_position_m=spec.start_position_m,
-            controller=spec.controller,
-            speed_reference_rad_s=_motor_speed(plan, spec),
-            events=spec.events,
-        )
+        case = case_of(spec, plan)
         cases.setdefault((spec.record_every, spec.step_s, spec.plant), []).append((index, spec, plan, case))
     for (record_every, step_s, plant), group in cases.items():
         simulate = _multibody if plant == "multibody" else _lumped
@@ -47,6 +39,19 @@ def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tupl
             else:
                 done[index] = (_finished(spec, plan, result), result.run if record_every else None)
     return [done[index] for index in range(len(specs))]
+
+
+def case_of(spec: RunSpec, plan: Plan | None = None) -> LoopCase:
+    """The closed loop of a run; plan: where it is made already. InputError where its motion is not possible."""
+    return LoopCase(
+        name=spec.run_id,
+        machine=spec.machine,
+        payload_kg=spec.payload_kg,
+        start_position_m=spec.start_position_m,
+        controller=spec.controller,
+        speed_reference_rad_s=_motor_speed(spec.plan() if plan is None else plan, spec),
+        events=spec.events,
+    )
 
 
 def _side_by_side(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 
 TALL = 340  # px: what the first tab has room for on a screen of 800
 TAB = "gap tab"
-_ASKED = re.compile(r"weigh it with `--candidates (\w+)`")  # the command's own option
 BADGES = {
     "named": ":blue-badge[:material/search_check: cause named]",
     "no_gap": ":green-badge[:material/check: no gap]",
@@ -115,7 +113,7 @@ def _answer(job: Job, view: View) -> None:
     _points(view.meaning)
     if ranked.points:
         st.markdown(plain(ranked.sentences[-1]))
-        _points([_ASKED.sub(r"choose \1 under Candidates", point) for point in ranked.points])
+        _points(ranked.points)
     _tables(answer)
     with st.expander("All candidates"):
         _tables(view.sections["candidates"])

@@ -1,0 +1,117 @@
+"""`workbench compare-models` and `plant: multibody`: what they write, and what they say of bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.support.commands import Commands
+from tests.support.scenario_text import study_of, write
+from workbench.errors import InputError
+from workbench.machine import Hoist, default_hoist, save_machine
+from workbench.multibody.exudyn_import import engine
+from workbench.study.execute.run import run_study
+
+SHORT = """\
+name: short
+payloads_kg: [4500]
+start_position_m: 8.0
+moves: [{by_m: 0.3}]
+limits: {speed_m_s: 0.4, acceleration_m_s2: 0.6, jerk_m_s3: 2.0}
+references: [ruckig]
+lead_s: 0.2
+settle_s: 0.3
+controller: {kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0, sample_time_s: 0.004}
+solver: {step_s: 0.004}
+"""
+
+
+@pytest.fixture
+def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+def campaign(folder: Path, machine: Hoist) -> Path:
+    """A run of 4 s that hangs still under its holding torque, with a little noise to be logged by."""
+    (folder / "runs").mkdir(parents=True)
+    save_machine(machine, folder / "machine.yaml")
+    rows = [
+        f"{0.01 * k:.2f},{298.7 + 0.3 * (k % 3):.1f},{298.5 + 0.1 * (k % 5):.1f},{0.01 * (-1) ** k:.2f}"
+        for k in range(400)
+    ]
+    head = "time_s,torque_motor1_nm,torque_motor2_nm,speed_motor_rad_s"
+    (folder / "runs" / "hang.csv").write_text("\n".join([head, *rows, ""]), encoding="utf-8")
+    run = {"name": "hang", "file": "runs/hang.csv", "payload_kg": 4500.0, "start_position_m": 9.0}
+    (folder / "runs.yaml").write_text(yaml.safe_dump({"runs": [run]}), encoding="utf-8")
+    return folder
+
+
+def test_a_campaign_gives_both_models_errors_and_their_cost(workbench: Commands, tmp_path: Path):
+    ended = workbench("compare-models", campaign(tmp_path / "c", default_hoist()), "--out", tmp_path / "out")
+    assert ended.status == 0, ended.err
+    said = json.loads((tmp_path / "out" / "models.json").read_text(encoding="utf-8"))
+    assert said["runs"][0]["apart_percent"] < 0.05
+    assert said["overall"]["ratio"] > 1.0 and said["paper"]["multibody_s"] == 91.53
+    assert "multi-body" in ended.out and (tmp_path / "out" / "models.html").stat().st_size > 10_000
+
+
+def test_a_scenario_is_run_in_both_closed_loops(workbench: Commands, tmp_path: Path):
+    ended = workbench("compare-models", write(tmp_path, SHORT), "--out", tmp_path / "out")
+    assert ended.status == 0, ended.err
+    said = json.loads((tmp_path / "out" / "models.json").read_text(encoding="utf-8"))
+    assert said["against"] == "its reference"
+    assert said["overall"]["apart_percent"] < 0.1
+
+
+def test_a_study_runs_on_the_plant_that_its_scenario_names(tmp_path: Path):
+    lumped, multibody = (run_study(study_of_text(tmp_path, SHORT + more)) for more in ("", "plant: multibody\n"))
+    ours, other = lumped.rows[0], multibody.rows[0]
+    assert (ours.status, other.status) == ("ok", "ok")
+    assert other["peak_torque_motor_nm"] == pytest.approx(ours["peak_torque_motor_nm"], rel=5e-3)
+    assert other["peak_torque_motor_nm"] != ours["peak_torque_motor_nm"]
+    assert "force_cylinder_n" in multibody.runs[other.run_id]
+
+
+def study_of_text(folder: Path, text: str):
+    from workbench.study.scenario.load import load_study
+
+    return load_study(write(folder, text))
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("plant: multi_body\n", "multibody"),
+        ("plant: multibody\neffects: {backlash: {play_rad: 0.01}}\n", "no effect 'backlash'"),
+        ("plant: multibody\nmachine_overrides: {arm.reach_m: 3.5}\n", "longest_reach_m"),
+    ],
+)
+def test_a_plant_that_cannot_be_is_said_with_its_line(tmp_path: Path, more: str, said: str):
+    with pytest.raises(InputError, match=said) as caught:
+        study_of(tmp_path, more)
+    assert "scenario.yaml:" in str(caught.value)
+
+
+def test_without_the_extra_a_study_says_so_before_it_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    import sys
+
+    engine.cache_clear()
+    monkeypatch.setitem(sys.modules, "exudyn", None)
+    with pytest.raises(InputError, match=r"pip install '\.\[multibody\]'"):
+        study_of(tmp_path, "plant: multibody\n")
+    engine.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nowhere"], "no such campaign"),
+        (["nowhere", "--step", "0.1"], "expected 0.0001 to 0.01 s"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(workbench: Commands, tmp_path: Path, words: list[str], said: str):
+    ended = workbench("compare-models", tmp_path / words[0], *words[1:])
+    assert ended.status == 2 and said in ended.err and "Traceback" not in ended.err

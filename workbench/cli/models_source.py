@@ -1,0 +1,42 @@
+"""What `compare-models` compares on: a campaign's torque records, or a scenario's closed loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from workbench.cli.campaign import load_campaign
+from workbench.errors import InputError
+from workbench.machine import Hoist
+from workbench.simulate.models import ModelsCompared, compare_loops, compare_models
+from workbench.simulate.multibody_loop import check_multibody
+
+MOST_LOOPS = 12
+
+
+def comparison_of(source: Path, runs: str | None, machine: Path | None, step_s: float) -> Callable[[], ModelsCompared]:
+    """The comparison, to be run when called; all of the input is checked before. InputError as of its readers."""
+    if source.is_file():
+        return _of_scenario(source, runs, machine, step_s)
+    campaign = load_campaign(source, runs, machine, None)
+    if not isinstance(campaign.machine, Hoist):
+        raise InputError("a machine of kind 'axis'; the multi-body machine is a hoist", file=source / "machine.yaml")
+    hoist = campaign.machine
+    check_multibody(hoist)
+    return lambda: compare_models(hoist, campaign.runs, step_s=step_s)
+
+
+def _of_scenario(source: Path, runs: str | None, machine: Path | None, step_s: float) -> Callable[[], ModelsCompared]:
+    from workbench.study.execute.chunk import case_of
+    from workbench.study.scenario.load import load_study
+
+    if runs is not None or machine is not None:
+        raise InputError("belongs to a campaign; a scenario names both itself", place="--runs" if runs else "--machine")
+    study = load_study(source)
+    check_multibody(study.machine)
+    if len(study.specs) > MOST_LOOPS:
+        raise InputError(
+            f"makes {len(study.specs)} runs, expected at most {MOST_LOOPS} to compare one by one", file=source
+        )
+    cases = [case_of(spec) for spec in study.specs]
+    return lambda: compare_loops(cases, step_s=step_s)

@@ -1,0 +1,1 @@
+"""What `compare-models` prints and writes."""
