@@ -59,5 +59,5 @@ def test_rounding_keeps_the_digits_asked_for_and_is_its_own_fixed_point(value: f
     once = rounded(value, digits)
     assert (once is None) == (not np.isfinite(value))
     if once is not None:
-        assert rounded(once, digits) == once
+        assert rounded(once, digits) == once  # also where it would be beyond the largest float
         assert once == pytest.approx(value, rel=0.51 * 10.0 ** (1 - digits))

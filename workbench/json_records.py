@@ -18,7 +18,10 @@ def plain(record: Any, digits: int = 6) -> Any:
 
 def rounded(value: float, digits: int = 6) -> float | None:
     """So many significant digits; None for what is no finite number."""
-    return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+    if not math.isfinite(value):
+        return None
+    shortened = float(f"{value:.{digits}g}")
+    return shortened if math.isfinite(shortened) else float(value)  # beyond the largest float there is none
 
 
 def _plain_array(array: Any) -> Any:

@@ -331,7 +331,7 @@ def test_command_prints_table_conclusion_and_where_things_lie_within_100_columns
     done = CliRunner().invoke(command, [str(scenario)], catch_exceptions=False)
     assert done.exit_code == 0
     lines = done.output.splitlines()
-    assert [line.split()[:2] for line in lines[2:4]] == [["0", "trapezoid"], ["0", "ruckig"]]
+    assert [line.split()[:2] for line in lines[3:5]] == [["0", "trapezoid"], ["0", "ruckig"]]
     assert max(len(line) for line in lines[:12]) <= 100
     assert "At 9000 kg ruckig with the same limits takes" in done.output
     assert "Figure: results/small/study.html" in done.output
