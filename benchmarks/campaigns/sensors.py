@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
 Array = npt.NDArray[np.float64]
 Columns = dict[str, tuple[Array, int]]
@@ -88,6 +87,8 @@ def shown_input(
         shown, wander = shown + wandering, float(wandering[-1])
     if s.filter_s > 0.0:  # first order, exact for an input held between samples; long settled at the start
         left = math.exp(-step_s / s.filter_s)
+        from scipy.signal import lfilter  # late: it takes 0.8 s
+
         shown = np.asarray(lfilter([1.0 - left], [1.0, -left], shown, zi=[left * shown[0]])[0])
     return shown, wander
 
@@ -97,6 +98,8 @@ def encoder_speed(position: Array, step_s: float, count: float, window_s: float)
     counted = count * np.floor(position / count)
     speed = np.diff(counted, prepend=counted[:1]) / step_s
     width = max(1, round(window_s / step_s))
+    from scipy.signal import lfilter
+
     return np.asarray(lfilter(np.full(width, 1.0 / width), [1.0], speed))
 
 
