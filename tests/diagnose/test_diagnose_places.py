@@ -27,7 +27,7 @@ def even(tmp_path_factory: pytest.TempPathFactory) -> Survey:
     problem = Problem(campaign.machine, campaign.runs)
     knobs = tuple(base_knobs(problem.machine, problem.runs).values())
     z = np.zeros(len(knobs))
-    return survey_of(problem, Fitted((), knobs, z, *problem.evaluate(knobs, z), problem.noise, 0.0, 0.0, 1, True))
+    return survey_of(problem, Fitted((), knobs, z, *problem.evaluate(knobs, z), 0.0, 0.0, 1, True))
 
 
 def with_force(survey: Survey, force: Callable[[Course], Array], times_noise: float = 30.0) -> Survey:
