@@ -24,9 +24,6 @@ HUBER = 1.5  # of the robust scale
 ROUNDS = 12  # of the robust fit
 HATS = 5  # in a pulse's window: its shape is free
 BESIDE = 0.25  # of its width, on either side
-SHIFTS = 60  # other moments of the run that a pulse's mark in the motion is compared with
-CURVED = 4  # coefficients of the polynomial that a motion without an event follows for so long
-CLEARLY, SHARE = 8.0, 0.6  # see `marks`
 
 
 @dataclass(frozen=True)
@@ -148,40 +145,6 @@ def _scaled(survey: Survey, rows: Array, pull: float) -> Array:
     if survey.felt:
         rows = np.vstack([rows, pull * survey.felt * 0.5 / survey.lever * rows])
     return rows
-
-
-def marks(survey: Survey, pulses: Pulses, part: Array) -> float:
-    """How much likelier the motion's own mark makes it that a force acted than that a sensor showed one, a log ratio.
-
-    A force disturbs the speed before the drive has answered it; what a torque sensor invents leaves no mark. part:
-    (inputs,) the events' torque. The share of the speed's wander that this torque and its change explain is ranked
-    among that at other moments of the run: r is even on 0..1 for a sensor; for a force, which a stiff drive may hide,
-    it has the density (1 − SHARE) + SHARE · CLEARLY · r^(CLEARLY − 1).
-    """
-    total, begins = 0.0, np.cumsum([0, *(len(c.at) for c in survey.runs)])
-    for pulse in pulses.pulses:
-        c = survey.runs[pulse.run]
-        torque = np.interp(c.time, c.at, part[begins[pulse.run] : begins[pulse.run + 1]])
-        here = np.flatnonzero((c.time >= pulse.from_s) & (c.time <= pulse.to_s))
-        if len(here) < 3 * CURVED:
-            continue
-        shape = np.stack([torque[here], np.gradient(torque[here])], axis=1)
-        apart = np.linspace(0, len(c.time) - len(here), SHIFTS).astype(int)
-        others = [k for k in apart if abs(k - here[0]) >= len(here)]
-        if len(others) < 5:
-            continue
-        own = _marked(c.off[here], shape)
-        rank = float(np.mean([own > _marked(c.off[k : k + len(here)], shape) for k in others]))
-        total += math.log(1.0 - SHARE + SHARE * CLEARLY * rank ** (CLEARLY - 1.0))
-    return total
-
-
-def _marked(speed: Array, shape: Array) -> float:
-    """By how much shapes lower the squares of a speed beside a polynomial."""
-    smooth = np.vander(np.linspace(-1.0, 1.0, len(speed)), CURVED)
-    left = [float(np.sum((speed - a @ np.linalg.lstsq(a, speed, rcond=None)[0]) ** 2))
-            for a in (smooth, np.hstack([smooth, shape / max(float(np.max(np.abs(shape))), 1e-300)]))]  # fmt: skip
-    return left[0] - left[1]
 
 
 def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:

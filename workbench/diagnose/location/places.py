@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.events import Pulse, event_ports, marks, pulses_of, torque_columns
+from workbench.diagnose.location.events import Pulse, event_ports, pulses_of
 from workbench.diagnose.location.evidence import Evidence, Weigher
 from workbench.diagnose.location.ports import Port, Ports
 from workbench.diagnose.location.survey import Survey, survey_of
@@ -73,16 +73,10 @@ def weighed(survey: Survey) -> Placed:
     logs: dict[str, list[float]] = {}
     pulses = pulses_of(survey, weigher)
     brief = list(event_ports(survey, pulses)) if pulses is not None else []
-    mark = 0.0
-    if pulses is not None:
-        blow = weigher.part(torque_columns(survey, pulses.pulses), pulses.evidence)
-        mark = marks(survey, pulses, blow[: survey.inputs])
     for port in (*Ports(survey).all(), *brief):
         found = weigher.evidence(port.columns, port.positive)
         price = pulses.choices if pulses is not None and port.regime == "event" else 0.0
         log = (found.log - price) / DOUBT + float(np.log(port.weight))
-        if port.regime == "event" and port.subsystem != "torque_sensor":
-            log += mark
         logs.setdefault(port.subsystem, []).append(log)
         if port.subsystem not in best or log > best[port.subsystem][0]:
             best[port.subsystem] = log, port, found

@@ -129,13 +129,15 @@ class Ports:
         self, subsystem: str, regime: str, over: str, frequencies: Array, at: Of, carrier: Of, pull: float,
         own: bool, weight: float = 1.0,
     ) -> Iterator[Port | None]:  # fmt: skip
-        """One wave over `at`, of each frequency; slow enough for the low-pass to pass it."""
+        """One wave over `at`, of each frequency, slow enough for the low-pass to pass it: of each run its own, or
+        around a level, of all runs together."""
         s = self.survey
         x, carried = (at_rows(s, [f(c)[:, None] for c in s.runs])[:, 0] for f in (at, carrier))
         run_of = s.run_of_row[: s.inputs]
         groups = [run_of == j for j in range(len(s.runs))] if own else [np.ones(s.inputs, dtype=bool)]
         for f in frequencies:
-            both = np.stack([np.cos(TURN * f * x), np.sin(TURN * f * x)], axis=1) * carried[:, None]
+            wave = [np.cos(TURN * f * x), np.sin(TURN * f * x)]
+            both = np.stack(wave if own else [np.ones(len(x)), *wave], axis=1) * carried[:, None]
             rows = np.hstack([np.where(mine[:, None], both, 0.0) for mine in groups])
             yield self.scaled(subsystem, regime, over, rows, pull, weight / len(frequencies))
 
@@ -200,7 +202,7 @@ class Ports:
             yield m("guide", "position", "the height", times(way, self.along(length)), 1.0, 0.33)
             yield m("guide", "position", "the height, each way", self.ways(times(way, self.along(length))), 1.0, 0.2)
         span = self.high - self.low
-        periods = np.arange(2.0, 3.0 * span / 0.25) / (3.0 * span)
+        periods = np.arange(4.0, 6.0 * span / 0.25) / (6.0 * span)
         yield from self.waves("guide", "periodic", "the height", periods, lambda c: c.position, way, 1.0, False)
         first, last = (f(c.start_time_s + c.time[k] for c in runs) for f, k in ((min, 0), (max, -1)))
         clock: Of = lambda c: c.start_time_s + c.time  # noqa: E731

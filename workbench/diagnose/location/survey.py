@@ -17,7 +17,6 @@ from workbench.simulate.lowpass import lowpass
 
 OVERSAMPLED = 16.0  # samples to a period of the band: what is folded over at standstill is sharper than the band
 TURN = 2.0 * np.pi
-REFERENCE = "speed_reference_rad_s"
 RESTING = 0.01  # of the fastest speed
 
 
@@ -28,8 +27,7 @@ class Course:
     way: sign of the speed of carriage (axis), turning over as its friction does. speed, acceleration, position:
     of carriage (axis). turn, turn_rate: of the motor (axis), rad (m). torque: the input that the motion takes; carried:
     of it, what goes through the gearbox to the load; since_start: s since the machine last came out of rest.
-    off: the motor's (axis') speed beside its reference where that is logged, else the speed. mass: of carriage and
-    payload, kg. at: (rows,) s, of the residual's rows.
+    mass: of carriage and payload, kg. at: (rows,) s, of the residual's rows.
     """
 
     time: Array
@@ -44,7 +42,6 @@ class Course:
     torque: Array
     carried: Array
     since_start: Array
-    off: Array
     start_time_s: float
     payload: float
     mass: float
@@ -133,8 +130,6 @@ def _course(problem: Problem, j: int, p, torque: Array, states: Array) -> Course
     stride = max(1, int(1.0 / (OVERSAMPLED * band * run.sample_time_s)))
     smooth = lowpass(t, np.stack([motion.speed, torque], axis=1), 2.0 * band)
     alpha = np.gradient(smooth[:, 0], t)
-    reference = run.signals.get(REFERENCE)
-    off = smooth[:, 0] if reference is None else smooth[:, 0] - lowpass(t, reference, 2.0 * band)
     kind = kind_of(problem.machine)
     here = kind.frame(run, motion.position, smooth[:, 0] if kind.moved.placed_by_log else motion.speed, states, p)
     port = next(iter(kind.ports.values()))  # where what moves rubs
@@ -146,7 +141,7 @@ def _course(problem: Problem, j: int, p, torque: Array, states: Array) -> Course
         time=t[cut], at=t[problem.rows[j]], way=way[cut], speed=here.v[cut], acceleration=acceleration[cut],
         position=here.x[cut], turn=here.angle[cut], turn_rate=smooth[cut, 0], turn_acceleration=alpha[cut],
         torque=smooth[cut, 1], carried=np.broadcast_to(carried, t.shape)[cut],
-        since_start=_since_start(t, motion.speed)[cut], off=off[cut], start_time_s=run.start_time_s - float(t[0]),
+        since_start=_since_start(t, motion.speed)[cut], start_time_s=run.start_time_s - float(t[0]),
         payload=float(run.payload_kg), mass=float(mass),
     )  # fmt: skip
 
