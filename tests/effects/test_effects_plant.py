@@ -29,9 +29,10 @@ PLAIN = {
     "hoist": "aa0233bbcd158dbd",
     "axis-linear": "2980a0356c5fc814",
     "axis-rotary": "2980a0356c5fc814",
+    "two_inertia": "67ce0e08398bb035",
 }
-HEIGHT = {"hoist": 9.0, "axis-linear": 0.1, "axis-rotary": 0.4}
-SPEED = {"hoist": 60.0, "axis-linear": 0.2, "axis-rotary": 2.0}
+HEIGHT = {"hoist": 9.0, "axis-linear": 0.1, "axis-rotary": 0.4, "two_inertia": 0.4}
+SPEED = {"hoist": 60.0, "axis-linear": 0.2, "axis-rotary": 2.0, "two_inertia": 2.0}
 
 
 @pytest.mark.parametrize("kind", KINDS)
