@@ -11,6 +11,7 @@ from workbench.identify.fit import Fit, fit
 from workbench.identify.models import SpeedModel
 from workbench.identify.parameters import free_parameters
 from workbench.machine import default_hoist
+from workbench.multibody import Driven, move
 from workbench.run import Run
 from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
@@ -35,6 +36,17 @@ def replay(bench: Bench) -> Floats:
     """Motor speed at the log's samples, rad/s."""
     states = simulate_replays(bench.machine, bench)[0]
     return np.asarray(states[:, len(bench.plant.positions)])
+
+
+def multibody_replay(case: Replay) -> Floats:
+    """Motor speed of the multi-body machine at the log's samples, rad/s."""
+
+    def drive(hold_nm: float) -> Driven:
+        return lambda shaft, until_s: (float(np.interp(until_s, case.time_s, case.torque_nm)), 0.0)
+
+    end_s = float(case.time_s[-1])
+    run = move(default_hoist(), PAYLOAD_KG, HEIGHT_M, drive, end_s, step_s=0.004, record_every=1, reactions_every=0).run
+    return np.interp(case.time_s, run.time_s, run["speed_motor_rad_s"])
 
 
 def loop_cases(loops: Sequence[Loop]) -> list[LoopCase]:

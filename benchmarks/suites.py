@@ -59,6 +59,27 @@ def replay_rows(torque_nm: Floats, rounds: int = 5) -> list[Row]:
     return _rows("replay", measured, peers)
 
 
+def model_rows(torque_nm: Floats, rounds: int = 3) -> list[Row]:
+    """The same torque on the multi-body machine: another model, so its error is the two models' distance.
+
+    The ratio aimed at is the paper's: its multi-body model took 26 times as long as its analytical one.
+    """
+    case = make_replay(load_hoist(PAYLOAD_KG), torque_nm)
+    bench = ours.read(case)
+
+    def error(speed: Floats) -> float:
+        return speed_error(speed, case.speed_rad_s)
+
+    measured = in_turns(
+        {
+            OURS: Work(lambda: ours.replay(bench), error, quick=True),
+            "multibody": Work(lambda: ours.multibody_replay(case), error),
+        },
+        rounds,
+    )
+    return _rows("models", measured, {"multibody": ("Exudyn, generalised-alpha, 4 ms: another model", 26.0)})
+
+
 def loop_rows(case: Loop, speed_rad_s: Floats, rounds: int = 3) -> list[Row]:
     """49.76 s under a PI at 1 kHz; every tenth sample kept, the error over all of them."""
     cases = ours.loop_cases([case])
@@ -133,4 +154,4 @@ def fit_rows(rounds: int = 3) -> list[Row]:
 def all_rows() -> list[Row]:
     case = make_loop()
     speed, torque = solve_loop(case)
-    return [*replay_rows(torque), *loop_rows(case, speed), *batch_rows(), *fit_rows()]
+    return [*replay_rows(torque), *model_rows(torque), *loop_rows(case, speed), *batch_rows(), *fit_rows()]

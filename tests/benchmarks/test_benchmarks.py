@@ -24,8 +24,8 @@ KEYS = {
     "error_ours": float,
     "error_peer": float,
 }
-NAMES = {"replay", "closed_loop", "batch", "fit"}
-PEERS = {"scipy-bdf", "scipy-lsoda", "cvode", "python-control", "casadi"}
+NAMES = {"replay", "models", "closed_loop", "batch", "fit"}
+PEERS = {"multibody", "scipy-bdf", "scipy-lsoda", "cvode", "python-control", "casadi"}
 
 
 @pytest.fixture(scope="module")
