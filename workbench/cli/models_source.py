@@ -7,7 +7,7 @@ from pathlib import Path
 
 from workbench.cli.campaign import load_campaign
 from workbench.errors import InputError
-from workbench.machine import Hoist
+from workbench.kinds import of_kind, studied
 from workbench.simulate.models import ModelsCompared, compare_loops, compare_models
 from workbench.simulate.multibody_loop import check_multibody
 
@@ -19,9 +19,10 @@ def comparison_of(source: Path, runs: str | None, machine: Path | None, step_s: 
     if source.is_file():
         return _of_scenario(source, runs, machine, step_s)
     campaign = load_campaign(source, runs, machine, None)
-    if not isinstance(campaign.machine, Hoist):
-        raise InputError("a machine of kind 'axis'; the multi-body machine is a hoist", file=source / "machine.yaml")
-    hoist = campaign.machine
+    hoist = studied(campaign.machine)
+    if hoist is None:
+        kind = of_kind(campaign.machine)
+        raise InputError(f"{kind}; the multi-body machine is a hoist", file=source / "machine.yaml")
     check_multibody(hoist)
     return lambda: compare_models(hoist, campaign.runs, step_s=step_s)
 
