@@ -67,6 +67,10 @@ def test_every_recorded_machine_loads_and_says_exactly_its_file(campaigns):
         recorded = loads(file.read_text(), file).data
         assert isinstance(again, dict)
         assert isinstance(recorded, dict)
+        # Tolerances that the file leaves at their defaults are written too.
+        stated = again["tolerances"]
+        assert isinstance(stated, dict)
+        again["tolerances"] = {key: stated[key] for key in recorded["tolerances"]}
         assert {key: again[key] for key in recorded} == recorded
         assert [key for key in again if key in recorded] == list(recorded), "key order is kept"
 
@@ -133,6 +137,8 @@ def test_missing_tolerances_take_the_documented_defaults():
     assert bare.tolerances.model_dump() == {
         "rotor_inertia": 0.01, "carriage_mass": 0.004, "payload": 0.005, "coulomb": 0.15, "pin_friction": 0.1,
         "wire_stiffness": 0.05, "torque_gain": 0.005, "torque_offset_nm": 3.0,
+        "gearbox_loss": 0.002, "load_friction": 0.002, "viscous": 0.03, "stribeck": 0.1, "eccentricity": 0.0003,
+        "ripple": 0.002,
     }  # fmt: skip
     assert bare.gravity_m_s2 == 9.81
 
