@@ -26,6 +26,7 @@ from workbench.diagnose.records import Hypothesis, Left, Names, Reason, ReasonKi
 from workbench.diagnose.verdict.against import against
 from workbench.diagnose.verdict.stretch import stretch
 from workbench.effects import find
+from workbench.kinds import kind_of
 
 # Standard deviations by which tolerances are stretched by chance: more without a cause that explains anything than with
 # one, for of all causes weighed one would have relieved them.
@@ -39,6 +40,7 @@ SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
 FREER = 10.0  # merit by which a law of more freedom has to be better than a simpler one
+OWN = 0.02  # of the largest input: what an axis may leave itself; the EMPS axis leaves 0.008 to 0.016
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
@@ -254,13 +256,22 @@ def evidence_of(found: Found, held: Fitted, size: float, left: Left, share: floa
     own = len(found.base.z)
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
     inexact = SECOND**2 * explained(found.problem, found.base, held, size) if held.effects else 0.0
-    weight = open_share * min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
+    weight = open_share * relevance(found.problem, left)
     return {
         "left": weight * max(math.log(size), 0.0),
         "prior": max(stretch(found.problem, held, inexact) - BY_CHANCE[bool(held.effects)], 0.0),
         "bound": float(_on_bound(held, own)),
         "against": max(against(found.problem, held, own) - UNDONE, 0.0),
     }
+
+
+def relevance(problem: Problem, left: Left) -> float:
+    """How much of what is left speaks for a cause, 0 to 1. An axis has ripple and resonances of its own: there only
+    what is beyond OWN of the largest input does."""
+    if kind_of(problem.machine).floor == "sensors":
+        return min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
+    largest = max(float(np.max(np.abs(u))) for u in problem.bench.measured)
+    return min(max(left.rms / (OWN * largest) - 1.0, 0.0), 1.0)
 
 
 def _reasons(
