@@ -103,8 +103,8 @@ def emps(shared_data: Path, tmp_path: Path) -> Emps:
     return diagnosed
 
 
-# Since the likelihood holds discrepancy, what this axis leaves itself (1.9 % of its largest force, over 0.12 s) is taken
-# for an unknown cause: a fault that is known and not mended yet; see docs/diagnosis.md.
+# Since the likelihood holds discrepancy, what this axis leaves itself (1.9 % of its largest force, over 0.12 s) is
+# taken for an unknown cause: a fault that is known and not mended yet; see docs/diagnosis.md.
 OPEN = pytest.mark.xfail(reason="the EMPS axis' own structure is called unknown", strict=False)
 
 
