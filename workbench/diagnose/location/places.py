@@ -22,7 +22,7 @@ from workbench.diagnose.records import PlaceProbability
 from workbench.run import Array
 
 # No model is exact: what it leaves hangs together in time, and counts for less than as many independent values.
-# Fitted on simulated campaigns, so that a place said at 0.8 is right in four of five.
+# Set by eye: on 21 simulated campaigns the logarithmic score hardly changes between 1 and 20.
 DOUBT = 3.0
 SHOWN = 0.005  # probability
 BAND_HZ = 20.0  # beyond, an axis' log shows the noise of its differentiated speed more than a force
