@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -116,6 +117,19 @@ def test_a_module_imports_only_from_the_layers_above_its_own(module: Path):
 )
 def test_the_physics_floor_imports_nothing_heavy_at_module_level(module: Path):
     assert heavy_imports(module.read_text(encoding="utf-8"), package_of(module)) == []
+
+
+def test_the_rooms_of_the_diagnosis_import_each_other_one_way():
+    """A room is a folder of workbench/diagnose or a module beside them; imports for type checkers count too."""
+    rooms: dict[str, set[str]] = {}
+    for module in (PACKAGE / "diagnose").rglob("*.py"):
+        room = module.relative_to(PACKAGE / "diagnose").parts[0].removesuffix(".py")
+        names = [name for node in ast.walk(ast.parse(module.read_text())) for name in imported(node, ())]
+        rooms.setdefault(room, set()).update(
+            name.split(".")[2] for name in names if name.startswith("workbench.diagnose.")
+        )
+    others = {room: used - {room} for room, used in rooms.items()}
+    assert set(TopologicalSorter(others).static_order()) >= {"verdict", "location", "hypotheses"}  # CycleError if not
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.made_diagnosis import made_diagnosis
-from workbench.diagnose.records import Curve
+from workbench.diagnose.unexplained.records import Curve
 from workbench.figures.diagnose_time import RunSeries, inputs, residuals, speeds
 from workbench.figures.diagnose_verdict import ALL, COLOURS, isolability, ranking, shrink_bars
 from workbench.figures.diagnose_where import curves, profiles, worth_a_panel

@@ -20,10 +20,11 @@ from workbench.diagnose.hypotheses import search
 from workbench.diagnose.hypotheses.fits import start_of
 from workbench.diagnose.hypotheses.knobs import Knob
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.hypotheses.scan import Atom
 from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.rigid import Rigid, as_well_shown
-from workbench.diagnose.records import Diagnosis, Estimate
+from workbench.diagnose.records import Diagnosis
 from workbench.effects import Effect, effects_for, find, forget_users, load_effects, ranges_of
 from workbench.errors import InputError
 from workbench.logs import Campaign

@@ -10,7 +10,8 @@ import pytest
 
 from tests.support.emps_campaign import RUNS
 from workbench.diagnose.diagnose import diagnose
-from workbench.diagnose.records import Diagnosis, Reason, ReasonKind
+from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.verdict.records import Reason, ReasonKind
 from workbench.logs import read_campaign
 
 

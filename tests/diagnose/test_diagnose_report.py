@@ -17,7 +17,10 @@ from hypothesis import strategies as st
 from tests.support.effect_machines import rotary_axis
 from tests.support.made_diagnosis import KINDS, made_diagnosis
 from workbench.cli.campaign import chosen_candidates
-from workbench.diagnose.records import Candidate, Diagnosis, Estimate, Hypothesis, Verdict, Window
+from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.location.records import Window
+from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.verdict.records import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.errors import InputError
 from workbench.machine import load_machine

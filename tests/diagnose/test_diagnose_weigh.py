@@ -22,9 +22,9 @@ from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_payload, folds_by_run, held_out
 from workbench.diagnose.hypotheses.knobs import Knob, effect_knobs, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import MOST, cost, score_of
 from workbench.diagnose.hypotheses.search import Found
-from workbench.diagnose.records import Names
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.verdict.judge import calibration, rank
 from workbench.effects import find, ranges_of
@@ -149,10 +149,10 @@ def test_standard_errors_are_the_scatter_of_many_campaigns():
         problem.errors = replace(problem.errors, discrepancy=np.zeros(problem.samples))  # these runs have none
         z = np.concatenate([np.zeros(len(base)), start])
         fit = fit_knobs(problem, (effect.id,), knobs, z, 30)
-        (each,) = estimates(problem, fit)[effect.id]
+        (each,) = estimates(problem, fit, interval=1.0)[effect.id]
         assert isinstance(each.value, float) and isinstance(each.std_error, float)
         found.append(each.value)
-        said.append(each.std_error / calibration()["interval"])
+        said.append(each.std_error)
     assert np.mean(found) == pytest.approx(3000.0, abs=4.0 * float(np.std(found)) / math.sqrt(50))
     assert np.mean(said) == pytest.approx(np.std(found), rel=0.3)
 
@@ -162,7 +162,7 @@ def test_half_the_noise_halves_the_error_of_what_no_tolerance_holds(tight: tuple
     quiet = copy(problem)
     quiet.errors = ErrorModel(0.5 * problem.errors.white, 0.5 * problem.errors.discrepancy, problem.errors.carry)
     at = len(fit.z) - 2  # the centre of the stretch: nothing else is like it
-    before, after = (math.sqrt(covariance(p, replace(fit, chi2=0.0))[at, at]) for p in (problem, quiet))
+    before, after = (math.sqrt(covariance(p, replace(fit, chi2=0.0), 1.0)[at, at]) for p in (problem, quiet))
     assert after == pytest.approx(0.5 * before, rel=0.02)
 
 
@@ -170,7 +170,7 @@ def test_a_model_that_leaves_more_than_the_noise_is_believed_less(tight: tuple[P
     problem, fit = tight
     worse = replace(fit, chi2=4.0 * problem.share * problem.samples)
     good = replace(fit, chi2=0.5 * problem.share * problem.samples)
-    assert np.diag(covariance(problem, worse)) == pytest.approx(4.0 * np.diag(covariance(problem, good)))
+    assert np.diag(covariance(problem, worse, 1.0)) == pytest.approx(4.0 * np.diag(covariance(problem, good, 1.0)))
 
 
 # The verdict

@@ -9,7 +9,8 @@ location      the gap, and where it lies
 isolation     what these runs can tell apart, and which run would decide what is open
 unexplained   an unknown cause as a table over what explains it best
 
-Beside them: candidates (rows of the report), machines (a fit as machine.yaml), shrink, words.
+Each room's records stand in its `records.py`. Beside the rooms: candidates (rows of the report), machines (a fit as
+machine.yaml), shrink, words.
 """
 
 from workbench.verb import make_callable

@@ -13,8 +13,8 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.held_out import folds_by_payload, folds_by_run, held_out
 from workbench.diagnose.hypotheses.knobs import Value
 from workbench.diagnose.hypotheses.search import Found
-from workbench.diagnose.records import Candidate
-from workbench.diagnose.verdict.judge import Judged, Weighed
+from workbench.diagnose.verdict.judge import Judged, Weighed, calibration
+from workbench.diagnose.verdict.records import Candidate
 
 SCORED = 5  # hypotheses whose held-out score is computed
 FAR = 3.0  # tolerances
@@ -35,7 +35,7 @@ def candidates(found: Found, judged: Judged, keys: Mapping[str, Value]) -> tuple
                 residual_rms=each.fit.rms(problem.inputs),
                 held_out_rms=unseen[0] if unseen else None,
                 explained=float(np.clip((_energy(found, found.near) - _energy(found, each.fit)) / gap, 0.0, 1.0)),
-                parameters=estimates(problem, each.fit),
+                parameters=estimates(problem, each.fit, calibration()["interval"]),
                 fitted=True,
                 against=tuple(_against(found, judged, each, keys, list(zip(folds, unseen, strict=False)))),
             )

@@ -8,6 +8,7 @@ from workbench.consequences import Consequences, consequences_of
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import Found, Search
 from workbench.diagnose.isolation.isolability import isolability
 from workbench.diagnose.isolation.next_run import next_run
@@ -19,10 +20,11 @@ from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.condition import condition
 from workbench.diagnose.readiness.information import informative_band
 from workbench.diagnose.readiness.motion_noise import motion_noise
-from workbench.diagnose.records import Diagnosis, Names, Verdict, VerdictWord
+from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, judge
+from workbench.diagnose.verdict.records import Verdict, VerdictWord
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest

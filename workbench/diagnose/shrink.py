@@ -11,9 +11,9 @@ import numpy as np
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
 from workbench.diagnose.hypotheses.knobs import Setting, Value
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.machines import machine_of
-from workbench.diagnose.records import Names, Shrink
 from workbench.diagnose.unexplained.unknown import Explained
 from workbench.errors import InputError
 from workbench.kinds import kind_of
@@ -21,6 +21,26 @@ from workbench.machine import Axis, Hoist
 from workbench.simulate.replay import replay_runs
 
 DRAWS = 2000  # of the bootstrap
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """How far the gap shrinks on runs that were held out. before, after, noise: rms, `unit`, below band_hz.
+
+    by_run: name -> (before, after). ci95: of the factor, a bootstrap over runs. speed_*: open-loop replay.
+    """
+
+    before: float
+    after: float
+    noise: float
+    unit: str
+    band_hz: float
+    factor: float
+    ci95: tuple[float, float]
+    speed_rmse_percent_before: float
+    speed_rmse_percent_after: float
+    by_run: Mapping[str, tuple[float, float]]
+    sentences: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

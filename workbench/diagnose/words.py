@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from workbench.diagnose.records import Gap, Names, Shrink
+from workbench.diagnose.hypotheses.records import Names
+from workbench.diagnose.location.records import Gap
+from workbench.diagnose.shrink import Shrink
 from workbench.diagnose.verdict.judge import Judged
 
 

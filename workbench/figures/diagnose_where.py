@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workbench.diagnose.records import Curve, Profile
+from workbench.diagnose.location.records import Profile
+from workbench.diagnose.unexplained.records import Curve
 from workbench.figures.style import FAINT, GREY, MARKERS, SPARE, TEMPLATE, heading
 from workbench.run import Array
 

@@ -9,8 +9,7 @@ import numpy as np
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Setting, bounds_of, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.records import Estimate
-from workbench.diagnose.verdict.judge import calibration
+from workbench.diagnose.hypotheses.records import Estimate
 from workbench.effects import Ranged, find, ranges_of
 from workbench.plants import plant_of
 from workbench.run import Array
@@ -18,21 +17,21 @@ from workbench.run import Array
 STEP = 1e-4  # of z, for the values' slopes
 
 
-def covariance(problem: Problem, fit: Fitted) -> Array:
-    """Of z: (m, m). A model that leaves more than the noise is believed less, in proportion; and all by the
-    factor that made intervals honest on simulated campaigns."""
+def covariance(problem: Problem, fit: Fitted, interval: float) -> Array:
+    """Of z: (m, m). A model that leaves more than the noise is believed less, in proportion;
+    and standard errors are `interval` times as wide, the factor that made them honest on simulated campaigns."""
     _, _, std = bounds_of(fit.knobs)
     white = problem.errors.whiten(fit.jacobian)
     information = white.T @ white + np.diag(1.0 / std**2)
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
     excess = max(1.0, fit.chi2 / max(problem.share * problem.samples, 1.0))
-    return np.asarray(inverse * excess * calibration()["interval"] ** 2)
+    return np.asarray(inverse * excess * interval**2)
 
 
-def estimates(problem: Problem, fit: Fitted) -> dict[str, tuple[Estimate, ...]]:
+def estimates(problem: Problem, fit: Fitted, interval: float) -> dict[str, tuple[Estimate, ...]]:
     """Effect -> its parameters: value and standard error, of each run where they are each run's own."""
-    spread = covariance(problem, fit)
+    spread = covariance(problem, fit, interval)
     slopes = _slopes(fit)
     kind = plant_of(problem.machine).kind
     setting = fit.setting

@@ -15,6 +15,7 @@ from workbench.diagnose.hypotheses.base import base_knobs, trace_knobs
 from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signed, fit_knobs, linear_gain, start_of
 from workbench.diagnose.hypotheses.knobs import Knob, Value, within
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.scan import Atom, atoms
 from workbench.diagnose.hypotheses.score import cost
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
@@ -38,8 +39,6 @@ LEADERS = 3
 SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
-
-Names = tuple[str, ...]
 
 
 @dataclass(frozen=True)

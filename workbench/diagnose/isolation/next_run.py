@@ -11,10 +11,11 @@ import numpy as np
 from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signed, linear_gain, start_of
 from workbench.diagnose.hypotheses.knobs import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.isolation.lines import Line, on_campaign, on_menu
 from workbench.diagnose.isolation.planned import Planned, menu
-from workbench.diagnose.records import Names, NextRun
+from workbench.diagnose.isolation.records import NextRun
 from workbench.kinds import kind_of
 
 LEAST = 0.35  # of the noise, rms: no model is more exact than that

@@ -13,8 +13,8 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Value
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, Found
+from workbench.diagnose.location.records import Gap
 from workbench.diagnose.machines import refitted_machine
-from workbench.diagnose.records import Gap
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist

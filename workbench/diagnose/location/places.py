@@ -17,8 +17,8 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.events import Pulse, event_ports, pulses_of
 from workbench.diagnose.location.evidence import Evidence, Weigher
 from workbench.diagnose.location.ports import Port, Ports
+from workbench.diagnose.location.records import PlaceProbability
 from workbench.diagnose.location.survey import Survey, survey_of
-from workbench.diagnose.records import PlaceProbability
 from workbench.run import Array
 
 # No model is exact: what it leaves hangs together in time, and counts for less than as many independent values.

@@ -8,8 +8,8 @@ import numpy as np
 
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import Explained, blocks, run_of, share_of
+from workbench.diagnose.location.records import Profile
 from workbench.diagnose.location.variables import Variable, forward, times, way
-from workbench.diagnose.records import Profile
 from workbench.kinds import kind_of
 from workbench.run import Array
 

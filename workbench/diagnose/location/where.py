@@ -13,11 +13,11 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES
 from workbench.diagnose.location.places import Placed, placed
 from workbench.diagnose.location.profiles import Explained, Free, best_of, explain, profile_of, run_of, share_in_time
+from workbench.diagnose.location.records import Event, PlaceProbability, Profile, Where, Window
 from workbench.diagnose.location.side import side_of
 from workbench.diagnose.location.spectrum import wave_along_the_way, wave_in_time
 from workbench.diagnose.location.variables import spacing, times, variables
 from workbench.diagnose.location.windows import Windows, windows_of
-from workbench.diagnose.records import Event, PlaceProbability, Profile, Where, Window
 from workbench.effects import Effect
 from workbench.run import Array
 

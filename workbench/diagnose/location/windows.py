@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.location.records import Window
 from workbench.diagnose.location.variables import spacing, times
-from workbench.diagnose.records import Window
 from workbench.run import Array
 
 HELD = 0.75  # of the energy, in the windows

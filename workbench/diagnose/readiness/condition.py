@@ -10,8 +10,8 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.cross_checks import FAR, reference_of, reference_slope
 from workbench.diagnose.readiness.lateness import lateness
+from workbench.diagnose.readiness.records import Condition, RunCondition
 from workbench.diagnose.readiness.same_machine import listed
-from workbench.diagnose.records import Condition, RunCondition
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.logs.channels import clipped, is_constant

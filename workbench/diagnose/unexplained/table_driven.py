@@ -13,7 +13,7 @@ from workbench.diagnose.hypotheses.held_out import HeldOut
 from workbench.diagnose.hypotheses.knobs import bounds_of, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
-from workbench.diagnose.records import Curve
+from workbench.diagnose.unexplained.records import Curve
 from workbench.diagnose.unexplained.table_fit import TableFit, TableFitter, telling_points
 from workbench.diagnose.unexplained.tables import columns_of, gain_of, lever_of, points_of, rides_of
 from workbench.kinds import Table

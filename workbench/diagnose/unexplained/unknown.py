@@ -19,7 +19,7 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
-from workbench.diagnose.records import Curve, Unknown
+from workbench.diagnose.unexplained.records import Curve, Unknown
 from workbench.diagnose.unexplained.table_driven import Tables, with_table
 from workbench.diagnose.unexplained.tables import variables_of
 from workbench.diagnose.unexplained.words import OVER, over_what, span

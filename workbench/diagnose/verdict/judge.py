@@ -20,10 +20,11 @@ import numpy as np
 from workbench.diagnose.hypotheses.base import traces
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import cost, explained, score_of
 from workbench.diagnose.hypotheses.search import Found
-from workbench.diagnose.records import Hypothesis, Left, Names, Reason, ReasonKind, VerdictWord
 from workbench.diagnose.verdict.against import against
+from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, VerdictWord
 from workbench.diagnose.verdict.stretch import stretch
 from workbench.effects import find
 from workbench.kinds import kind_of

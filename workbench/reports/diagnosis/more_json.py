@@ -7,7 +7,11 @@ from typing import Any
 
 from workbench import __version__
 from workbench.consequences import as_json
-from workbench.diagnose.records import Candidate, Curve, Diagnosis, Estimate, Profile
+from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.location.records import Profile
+from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.unexplained.records import Curve
+from workbench.diagnose.verdict.records import Candidate
 from workbench.json_records import plain
 from workbench.reports.words import words_of
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from workbench.diagnose.records import Diagnosis, Unknown
+from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.unexplained.records import Unknown
 from workbench.diagnose.unexplained.words import OVER
 from workbench.figures import diagnose_time, diagnose_where
 from workbench.figures.consequences import before_and_after

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from workbench.diagnose.records import Diagnosis, Hypothesis, Reason, ReasonKind, VerdictWord
+from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.words import over_what
+from workbench.diagnose.verdict.records import Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist

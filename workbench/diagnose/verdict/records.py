@@ -1,0 +1,85 @@
+"""The answer, the hypotheses it was chosen from, and what speaks against it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Literal
+
+from workbench.diagnose.hypotheses.records import Estimate, Names
+
+VerdictWord = Literal["named", "no_gap", "unknown"]
+
+
+class ReasonKind(Enum):
+    """What speaks against the best named hypothesis."""
+
+    UNLISTED_EXPLAINS_MORE = "unlisted_explains_more"
+    LEAVES_MUCH = "leaves_much"
+    STRETCHES_TOLERANCES = "stretches_tolerances"
+    ON_A_BOUND = "on_a_bound"
+    UNDO_EACH_OTHER = "undo_each_other"
+
+
+@dataclass(frozen=True)
+class Reason:
+    """value: N m (N) left, or standard deviations; percent: of the input's rms; effects: those it is about."""
+
+    kind: ReasonKind
+    effects: Names = ()
+    value: float = 0.0
+    percent: float = 0.0
+
+
+@dataclass(frozen=True)
+class Left:
+    """What the answer leaves beyond noise and discrepancy: rms, N m (N); per cent of the input's rms; whether that
+    changes a conclusion of a study."""
+
+    rms: float
+    percent_of_input: float
+    relevant: bool
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One hypothesis weighed. gain: by how much it lowers chi^2 and tolerances together; merit: less what it costs.
+
+    residual_rms, held_out_rms: N m (N); held_out_rms is None for what was not fitted. explained: share of the gap's
+    energy. against: what speaks against it. failure: why its fit broke down, "" for one that did not.
+    """
+
+    effects: Names
+    gain: float
+    merit: float
+    residual_rms: float | None
+    held_out_rms: float | None
+    explained: float | None
+    parameters: Mapping[str, tuple[Estimate, ...]]
+    fitted: bool
+    against: tuple[str, ...] = ()
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One row of the ranking."""
+
+    verdict: VerdictWord
+    effects: Names
+    probability: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer. alike: what this campaign cannot tell from it. sentence: the answer in one sentence."""
+
+    word: VerdictWord
+    effects: Names
+    ranking: tuple[Hypothesis, ...]
+    alike: Names
+    sentence: str
+    reasons: tuple[Reason, ...] = ()
+    explained: float = 0.0
+    left: Left = Left(0.0, 0.0, False)
