@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -178,3 +179,32 @@ def test_help_version_and_usage_errors_load_nothing_heavy(argument: str):
     )
     done = subprocess.run([sys.executable, "-c", code, argument], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+OPTION = re.compile(r"(?:^|[\s'\"`(])--[a-z]")
+# Beside the command line, the page of the manual that is written from the declarations.
+NAMES_OPTIONS = {"cli", "effects/page.py"}
+
+
+def option_names(source: str) -> list[str]:
+    """The strings of a module, docstrings apart, that name an option of the command line."""
+    tree = ast.parse(source)
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    return [
+        f"line {node.lineno}: {node.value}"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and id(node) not in docstrings
+        if isinstance(node.value, str) and OPTION.search(node.value)
+    ]
+
+
+def test_only_the_command_line_names_its_options():
+    """A library's error names its parameter; the command line turns that into the option."""
+    found = {}
+    for module in MODULES:
+        name = module.relative_to(PACKAGE).as_posix()
+        if not any(name == place or name.startswith(f"{place}/") for place in NAMES_OPTIONS):
+            found[name] = option_names(module.read_text(encoding="utf-8"))
+    assert {name: lines for name, lines in found.items() if lines} == {}
+    assert option_names("raise InputError('no', place='--free')") == ["line 1: --free"]
+    assert option_names('def f():\n    """See --free."""\n    return 1 - -1') == []

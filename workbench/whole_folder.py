@@ -30,7 +30,7 @@ def check_free(folder: Path) -> None:
     except OSError as error:
         raise InputError(f"no results can be written there: {error.strerror or error}", file=folder) from error
     if not free:
-        raise InputError(f"{what_is_in(folder)}; nothing is overwritten, choose another --out", file=folder)
+        raise InputError(f"{what_is_in(folder)}; nothing is overwritten, choose another folder", file=folder)
 
 
 @contextmanager

@@ -240,7 +240,7 @@ def test_the_tune_command_writes_a_block_that_the_loop_command_takes(tmp_path: P
     assert code == 0, said
     assert {path.name for path in folder.iterdir()} == {"loop.html", "loop.json"}
     assert run("tune", *words, "--bandwidth", "4", "--out", str(out)) == (
-        2, f"{out}: is there already; nothing is overwritten, choose another --out"
+        2, f"{out}: is there already; nothing is overwritten, choose another file"
     )  # fmt: skip
 
 

@@ -303,7 +303,7 @@ def test_candidates_are_checked_by_name():
     every = chosen_candidates("all", machine)
     assert every is not None and {"heave", "friction_step"} <= set(every)
     for text, problem in (
-        ("heav", r"--candidates: unknown effect 'heav'; did you mean 'heave'\?"),
+        ("heav", r"^candidates: unknown effect 'heav'; did you mean 'heave'\?"),
         ("inertia_error", "unknown effect 'inertia_error'"),
         (" , ", "no effect is named"),
         ("heave,heave", "'heave' is named twice"),

@@ -111,7 +111,7 @@ def test_a_metric_is_known_without_its_unit_and_a_typo_gets_the_nearest() -> Non
 
 @pytest.mark.parametrize("text", ["peak_torque", "peak_torque=", "peak_torque=5 percent", "peak_torque=-5%", "=5%"])
 def test_a_limit_that_is_none_says_what_one_looks_like(text: str) -> None:
-    with pytest.raises(InputError, match=r"--max-regression: .*(peak_torque=5%|unknown metric)"):
+    with pytest.raises(InputError, match=r"^limits: .*(peak_torque=5%|unknown metric)"):
         parse_limits([text], fixed_columns())
 
 

@@ -204,7 +204,7 @@ def test_a_finished_result_is_never_overwritten(study: Study, tmp_path: Path) ->
     folder = written(study, tmp_path / "small")
     assert place_for(study, folder).finished
     other = replace(study, scenario=study.scenario.model_copy(update={"payloads_kg": (1.0,)}))
-    with pytest.raises(InputError, match=r"holds another result \('small'.*choose another --out"):
+    with pytest.raises(InputError, match=r"holds another result \('small'.*choose another folder"):
         place_for(other, folder)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("keep")
@@ -219,7 +219,7 @@ def test_a_finished_result_is_never_overwritten(study: Study, tmp_path: Path) ->
 def test_a_result_without_its_index_is_not_taken_for_whole(study: Study, tmp_path: Path) -> None:
     folder = written(study, tmp_path / "small")
     (folder / "index.parquet").unlink()
-    with pytest.raises(InputError, match="choose another --out"):
+    with pytest.raises(InputError, match="choose another folder"):
         place_for(study, folder)
 
 

@@ -12,6 +12,7 @@ from typing import NoReturn
 import click
 
 from workbench import __version__
+from workbench.cli.options import placed_at_option
 from workbench.errors import InputError, nearest
 
 # name -> (where the click command stands, its line in `workbench --help`). The line stands here
@@ -54,6 +55,14 @@ class LazyGroup(click.Group):
         if args[0] not in COMMANDS and not args[0].startswith("-"):
             ctx.fail(f"unknown command '{args[0]}'; {nearest(args[0], COMMANDS)}")
         return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> object:
+        """The library names its own parameters; what was typed is an option."""
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            command = self.get_command(ctx, ctx.invoked_subcommand or "")
+            raise placed_at_option(error, command.params if command else ()) from error
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

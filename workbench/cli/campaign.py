@@ -45,12 +45,12 @@ def chosen_candidates(text: str | None, machine: Hoist | Axis) -> tuple[str, ...
         return tuple(known)
     names = [name.strip() for name in text.split(",") if name.strip()]
     if not names:
-        raise InputError(f"no effect is named, expected names with commas between, or '{ALL}'", place="--candidates")
+        raise InputError(f"no effect is named, expected names with commas between, or '{ALL}'", place="candidates")
     for name in names:
         if name not in known:
-            raise InputError(f"unknown effect '{name}'; {nearest(name, known)}", place="--candidates")
+            raise InputError(f"unknown effect '{name}'; {nearest(name, known)}", place="candidates")
     if repeated := [name for name in names if names.count(name) > 1]:
-        raise InputError(f"'{repeated[0]}' is named twice, expected each effect once", place="--candidates")
+        raise InputError(f"'{repeated[0]}' is named twice, expected each effect once", place="candidates")
     return tuple(names)
 
 

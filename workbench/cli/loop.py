@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import effects_option, numbers_or_none
 
 
 @click.command(name="loop")
@@ -58,7 +58,8 @@ def command(
     if out is not None:
         check_free(out)
     goal = Goal(ms_limit=ms)
-    case = load_case(machine, scenario, controller, payloads, heights)
+    payloads_kg, heights_m = numbers_or_none(payloads, "payloads"), numbers_or_none(heights, "heights")
+    case = load_case(machine, scenario, controller, payloads_kg, heights_m)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)  # type: ignore[arg-type]
     members = family(case.machine, case.settings, points, effects=STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS)
     print_text([f"Controller {case.origin}: {report.gains_text(case)}.", ""])

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+
+from workbench.errors import InputError
+
+UNITS = ("_hz", "_kg", "_m", "_s")  # what a library's parameter is called beyond its option
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -45,3 +49,24 @@ def _load(context: click.Context, option: click.Parameter, files: tuple[Path, ..
 
     for file in files:
         load_effects(file)
+
+
+def numbers_or_none(text: str | None, parameter: str) -> tuple[float, ...] | None:
+    """The numbers of an option such as `0,4500,9000`; None where it is not given."""
+    from workbench.reports.loop.case import numbers
+
+    return None if text is None else numbers(text, parameter)
+
+
+def placed_at_option(error: InputError, options: Sequence[click.Parameter]) -> InputError:
+    """The error with the option's name as its place, where the library named the parameter behind it.
+
+    `free` is `--free`, `band_hz` is `--band`; what stands in a file keeps its own place.
+    """
+    if error.file is not None or error.place is None:
+        return error
+    parameter = next((error.place.removesuffix(unit) for unit in UNITS if error.place.endswith(unit)), error.place)
+    for option in options:
+        if option.param_type_name == "option" and option.name in (error.place, parameter):
+            return InputError(error.problem, place=option.opts[0])
+    return error

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import effects_option, numbers_or_none
+from workbench.errors import InputError
+
+if TYPE_CHECKING:
+    from workbench.analysis.tune import Weights
 
 
 @click.command(name="tune")
@@ -55,10 +60,11 @@ def command(
 
     if reject and bandwidth is not None:
         raise click.UsageError("--bandwidth and --reject are two goals; give one of them")
-    goal, weighed = Goal(bandwidth, ms), report.weights_of(weights)
+    goal, weighed = Goal(bandwidth, ms), _weights(weights)
     if out is not None:
         report.check_new(out)
-    case = load_case(machine, scenario, None, payloads, heights)
+    payloads_kg, heights_m = numbers_or_none(payloads, "payloads"), numbers_or_none(heights, "heights")
+    case = load_case(machine, scenario, None, payloads_kg, heights_m)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m)
     tuned = tune(case.machine, case.settings, points, case.trial(), goal, weighed)
     print_table(report.table(tuned))
@@ -70,3 +76,16 @@ def command(
     if out is not None:
         report.write_controller(tuned, out, case.machine)
         click.echo(f"\nController: {out}")
+
+
+def _weights(text: str) -> Weights:
+    """`1,2,1` as weights of tracking, peak and effort."""
+    from workbench.analysis.tune import Weights
+
+    try:
+        weights = [float(part) for part in text.split(",")]
+    except ValueError:
+        weights = []
+    if len(weights) != 3 or min(weights) < 0.0 or not 0.0 < sum(weights) < float("inf"):
+        raise InputError(f"'{text}', expected three numbers from 0 up, not all 0, such as 1,2,1", place="weights")
+    return Weights(*weights)

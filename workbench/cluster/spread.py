@@ -48,7 +48,7 @@ def _distributed() -> Any:
     try:
         import distributed
     except ImportError as error:
-        raise InputError("--cluster needs the extra 'cluster'; from a checkout: pip install '.[cluster]'") from error
+        raise InputError("a cluster needs the extra 'cluster'; from a checkout: pip install '.[cluster]'") from error
     # What it says of lost workers is dealt with here, and ends in one sentence or in nothing.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     return distributed

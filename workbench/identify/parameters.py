@@ -73,9 +73,9 @@ def _checked(machine: Hoist | Axis, chosen: Sequence[str]) -> list[str]:
     valid = fittable(machine)
     for key in chosen:
         if key not in valid:
-            raise InputError(f"cannot fit '{key}'; {nearest(key, valid)}", place="--free")
+            raise InputError(f"cannot fit '{key}'; {nearest(key, valid)}", place="free")
     if len(set(chosen)) != len(chosen):
-        raise InputError(f"a key stands twice in {', '.join(chosen)}", place="--free")
+        raise InputError(f"a key stands twice in {', '.join(chosen)}", place="free")
     return list(chosen)
 
 

@@ -38,5 +38,5 @@ def check_band(band_hz: float, runs: Sequence[Run]) -> None:
         raise InputError(
             f"{band_hz:g} Hz, expected at least {lowest:.2g} Hz ({LEAST_PERIODS:g} periods in the shortest run) "
             f"and less than {highest:.3g} Hz (half the sampling rate)",
-            place="--band",
+            place="band_hz",
         )

@@ -59,8 +59,8 @@ def load_case(
     machine: Path | None,
     scenario: Path | None,
     controller: Path | None,
-    payloads: str | None,
-    heights: str | None,
+    payloads_kg: Sequence[float] | None,
+    heights_m: Sequence[float] | None,
 ) -> LoopCaseFile:
     """InputError with file and place for whatever cannot be read or does not fit."""
     hoist: Hoist | None = None
@@ -70,13 +70,7 @@ def load_case(
         if hoist is None:
             raise InputError(f"is {of_kind(read)}; a speed loop is analysed for {STUDIED}", file=machine)
     given = None if controller is None else (read_controller(controller), f"of {controller}")
-    return loop_case(
-        hoist,
-        given,
-        None if payloads is None else numbers(payloads, "--payloads"),
-        None if heights is None else numbers(heights, "--heights"),
-        scenario,
-    )
+    return loop_case(hoist, given, payloads_kg, heights_m, scenario)
 
 
 def loop_case(

@@ -86,7 +86,7 @@ def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
     if len(heights) > 1 and max(spread) < 0.01 and "wire_stiffness_length" not in case.machine.effects:
         said.append(
             "Height makes next to no difference to Ms here: in the nominal plant the wire is equally stiff everywhere, "
-            "and with --free-length the drive's inertia still decides."
+            "and with a stiffness that follows the free length the drive's inertia still decides."
         )
     return said
 

@@ -114,26 +114,10 @@ def controller_text(settings: PiSettings, comments: Sequence[str] = ()) -> str:
     return head + dumps({"controller": settings.model_dump(mode="json", exclude_none=True)})
 
 
-def weights_of(text: str) -> Weights:
-    """`1,2,1` as weights of tracking, peak and effort."""
-    weights = [float(part) for part in text.split(",")] if _are_numbers(text) else []
-    if len(weights) != 3 or min(weights) < 0.0 or not 0.0 < sum(weights) < float("inf"):
-        raise InputError(f"'{text}', expected three numbers from 0 up, not all 0, such as 1,2,1", place="--weights")
-    return Weights(*weights)
-
-
-def _are_numbers(text: str) -> bool:
-    try:
-        [float(part) for part in text.split(",")]
-    except ValueError:
-        return False
-    return True
-
-
 def check_new(path: Path) -> None:
     """InputError where a file cannot be made because one is there, or its folder is not."""
     if os.path.lexists(path):
-        raise InputError("is there already; nothing is overwritten, choose another --out", file=path)
+        raise InputError("is there already; nothing is overwritten, choose another file", file=path)
     if not path.parent.is_dir():
         raise InputError(f"cannot be written: there is no folder {path.parent}", file=path)
 

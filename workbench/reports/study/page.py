@@ -44,4 +44,4 @@ def _check_free(path: Path) -> None:
     if path.exists():
         with path.open(encoding="utf-8", errors="replace") as page:
             if f'content="{MARK}"' not in page.read(2000):
-                raise InputError("is there and is no report; nothing is overwritten, choose another --out", file=path)
+                raise InputError("is there and is no report; nothing is overwritten, choose another file", file=path)

@@ -162,15 +162,17 @@ def _limit(text: str, names: Sequence[str]) -> Limit:
     name, equals, most = text.partition("=")
     number = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(%?)\s*", most)
     if not equals or number is None:
-        raise InputError(f"'{text}', expected a metric and how much worse it may get: peak_torque=5% or peak_torque=20",
-                         place="--max-regression")  # fmt: skip
+        raise InputError(
+            f"'{text}', expected a metric and how much worse it may get: peak_torque=5% or peak_torque=20",
+            place="limits",
+        )
     try:
         metric = metric_named(name.strip(), names)
     except InputError as error:
-        raise InputError(error.problem, place="--max-regression") from error
+        raise InputError(error.problem, place="limits") from error
     if metric not in judged():
         said = f"{metric} says what a run was, not how good it was; {nearest(metric, judged())}"
-        raise InputError(said, place="--max-regression")
+        raise InputError(said, place="limits")
     return Limit(metric, float(number[1]), number[2] == "%")
 
 

@@ -79,7 +79,7 @@ def _check_free(out: Path) -> None:
     except OSError as error:
         raise InputError(f"no results can be written there: {error.strerror or error}", file=out) from error
     if not free:
-        raise InputError(f"{_what_is_in(out)}; nothing is overwritten, choose another --out", file=out)
+        raise InputError(f"{_what_is_in(out)}; nothing is overwritten, choose another folder", file=out)
 
 
 def _what_is_in(folder: Path) -> str:
