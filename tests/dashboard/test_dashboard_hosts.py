@@ -5,7 +5,10 @@ from __future__ import annotations
 import base64
 import os
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +18,7 @@ from tests.support import browser
 from workbench.dashboard import warm
 from workbench.dashboard.options import OPTIONS, flags, hosts_allowed
 
+ROOT = Path(__file__).resolve().parents[2]
 LOCAL = ["localhost", "127.0.0.1", "::1"]
 
 
@@ -60,3 +64,32 @@ def test_who_listens_to_others_without_a_name_is_reached_by_any():
 def test_all_that_is_loaded_ahead_of_time_can_be(caplog: pytest.LogCaptureFixture):
     warm._load(later_s=0.0)
     assert not [record for record in caplog.records if record.exc_info]
+
+
+# Another thread is in the middle of importing pandas when the figures are made.
+WHILE_PANDAS_IS_IMPORTED = """
+import importlib.abc, sys, threading, time
+import numpy, plotly.graph_objects
+from workbench.dashboard import warm
+
+begun = threading.Event()
+
+class Slow(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == "pandas.core.api":
+            begun.set()
+            time.sleep(0.3)
+
+sys.meta_path.insert(0, Slow())
+warm._study = warm._loop = warm._others = lambda: plotly.graph_objects.Scatter(y=numpy.arange(3.0))
+threading.Thread(target=__import__, args=["pandas"]).start()
+begun.wait()
+warm._load(later_s=0.0)
+"""
+
+
+def test_loading_ahead_of_time_waits_for_pandas_that_another_thread_imports():
+    done = subprocess.run(
+        [sys.executable, "-c", WHILE_PANDAS_IS_IMPORTED], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""

@@ -9,6 +9,7 @@ import time
 LATER_S = 10.0  # until the first page, which needs the same processor, has been drawn
 
 _started = threading.Lock()
+_importing = threading.Lock()
 _threads: list[threading.Thread] = []
 
 
@@ -26,9 +27,19 @@ def wait() -> None:
     _threads[0].join()
 
 
+def import_pandas() -> None:
+    """Imports pandas whole, before this thread makes a figure.
+
+    Plotly looks for pandas in `sys.modules` and uses it half imported if another thread is at it. The import
+    system's own lock does not help there: only a thread that imports pandas itself waits until it is whole.
+    """
+    with _importing:
+        import pandas  # noqa: F401
+
+
 def _load(later_s: float = LATER_S) -> None:
     """The first page, then the others. What fails here fails again, and is shown, where it is used."""
-    for load, wait_s in ((_study, 0.0), (_loop, later_s), (_others, 0.0)):
+    for load, wait_s in ((import_pandas, 0.0), (_study, 0.0), (_loop, later_s), (_others, 0.0)):
         time.sleep(wait_s)
         try:
             load()
