@@ -9,7 +9,6 @@ import time
 LATER_S = 10.0  # until the first page, which needs the same processor, has been drawn
 
 _started = threading.Lock()
-_importing = threading.Lock()
 _threads: list[threading.Thread] = []
 
 
@@ -30,11 +29,10 @@ def wait() -> None:
 def import_pandas() -> None:
     """Imports pandas whole, before this thread makes a figure.
 
-    Plotly looks for pandas in `sys.modules` and uses it half imported if another thread is at it. The import
-    system's own lock does not help there: only a thread that imports pandas itself waits until it is whole.
+    Plotly looks for pandas in `sys.modules` and would use it half imported while another thread is at it. A thread
+    that imports it too waits until it is whole.
     """
-    with _importing:
-        import pandas  # noqa: F401
+    import pandas  # noqa: F401
 
 
 def _load(later_s: float = LATER_S) -> None:
