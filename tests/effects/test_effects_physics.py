@@ -20,8 +20,8 @@ from workbench.plants import HOIST, PLANTS
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.run import Array, Run
 from workbench.simulate.driven import Bench, pooled_rms
-from workbench.simulate.equipped import Equipped
 from workbench.simulate.loop import LoopCase, simulate_loop
+from workbench.simulate.plant_model import PlantModel
 from workbench.simulate.replay import replay_runs
 from workbench.trace.emit import evaluate
 from workbench.trace.expr import symbol
@@ -36,15 +36,15 @@ def forces(effects: dict[str, dict[str, float]], v: float, w: float, slack: bool
 
     4500 kg at 9 m, motor and carriage at speeds w and v, 3 s into a run that began 120 s into its campaign.
     """
-    worn = Equipped(HOIST, of(MACHINES["hoist"], effects))
-    p = worn.values(MACHINES["hoist"], PAYLOAD, SINCE)
+    model = PlantModel(HOIST, of(MACHINES["hoist"], effects))
+    p = model.values(MACHINES["hoist"], PAYLOAD, SINCE)
     q, hold = HOIST.equilibrium(HEIGHT, p)
     th = q[0] - (2000.0 * slack)
-    kept = [m.start(p) for m in worn.effects.memory]
-    states, speeds = state_symbols(HOIST, worn.effects)
-    rates = HOIST.rates(symbol("t"), states, speeds, symbol("u"), parameter_symbols(worn.names), worn.effects)
+    kept = [m.start(p) for m in model.effects.memory]
+    states, speeds = state_symbols(HOIST, model.effects)
+    rates = HOIST.rates(symbol("t"), states, speeds, symbol("u"), parameter_symbols(model.names), model.effects)
     at = dict(zip([x.args[0] for x in (*states, *speeds)], [th, q[1], HEIGHT, w, 0.0, v, *kept], strict=True))
-    numbers = {f"p_{name}": getattr(p, name) for name in worn.names}
+    numbers = {f"p_{name}": getattr(p, name) for name in model.names}
     a = evaluate(rates[:3], {"t": T, "u": hold, **at, **numbers})
     return SimpleNamespace(carriage=MASS * a[2], motor=INERTIA * a[0], sheave=a[1], th=th, hold=hold, p=p)
 
@@ -164,8 +164,8 @@ def test_hoses_hang_half_at_the_drum():
 
 def held(effects: dict[str, dict[str, float]], height: float = HEIGHT) -> tuple[float, float]:
     """Motor angle and torque of a load that hangs still."""
-    worn = Equipped(HOIST, of(MACHINES["hoist"], effects))
-    start, hold = worn.starts([height], [0.0], [0.0], [worn.values(MACHINES["hoist"], PAYLOAD, 0.0)])
+    model = PlantModel(HOIST, of(MACHINES["hoist"], effects))
+    start, hold = model.starts([height], [0.0], [0.0], [model.values(MACHINES["hoist"], PAYLOAD, 0.0)])
     return float(start[0, 0]), float(hold[0])
 
 
@@ -198,16 +198,16 @@ def test_a_shorter_fall_stretches_less():
 @pytest.mark.parametrize("seed", range(10))
 def test_a_wire_that_stiffens_neither_makes_nor_loses_energy(seed):
     rng = np.random.default_rng(seed)
-    worn = Equipped(HOIST, of(MACHINES["hoist"], {"wire_stiffness_length": {"share": 0.8}}))
-    p = worn.values(MACHINES["hoist"], PAYLOAD, 0.0)
+    model = PlantModel(HOIST, of(MACHINES["hoist"], {"wire_stiffness_length": {"share": 0.8}}))
+    p = model.values(MACHINES["hoist"], PAYLOAD, 0.0)
     vars(p).update(mu=0.0, F_up=0.0, F_dn=0.0, tau=0.0)
-    start, _ = worn.starts([HEIGHT], [0.0], [0.0], [p])
+    start, _ = model.starts([HEIGHT], [0.0], [0.0], [p])
     s = start[:6, 0] + np.array([0.5, 0.01, 0.005, 50.0, 1.0, 0.4]) * rng.normal(size=6)
     torque = float(rng.normal(0.0, 500.0))
-    states, speeds = state_symbols(HOIST, worn.effects)
+    states, speeds = state_symbols(HOIST, model.effects)
     names = [x.args[0] for x in (*states, *speeds)]
-    program = HOIST.rates(symbol("t"), states, speeds, torque, parameter_symbols(worn.names), worn.effects)
-    numbers = {f"p_{name}": getattr(p, name) for name in worn.names}
+    program = HOIST.rates(symbol("t"), states, speeds, torque, parameter_symbols(model.names), model.effects)
+    numbers = {f"p_{name}": getattr(p, name) for name in model.names}
     a = evaluate(program[:3], {"t": 0.0, **dict(zip(names, [*s, *start[6:, 0]], strict=True)), **numbers})
     rates, line = np.array([*s[3:], *a]), 7850.0 * p.A * p.g
 
@@ -229,9 +229,9 @@ def test_play_frees_the_motor_of_the_drum_while_the_wire_is_slack_within_it_and_
     assert forces(play, 0.1, 10.0).motor == forces({}, 0.1, 10.0).motor
     deep = forces(play, 0.1, 10.0, slack=True)  # 19 m of slack wire: far beyond the play
     assert deep.motor == forces({}, 0.1, 10.0, slack=True).motor
-    worn = Equipped(HOIST, of(MACHINES["hoist"], play))
+    model = PlantModel(HOIST, of(MACHINES["hoist"], play))
     s = SimpleNamespace(slack=0.02, load=33.0)  # 2 cm of slack, 3 cm of play
-    p = worn.values(MACHINES["hoist"], PAYLOAD, 0.0)
+    p = model.values(MACHINES["hoist"], PAYLOAD, 0.0)
     (piece,) = [each for each in effects_for("hoist").values() if each.id == "backlash"]
     assert piece.function(s, piece.own(p, "hoist"), p) == 33.0
 
@@ -239,12 +239,12 @@ def test_play_frees_the_motor_of_the_drum_while_the_wire_is_slack_within_it_and_
 def axis_replay(effects: dict[str, dict[str, float]], force: Array, step: float, **values: float) -> Array:
     """Positions and speeds (n, 2) of a linear axis from rest at 0."""
     machine = linear_axis(**values)
-    worn = Equipped(PLANTS["axis-linear"], of(machine, effects))
-    p = [worn.values(machine, 0.0, 0.0)]
-    start, _ = worn.starts([0.0], [0.0], [0.0], p)
+    model = PlantModel(PLANTS["axis-linear"], of(machine, effects))
+    p = [model.values(machine, 0.0, 0.0)]
+    start, _ = model.starts([0.0], [0.0], [0.0], p)
     time = np.linspace(0.0, step * (len(force) - 1), len(force))
     out = kernels.replay(
-        worn.plant, worn.table(p), time[:, None], force[:, None], start, worn.scales(0.1, p), effects=worn.effects
+        model.plant, model.table(p), time[:, None], force[:, None], start, model.scales(0.1, p), effects=model.effects
     )
     return out[:, :2, 0]
 
@@ -263,15 +263,15 @@ def test_before_it_slides_an_axis_gives_way_like_a_spring():
 def test_play_takes_its_share_of_an_axis_friction_away_after_a_reversal():
     """Slow forth and back: in mid-play share (1 - n^2) of the friction is gone, and n follows its own law."""
     machine = linear_axis(forward=20.0, backward=20.0, viscous=0.0, constant=0.0)
-    worn = Equipped(PLANTS["axis-linear"], of(machine, {"backlash": {"play_m": 0.01, "load_share": 0.5}}))
-    p = [worn.values(machine, 0.0, 0.0)]
+    model = PlantModel(PLANTS["axis-linear"], of(machine, {"backlash": {"play_m": 0.01, "load_share": 0.5}}))
+    p = [model.values(machine, 0.0, 0.0)]
     t = np.linspace(0.0, 10.0, 2001)
     v = np.where(t < 5.0, 0.01, -0.01)
     x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * 0.005])
-    start, _ = worn.starts([0.0], [0.0], [0.0], p)
+    start, _ = model.starts([0.0], [0.0], [0.0], p)
     out = kernels.driven(
-        worn.plant, worn.table(p), t[:, None], x[:, None], v[:, None], np.zeros((len(t), 1)), start[2:],
-        worn.scales(0.01, p), effects=worn.effects,
+        model.plant, model.table(p), t[:, None], x[:, None], v[:, None], np.zeros((len(t), 1)), start[2:],
+        model.scales(0.01, p), effects=model.effects,
     )  # fmt: skip
     force, n = out[:, 0, 0], out[:, 2, 0]  # behind the input: presliding's state, then this one's
     back = (t > 5.01) & (t < 9.9)

@@ -19,8 +19,8 @@ from workbench.engine.statics import hang_still
 from workbench.engine.text import parameter_symbols, state_symbols
 from workbench.plants import HOIST, NO_EFFECTS, PLANTS, Effects
 from workbench.run import Array
-from workbench.simulate.equipped import Equipped
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
+from workbench.simulate.plant_model import PlantModel
 from workbench.trace.emit import Printer
 from workbench.trace.expr import symbol
 
@@ -58,41 +58,41 @@ def shaped(kind: str, seed: int) -> dict[str, float]:
     return drawn
 
 
-def lanes(kind: str, many: int, off: bool) -> tuple[Equipped, list[SimpleNamespace]]:
+def lanes(kind: str, many: int, off: bool) -> tuple[PlantModel, list[SimpleNamespace]]:
     machine = MACHINES[kind]
-    worn = Equipped(PLANTS[kind], all_off(machine) if off else Active(kind))
+    model = PlantModel(PLANTS[kind], all_off(machine) if off else Active(kind))
     payloads = [1000.0 * (j % 9) for j in range(many)]
     plain = [PLANTS[kind].values(machine, payload) for payload in payloads]
-    return worn, [SimpleNamespace(**vars(p), **(shaped(kind, j) if off else {})) for j, p in enumerate(plain)]
+    return model, [SimpleNamespace(**vars(p), **(shaped(kind, j) if off else {})) for j, p in enumerate(plain)]
 
 
 def replayed(kind: str, many: int, off: bool) -> Array:
-    worn, values = lanes(kind, many, off)
-    start, hold = worn.starts([HEIGHT[kind]] * many, [0.0] * many, [0.0] * many, values)
+    model, values = lanes(kind, many, off)
+    start, hold = model.starts([HEIGHT[kind]] * many, [0.0] * many, [0.0] * many, values)
     t = np.arange(400) * 0.01
     swing = 40.0 * np.sin(2.0 * t) + 15.0 * np.sign(np.sin(5.0 * t))
     u = hold + swing[:, None]
     out = kernels.replay(
-        worn.plant, worn.table(values), np.tile(t[:, None], many), u, start, worn.scales(SPEED[kind], values),
-        effects=worn.effects,
+        model.plant, model.table(values), np.tile(t[:, None], many), u, start, model.scales(SPEED[kind], values),
+        effects=model.effects,
     )  # fmt: skip
-    return out[:, : 2 * len(worn.plant.positions)]
+    return out[:, : 2 * len(model.plant.positions)]
 
 
 def driven(kind: str, many: int, off: bool) -> Array:
-    worn, values = lanes(kind, many, off)
-    start, _ = worn.starts([HEIGHT[kind]] * many, [0.0] * many, [0.0] * many, values)
+    model, values = lanes(kind, many, off)
+    start, _ = model.starts([HEIGHT[kind]] * many, [0.0] * many, [0.0] * many, values)
     t = np.linspace(0.0, 3.99, 400)
     w = SPEED[kind] * np.sin(1.5 * t)
     angle, a = np.cumsum(w) * 0.01, np.gradient(w, t)
-    n = len(worn.plant.positions)
+    n = len(model.plant.positions)
 
     def wide(series: Any) -> Array:
         return np.tile(np.asarray(series, dtype=float)[:, None], many)
 
     out = kernels.driven(
-        worn.plant, worn.table(values), wide(t), wide(angle) + start[0], wide(w), wide(a),
-        np.concatenate([start[1:n], start[n + 1 :]]), worn.scales(SPEED[kind], values), effects=worn.effects,
+        model.plant, model.table(values), wide(t), wide(angle) + start[0], wide(w), wide(a),
+        np.concatenate([start[1:n], start[n + 1 :]]), model.scales(SPEED[kind], values), effects=model.effects,
     )  # fmt: skip
     return out[:, : 2 * n - 1]
 
@@ -160,12 +160,12 @@ def at_start(name: str, kind: str) -> dict[str, float]:
 @pytest.mark.parametrize("name", [name for name, each in effects_for("hoist").items() if not each.on_sensor])
 def test_with_any_effect_a_load_that_is_held_hangs_still(name):
     machine = MACHINES["hoist"]
-    worn = Equipped(HOIST, of(machine, {name: at_start(name, "hoist")}))
-    values = [worn.values(machine, payload, 0.0) for payload in (0.0, 9000.0)]
-    start, hold = worn.starts([3.0, 18.0], [0.0, 0.0], [0.0, 0.0], values)
+    model = PlantModel(HOIST, of(machine, {name: at_start(name, "hoist")}))
+    values = [model.values(machine, payload, 0.0) for payload in (0.0, 9000.0)]
+    start, hold = model.starts([3.0, 18.0], [0.0, 0.0], [0.0, 0.0], values)
     t = np.array([[0.0, 0.0], [0.001, 0.001]])
-    scales = worn.scales(157.0, values)
-    out = kernels.replay(HOIST, worn.table(values), t, np.tile(hold, (2, 1)), start, scales, effects=worn.effects)
+    scales = model.scales(157.0, values)
+    out = kernels.replay(HOIST, model.table(values), t, np.tile(hold, (2, 1)), start, scales, effects=model.effects)
     moved = np.abs(out[1, 3:6] - out[0, 3:6]) / 0.001
     assert np.all(moved < (0.05 if name == "heave" else 1e-4))
     assert start[2] == pytest.approx([3.0, 18.0], abs=0.0)
@@ -173,9 +173,9 @@ def test_with_any_effect_a_load_that_is_held_hangs_still(name):
 
 def test_a_scenario_that_an_effect_does_not_move_starts_bit_for_bit_as_the_plain_one():
     machine = MACHINES["hoist"]
-    worn = Equipped(HOIST, of(machine, {"friction_viscous": {"viscous_n_s_per_m": 4000.0}}))
-    values = [worn.values(machine, 4500.0, 0.0)]
-    q, hold = hang_still(HOIST, worn.effects, values, [9.0], [0.0])
+    model = PlantModel(HOIST, of(machine, {"friction_viscous": {"viscous_n_s_per_m": 4000.0}}))
+    values = [model.values(machine, 4500.0, 0.0)]
+    q, hold = hang_still(HOIST, model.effects, values, [9.0], [0.0])
     plain_q, plain_hold = HOIST.equilibrium(9.0, values[0])
     assert q[:, 0].tolist() == plain_q and hold[0] == plain_hold
 

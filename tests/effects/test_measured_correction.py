@@ -35,8 +35,8 @@ from workbench.machine import (
 from workbench.machine.files import machine_text
 from workbench.plants import NO_EFFECTS, PLANTS, plant_of
 from workbench.simulate.driven import Bench
-from workbench.simulate.equipped import equipped
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
+from workbench.simulate.plant_model import plant_model
 from workbench.simulate.replay import simulate_replays
 from workbench.study.results.index import read_rows
 from workbench.yaml_strict import loads
@@ -214,8 +214,8 @@ def test_what_both_ways_share_is_a_weight_and_stays_at_standstill():
     friction = with_correction(HOIST, "position_carriage_m", "guide", at, [pull] * 3, [pull] * 3)
     holds = []
     for machine in (HOIST, shared, mixed, friction):
-        worn = equipped(machine)
-        holds.append(worn.starts([9.0], [0.0], [0.0], [worn.values(machine, 4500.0, 0.0)])[1][0])
+        model = plant_model(machine)
+        holds.append(model.starts([9.0], [0.0], [0.0], [model.values(machine, 4500.0, 0.0)])[1][0])
     arm = HOIST.winch.drum_diameter_m / 2.0 / HOIST.gearbox.ratio
     assert holds[1] - holds[0] == pytest.approx(pull / 2.0 * arm, rel=1e-3)
     assert holds[2] == pytest.approx(holds[1], rel=1e-12)
@@ -296,8 +296,8 @@ def test_every_kind_of_plant_takes_one_in_its_tracing():
     for kind, over, acts_on in EVERY:
         at = points(over)
         machine = with_correction(MACHINES[kind], over, acts_on, at, at, at)
-        worn = equipped(machine)
-        start, hold = worn.starts([0.5], [0.0], [0.0], [worn.values(machine, 700.0, 0.0)])
+        model = plant_model(machine)
+        start, hold = model.starts([0.5], [0.0], [0.0], [model.values(machine, 700.0, 0.0)])
         assert start.shape == (2 * len(PLANTS[kind].positions), 1) and np.all(np.isfinite(hold))
 
 

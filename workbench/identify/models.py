@@ -72,7 +72,7 @@ class BalanceModel:
         out = []
         for j, run in enumerate(self.bench.runs):
             raw = np.stack(
-                [logged_input(self.bench.equipped.active, run.time_s, predicted[i][j][0]) for i in range(len(sets))],
+                [logged_input(self.bench.model.active, run.time_s, predicted[i][j][0]) for i in range(len(sets))],
                 axis=-1,
             )
             smooth = lowpass(run.time_s, raw, self.bench.band_hz)[self.rows[j]]
@@ -93,24 +93,24 @@ class SpeedModel:
 
     def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array:
         """(sets, samples), in the speed's unit."""
-        plant, equipped = self.bench.plant, self.bench.equipped
+        plant, model = self.bench.plant, self.bench.model
         chosen = [values_of(self.bench, free, z) for z in sets]
         out = []
         for j, run in enumerate(self.bench.runs):
             parameters = [values[j] for values, _, _ in chosen]
             at, speed = start_point(plant, run, self.bench.motions[j])
             many = len(parameters)
-            start, _ = equipped.starts([at] * many, [speed] * many, [float(run.time_s[0])] * many, parameters)
+            start, _ = model.starts([at] * many, [speed] * many, [float(run.time_s[0])] * many, parameters)
             logged = [(self.bench.inputs[j] - offset) / gain for _, gain, offset in chosen]
-            inputs = np.stack([true_input(equipped.active, run.time_s, u) for u in logged], axis=-1)
+            inputs = np.stack([true_input(model.active, run.time_s, u) for u in logged], axis=-1)
             states = kernels.replay(
                 plant,
-                equipped.table(parameters),
+                model.table(parameters),
                 run.time_s[:, None],
                 inputs,
                 start,
-                equipped.scales(self.bench.scale, parameters),
-                effects=equipped.effects,
+                model.scales(self.bench.scale, parameters),
+                effects=model.effects,
                 tolerance=self.tolerance,
             )
             out.append(states[:, len(plant.positions), :] - self.bench.motions[j].speed[:, None])

@@ -22,9 +22,9 @@ from workbench.machine import Axis, Hoist
 from workbench.plants import Plant, plant_of
 from workbench.run import Array, Run
 from workbench.simulate.band import default_band
-from workbench.simulate.equipped import equipped
 from workbench.simulate.lowpass import inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving
+from workbench.simulate.plant_model import plant_model
 
 # Relative to the speed scale, per sample. A measured speed is noisy; its noise need not be integrated exactly.
 TOLERANCE = 1e-4
@@ -66,14 +66,14 @@ class Bench:
     ) -> None:
         """active: effects in place of the machine's own."""
         self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
-        self.equipped = equipped(machine, active)
+        self.model = plant_model(machine, active)
         self.base = [
-            self.equipped.values(machine, run.payload_kg, run.start_time_s - float(run.time_s[0])) for run in self.runs
+            self.model.values(machine, run.payload_kg, run.start_time_s - float(run.time_s[0])) for run in self.runs
         ]
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
         # The motion behind the log: what a late speed sensor shows is brought forward first.
-        self.motions = [motion_of(true_run(run, self.equipped.active), self.plant, self.band_hz) for run in self.runs]
-        self._late = moved_by(self.equipped.active)
+        self.motions = [motion_of(true_run(run, self.model.active), self.plant, self.band_hz) for run in self.runs]
+        self._late = moved_by(self.model.active)
         self.scale = speed_scale(machine, self.runs, self.motions)
         self.inputs = [run[self.plant.input] for run in self.runs]
         self.measured = [lowpass(run.time_s, u, self.band_hz) for run, u in zip(self.runs, self.inputs, strict=True)]
@@ -106,19 +106,19 @@ class Bench:
         motions = self._motions_behind(j, sets)
         points = [start_point(plant, run, motion) for motion in motions] * (len(sets) // len(motions))
         clocks = [float(run.time_s[0])] * len(sets)
-        start, _ = self.equipped.starts([at for at, _ in points], [speed for _, speed in points], clocks, sets)
+        start, _ = self.model.starts([at for at, _ in points], [speed for _, speed in points], clocks, sets)
         travelled = np.stack([motion.position - motion.position[0] for motion in motions], axis=-1)
         n = len(plant.positions)
         return kernels.driven(
             plant,
-            self.equipped.table(sets),
+            self.model.table(sets),
             run.time_s[:, None],
             travelled + start[0],
             np.stack([motion.speed for motion in motions], axis=-1),
             np.stack([motion.acceleration for motion in motions], axis=-1),
             np.concatenate([start[1:n], start[n + 1 :]]),
-            self.equipped.scales(self.scale, sets),
-            effects=self.equipped.effects,
+            self.model.scales(self.scale, sets),
+            effects=self.model.effects,
             tolerance=TOLERANCE,
             threads=1,
         )
@@ -132,7 +132,7 @@ class Bench:
         keys = [tuple(getattr(p, name) for name in self._late) for p in sets]
         for key in keys:
             if key not in found:
-                behind = true_run(self.runs[j], self.equipped.active, dict(zip(self._late, key, strict=True)))
+                behind = true_run(self.runs[j], self.model.active, dict(zip(self._late, key, strict=True)))
                 found[key] = motion_of(behind, self.plant, self.band_hz)
         return [found[key] for key in keys]
 
@@ -140,7 +140,7 @@ class Bench:
         """Each run's balance under one set of parameters, the machine's own by default."""
         predicted = self.predict([self.base if values is None else values])[0]
         gain, offset = sensor(self.machine)
-        active = self.equipped.active
+        active = self.model.active
         return [
             Balance(
                 run,

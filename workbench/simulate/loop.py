@@ -21,7 +21,7 @@ from workbench.metrics import observer
 from workbench.plants import HOIST, NO_EFFECTS, Effects
 from workbench.run import Array, Run
 from workbench.shown import Brief, Shown
-from workbench.simulate.equipped import Equipped
+from workbench.simulate.plant_model import PlantModel
 
 NO_EVENTS = Events()
 BOUNDLESS = 1e9  # a state beyond it, in m, rad or per second, belongs to no machine
@@ -118,7 +118,7 @@ def _simulate_alike(
     sample_time, taps, lagged, effects, n = _kernel_key(cases[0])
     controller = PI if taps is None else full_pi(taps)
     substeps = max(1, math.ceil(sample_time / step_s - 1e-9))
-    at_work = [Equipped(HOIST, of(case.machine)) for case in cases]
+    at_work = [PlantModel(HOIST, of(case.machine)) for case in cases]
     plain = [w.values(c.machine, c.payload_kg, c.start_time_s) for w, c in zip(at_work, cases, strict=True)]
     start, holds = at_work[0].starts(
         [case.start_position_m for case in cases], [0.0] * len(cases), [0.0] * len(cases), plain

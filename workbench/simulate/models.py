@@ -102,7 +102,7 @@ def compare_models(
         lumped_s = time.process_time() - began
         lumped = simulated_run(bench.plant, run, states)
         gain, offset = sensor(machine)
-        given = true_input(alone.equipped.active, run.time_s, (alone.inputs[0] - offset) / gain)
+        given = true_input(alone.model.active, run.time_s, (alone.inputs[0] - offset) / gain)
         multibody, multibody_s = _replayed(machine, run, given, start_point(bench.plant, run, bench.motions[j]), step_s)
         measured = bench.motions[j].speed
         out.append(

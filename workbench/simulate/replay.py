@@ -117,12 +117,12 @@ def simulate_replays(machine: Hoist | Axis, bench: Bench) -> list[Array]:
     start, _ = _starts(bench)
     out = kernels.replay(
         plant,
-        bench.equipped.table(bench.base),
+        bench.model.table(bench.base),
         times,
         inputs,
         start,
-        bench.equipped.scales(bench.scale, bench.base),
-        effects=bench.equipped.effects,
+        bench.model.scales(bench.scale, bench.base),
+        effects=bench.model.effects,
     )
     return [out[: len(run.time_s), : 2 * len(plant.positions), j] for j, run in enumerate(bench.runs)]
 
@@ -130,13 +130,13 @@ def simulate_replays(machine: Hoist | Axis, bench: Bench) -> list[Array]:
 def _starts(bench: Bench) -> tuple[Array, Array]:
     points = [start_point(bench.plant, run, motion) for run, motion in zip(bench.runs, bench.motions, strict=True)]
     clocks = [float(run.time_s[0]) for run in bench.runs]
-    return bench.equipped.starts([x for x, _ in points], [w for _, w in points], clocks, bench.base)
+    return bench.model.starts([x for x, _ in points], [w for _, w in points], clocks, bench.base)
 
 
 def _true_input(machine: Hoist | Axis, bench: Bench, j: int) -> Array:
     """The input (n,) at work in run j, behind its log."""
     gain, offset = sensor(machine)
-    return true_input(bench.equipped.active, bench.runs[j].time_s, (bench.inputs[j] - offset) / gain)
+    return true_input(bench.model.active, bench.runs[j].time_s, (bench.inputs[j] - offset) / gain)
 
 
 def simulated_run(plant: Plant, run: Run, states: Array) -> Run:
@@ -179,12 +179,12 @@ def _restarted(machine: Hoist | Axis, bench: Bench, j: int, balance: Balance) ->
     p = [bench.base[j]] * len(first)
     out = kernels.replay(
         plant,
-        bench.equipped.table(p),
+        bench.model.table(p),
         times.T,
         inputs.T,
         start.T,
-        bench.equipped.scales(bench.scale, p),
-        effects=bench.equipped.effects,
+        bench.model.scales(bench.scale, p),
+        effects=bench.model.effects,
     )
     speed = out[:, len(plant.positions), :]
     restarted = np.empty(n)

@@ -145,7 +145,7 @@ class Problem:
         """The dead line's tension (n,) that goes with the driven states."""
         line = kind_of(self.machine).dead_line
         assert line is not None
-        return np.asarray(line.force(run.time_s, states, p, self.bench.equipped.effects))
+        return np.asarray(line.force(run.time_s, states, p, self.bench.model.effects))
 
     def _sensed(self, setting: Setting) -> list[float]:
         """The numbers of SENSOR_KEYS."""

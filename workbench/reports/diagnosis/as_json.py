@@ -8,8 +8,8 @@ from typing import Any
 
 from workbench.diagnose.records import Diagnosis
 from workbench.json_records import plain, rounded
+from workbench.reports.diagnosis.details_json import details, estimates_json
 from workbench.reports.diagnosis.hypotheses import chosen_candidate
-from workbench.reports.diagnosis.more_json import estimates_json, more
 from workbench.reports.words import words_of
 
 DIGITS = 5  # significant
@@ -49,7 +49,7 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         },
         "shrink": {name: value for name, value in vars(d.shrink).items() if name not in ("by_run", "sentences")},
     }
-    return fixed | plain({key: fixed[key] for key in ("gap", "shrink")}, DIGITS) | more(d)
+    return fixed | plain({key: fixed[key] for key in ("gap", "shrink")}, DIGITS) | details(d)
 
 
 def probabilities(exact: Sequence[float]) -> list[float]:

@@ -1,4 +1,4 @@
-"""Tuning on the page Loop: a goal, a button, the trade-off that was found, and the gains into the sliders."""
+"""Tuning on the page Loop: a goal, a button, the trade-off, and the gains that fill the sliders."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from workbench.machine.files import machine_text
 from workbench.reports.loop import tuning as report
 from workbench.reports.loop.case import LoopCaseFile
 
-_FOUND = "loop tuned"
+_TUNED = "loop tuned"
 BANDWIDTH, REJECTION = "bandwidth", "best rejection of load steps"
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class TunedCase:
     """A tuning, with the case that it was asked for and the machine's text."""
 
     case: LoopCaseFile
@@ -47,17 +47,17 @@ def tuning(case: LoopCaseFile, asked: Question, goal: Goal | None) -> None:
     except InputError as error:  # the loop under the present gains is still worth seeing
         problem(error)
         return
-    session.put(_FOUND, Found(case, tuned, machine_text(case.machine)))
+    session.put(_TUNED, TunedCase(case, tuned, machine_text(case.machine)))
     put_gains(tuned.winner.settings)
     st.rerun()
 
 
 def tuned_before(case: LoopCaseFile) -> None:
     """What the last tuning found."""
-    found = st.session_state.get(_FOUND)
-    if isinstance(found, Found):
+    last = st.session_state.get(_TUNED)
+    if isinstance(last, TunedCase):
         with st.expander("What the tuning found", expanded=True, icon=":material/tune:"):
-            _result(found, found.machine == machine_text(case.machine))
+            _result(last, last.machine == machine_text(case.machine))
 
 
 def _tune(case: LoopCaseFile, asked: Question, goal: Goal) -> Tuned:
@@ -65,12 +65,12 @@ def _tune(case: LoopCaseFile, asked: Question, goal: Goal) -> Tuned:
     return tune(case.machine, case.settings, points, case.trial(), goal, Weights())
 
 
-def _result(found: Found, same_machine: bool) -> None:
+def _result(last: TunedCase, same_machine: bool) -> None:
     if not same_machine:
         st.caption("Found for another machine or drive:")
-    st.markdown(plain(" ".join(report.sentences(found.case, found.tuned, Weights()))))
-    table(report.table(found.tuned))
+    st.markdown(plain(" ".join(report.sentences(last.case, last.tuned, Weights()))))
+    table(report.table(last.tuned))
     st.download_button(
-        "Controller block for scenarios", report.controller_text(found.tuned.winner.settings),
+        "Controller block for scenarios", report.controller_text(last.tuned.winner.settings),
         file_name="controller.yaml", mime="application/yaml", icon=":material/download:", on_click="ignore",
     )  # fmt: skip

@@ -16,7 +16,7 @@ from workbench.run import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Equipped:
+class PlantModel:
     """plant: plain; active: its effects. Without effects everything is the plain plant's, to the last bit."""
 
     plant: Plant
@@ -67,6 +67,6 @@ def _stacked(*parts: Array | list[list[float]]) -> Array:
     return np.concatenate([np.asarray(part, dtype=float) for part in parts if len(part)])
 
 
-def equipped(machine: Hoist | Axis, active: Active | None = None) -> Equipped:
+def plant_model(machine: Hoist | Axis, active: Active | None = None) -> PlantModel:
     """The machine's plant and its effects, or `active` ones in place of its own. InputError as `effects.of`."""
-    return Equipped(plant_of(machine), of(machine) if active is None else active)
+    return PlantModel(plant_of(machine), of(machine) if active is None else active)

@@ -19,7 +19,7 @@ DIGITS = 5  # significant
 ANGLE_DIGITS = 4
 
 
-def more(d: Diagnosis) -> dict[str, Any]:
+def details(d: Diagnosis) -> dict[str, Any]:
     """Keys that stand behind the fixed ones. What is no finite number is null."""
     keys: dict[str, Any] = plain(
         {
