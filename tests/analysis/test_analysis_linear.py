@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,7 +20,8 @@ from workbench.analysis.linearise import (
     OperatingPoint,
     linearise,
 )
-from workbench.control import FeedForward, Notch, PiSettings, delay_taps, full_pi, loop_values
+from workbench.control import FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
+from workbench.errors import InputError
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.plants import HOIST
 from workbench.simulate.loop import simulate_loop
@@ -165,19 +167,22 @@ DRIVES = {
 
 def impulse_by_the_step(settings: PiSettings, machine: Hoist, n: int, of_reference: bool) -> np.ndarray:
     """The pure step run on numbers: torque after a unit sample of the reference or of the measured speed."""
-    controller = full_pi(delay_taps(machine.drive.speed_delay_s, settings.sample_time_s))
+    controller = full_pi(late=True)
     numbers = {
         **vars(HOIST.values(machine, 0.0)),
         **loop_values(settings, machine.drive, 0.0),
         **dict.fromkeys(("u_all", "u_one", "t_fail", "w_weak"), 1e9),
     }
     p = SimpleNamespace(**numbers)
-    memory, out = controller.start(p, 0.0, 0.0), []
+    memory, out, line = controller.start(p, 0.0, 0.0), [], [0.0] * 100
     for k in range(n):
         pulse = 1.0 if k == 0 else 0.0
         reference = SimpleNamespace(speed_reference_rad_s=pulse if of_reference else 0.0)
         speed = 0.0 if of_reference else pulse
         measured = SimpleNamespace(t=0.0, speed_motor_rad_s=speed, angle_motor_rad=0.0)
+        line.insert(0, controller.sensed(p, memory, measured, settings.sample_time_s))
+        whole, near, far = delay_weights(p.late)
+        measured.late = near * line[whole] + far * line[whole + 1]
         torque, memory = controller.step(p, memory, reference, measured, settings.sample_time_s)
         out.append(float(torque))
     return np.array(out)
@@ -221,3 +226,18 @@ def test_a_sampled_system_answers_a_sine_by_its_response():
     out = system.run(np.column_stack([wave.real, np.zeros(400)]))[:, 0]
     expected = (system.response(np.array([7.0]))[0, 0, 0] * wave).real
     np.testing.assert_allclose(out[100:], expected[100:], atol=1e-12)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.0004, 0.001, 0.0375, 0.2])
+def test_a_delay_is_the_same_as_a_factor_over_frequency_and_as_states(delay_s: float):
+    linear = linear_controller(SETTINGS["weighted"], with_drive(speed_filter_s=0.003, speed_delay_s=delay_s))
+    f = np.geomspace(0.01, 500.0, 7)
+    as_states = Sampled(linear.A, linear.B, linear.C, linear.D, linear.dt).response(f)
+    np.testing.assert_allclose(linear.response(f), as_states, rtol=1e-9)
+    assert len(linear.A) == 2 + math.ceil(delay_s / 0.001)
+
+
+def test_the_design_of_a_loop_refuses_more_samples_of_delay_than_it_can_bear():
+    settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=1e-4)
+    with pytest.raises(InputError, match=r"drive.speed_delay_s: 0.05 s are 500 samples of the controller; .* most 200"):
+        linear_controller(settings, with_drive(speed_delay_s=0.05))

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from workbench.control import PI, Controller, FeedForward, Notch, PiSettings, delay_taps, full_pi, loop_values
+from workbench.control import PI, Controller, FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
+from workbench.engine.sampled import Step
 from workbench.machine import default_hoist
 from workbench.plants import PLANTS
 
@@ -32,16 +33,20 @@ def settings(**changes: object) -> PiSettings:
 def torques(controller: Controller, p: SimpleNamespace, reference: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """The torque at each sample for given reference and measured speed, from the bumpless start."""
     memory = controller.start(p, HOLD, 0.0)
-    out, angle = [], 0.0
+    out, angle, line = [], 0.0, [0.0] * 100
     for k, (r, w) in enumerate(zip(reference, speed, strict=True)):
         measured = SimpleNamespace(t=k * DT, speed_motor_rad_s=w, angle_motor_rad=angle)
+        if controller.sensed is not None:
+            line.insert(0, controller.sensed(p, memory, measured, DT))
+            whole, near, far = delay_weights(p.late)
+            measured.late = near * line[whole] + far * line[whole + 1]
         torque, memory = controller.step(p, memory, SimpleNamespace(speed_reference_rad_s=r), measured, DT)
         out.append(float(torque))
         angle += w * DT
     return np.array(out)
 
 
-BOTH = pytest.mark.parametrize("controller", [PI, full_pi(0), full_pi(4)], ids=["plain", "full", "full, delayed"])
+BOTH = pytest.mark.parametrize("controller", [PI, full_pi(), full_pi(late=True)], ids=["plain", "full", "full, delayed"])
 
 
 @BOTH
@@ -94,7 +99,7 @@ def test_without_anti_windup_the_integral_runs_on():
 def test_conditional_integration_stands_still_while_the_error_drives_into_the_limit():
     p = numbers(settings(anti_windup="conditional"), {"u_all": 700.0})
     error = np.concatenate([np.full(3000, 5.0), np.full(1, 0.0)])
-    assert torques(full_pi(0), p, error, np.zeros(3001))[3000] == pytest.approx(HOLD, abs=1e-6)
+    assert torques(full_pi(), p, error, np.zeros(3001))[3000] == pytest.approx(HOLD, abs=1e-6)
 
 
 @BOTH
@@ -113,7 +118,7 @@ def test_above_nominal_speed_the_limit_falls_as_one_over_speed(controller, speed
 
 def test_the_rate_limit_bounds_every_step_of_torque():
     p = numbers(settings(torque_rate_limit_nm_per_s=2000.0))
-    out = torques(full_pi(0), p, np.full(200, 5.0), np.zeros(200))
+    out = torques(full_pi(), p, np.full(200, 5.0), np.zeros(200))
     assert np.max(np.abs(np.diff([HOLD, *out]))) <= 2.0 + 1e-9
     assert out[0] == pytest.approx(HOLD + 2.0)
 
@@ -124,14 +129,14 @@ def only_proportional(**changes: object) -> PiSettings:
 
 def test_the_low_pass_answers_a_step_with_its_time_constant():
     p = numbers(only_proportional(low_pass_hz=5.0))
-    out = torques(full_pi(0), p, np.ones(200), np.zeros(200)) - HOLD
+    out = torques(full_pi(), p, np.ones(200), np.zeros(200)) - HOLD
     k = np.arange(1, 201)
     assert out == pytest.approx(31.0 * (1.0 - np.exp(-2.0 * math.pi * 5.0 * DT * k)), rel=1e-9)
 
 
 def tone_gain(p: SimpleNamespace, frequency_hz: float) -> float:
     time = np.arange(8000) * DT
-    out = torques(full_pi(0), p, np.sin(2.0 * math.pi * frequency_hz * time), np.zeros(8000)) - HOLD
+    out = torques(full_pi(), p, np.sin(2.0 * math.pi * frequency_hz * time), np.zeros(8000)) - HOLD
     return float(np.sqrt(2.0) * np.std(out[4000:]) / 31.0)
 
 
@@ -144,14 +149,14 @@ def test_the_notch_takes_out_its_frequency_to_its_depth_and_leaves_the_rest():
 
 def test_the_notch_starts_settled():
     p = numbers(settings(notch=Notch(frequency_hz=20.0)))
-    assert torques(full_pi(0), p, np.zeros(100), np.zeros(100)) == pytest.approx(np.full(100, HOLD), rel=1e-12)
+    assert torques(full_pi(), p, np.zeros(100), np.zeros(100)) == pytest.approx(np.full(100, HOLD), rel=1e-12)
 
 
 @pytest.mark.parametrize(("delay_s", "samples"), [(0.001, 1), (0.003, 3), (0.004, 4)])
 def test_a_delay_of_whole_samples_shows_the_speed_that_many_samples_ago(delay_s, samples):
     p = numbers(only_proportional(), speed_delay_s=delay_s)
     speed = np.random.default_rng(1).normal(size=30)
-    out = torques(full_pi(delay_taps(delay_s, DT)), p, np.zeros(30), speed)
+    out = torques(full_pi(late=True), p, np.zeros(30), speed)
     late = np.concatenate([np.zeros(samples), speed[:-samples]])
     assert out == pytest.approx(HOLD - 31.0 * late, rel=1e-12)
 
@@ -159,26 +164,20 @@ def test_a_delay_of_whole_samples_shows_the_speed_that_many_samples_ago(delay_s,
 def test_a_delay_between_two_samples_is_linear_between_them():
     p = numbers(only_proportional(), speed_delay_s=0.00225)
     speed = np.arange(30.0) ** 2
-    out = torques(full_pi(delay_taps(0.00225, DT)), p, np.zeros(30), speed)
+    out = torques(full_pi(late=True), p, np.zeros(30), speed)
     assert (HOLD - out[10]) / 31.0 == pytest.approx(0.75 * 8.0**2 + 0.25 * 7.0**2)
-
-
-@pytest.mark.parametrize(("delay_s", "taps"), [(0.0, 0), (0.0005, 1), (0.001, 1), (0.0011, 2), (0.003, 4), (0.005, 8)])
-def test_the_delay_line_is_long_enough_and_a_power_of_two(delay_s, taps):
-    assert delay_taps(delay_s, DT) == taps
-    assert taps * DT >= delay_s
 
 
 def test_the_filter_of_the_measured_speed_is_a_first_order_lag():
     p = numbers(only_proportional(), speed_filter_s=0.02)
-    out = torques(full_pi(0), p, np.zeros(100), np.ones(100))
+    out = torques(full_pi(), p, np.zeros(100), np.ones(100))
     assert (HOLD - out) / 31.0 == pytest.approx(1.0 - np.exp(-np.arange(1, 101) * DT / 0.02), rel=1e-9)
 
 
 def test_an_encoder_counts_whole_marks():
     p = numbers(only_proportional(), encoder_counts_per_turn=1024)
     speed = np.full(400, 7.3)
-    seen = (HOLD - torques(full_pi(0), p, np.zeros(400), speed)) / 31.0
+    seen = (HOLD - torques(full_pi(), p, np.zeros(400), speed)) / 31.0
     quantum = 2.0 * math.pi / 1024 / DT
     assert seen / quantum == pytest.approx(np.round(seen / quantum), abs=1e-6)
     assert np.mean(seen[1:]) == pytest.approx(7.3, abs=quantum / 100.0)
@@ -189,20 +188,31 @@ def test_feed_forward_asks_for_what_the_machine_s_own_values_say():
     J = 2 * 0.8 + 55.0 / 31.0**2 + 12500.0 * lever**2
     reference = 20.0 * DT * np.arange(10.0)  # 20 rad/s^2
     p = numbers(only_proportional(feed_forward=FeedForward(inertia=1.0, friction=0.5, weight=0.0)))
-    out = torques(full_pi(0), p, reference, reference)
+    out = torques(full_pi(), p, reference, reference)
     assert out[1:] - HOLD == pytest.approx(np.full(9, J * 20.0 + 0.5 * 6000.0 * lever))
-    down = torques(full_pi(0), p, -reference, -reference)
+    down = torques(full_pi(), p, -reference, -reference)
     assert down[1:] - HOLD == pytest.approx(np.full(9, -J * 20.0 - 0.5 * 4500.0 * lever))
 
 
 def test_feed_forward_of_the_weight_takes_it_from_the_integral_without_a_bump():
     p = numbers(settings(feed_forward=FeedForward(weight=0.7)))
-    assert full_pi(0).start(p, HOLD, 0.0)[0] == pytest.approx(0.3 * HOLD)
-    assert torques(full_pi(0), p, np.zeros(20), np.zeros(20)) == pytest.approx(np.full(20, HOLD), rel=1e-12)
+    assert full_pi().start(p, HOLD, 0.0)[0] == pytest.approx(0.3 * HOLD)
+    assert torques(full_pi(), p, np.zeros(20), np.zeros(20)) == pytest.approx(np.full(20, HOLD), rel=1e-12)
 
 
 def test_a_loop_without_extras_is_the_same_in_both_forms():
     rng = np.random.default_rng(2)
     reference, speed = rng.normal(0.0, 20.0, 500), rng.normal(0.0, 20.0, 500)
     p = numbers(settings(), {"u_all": 800.0})
-    assert torques(full_pi(0), p, reference, speed) == pytest.approx(torques(PI, p, reference, speed), abs=1e-8)
+    assert torques(full_pi(), p, reference, speed) == pytest.approx(torques(PI, p, reference, speed), abs=1e-8)
+
+
+@pytest.mark.parametrize("late", [0.4, 1.0, 3.0, 70.25, 100.0])
+def test_the_compiled_step_keeps_the_speed_as_long_as_the_delay_says(late):
+    p = numbers(only_proportional(), speed_delay_s=late * DT)
+    speed = np.random.default_rng(3).normal(size=300)
+    controller = full_pi(late=True)
+    compiled = Step(controller, p, controller.start(p, HOLD, 0.0), DT)
+    out = [compiled(0.0, k * DT, w, 0.0) for k, w in enumerate(speed)]
+    late_speed = np.interp(np.arange(300) - late, np.arange(-1, 300), [0.0, *speed], left=0.0)
+    assert out == pytest.approx(HOLD - 31.0 * late_speed, abs=1e-9)

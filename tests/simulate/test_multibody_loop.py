@@ -70,7 +70,7 @@ def test_under_one_torque_the_motor_speeds_agree_within_half_a_per_cent(pair):
 @pytest.mark.parametrize("settings", [SETTINGS, FULL], ids=["plain", "full"])
 def test_the_compiled_step_is_the_controllers_own(settings: PiSettings):
     """Sample by sample the same as the function that both come from, called with plain numbers."""
-    controller = PI if settings.plain else full_pi(0)
+    controller = PI if settings.plain else full_pi()
     values = {
         **vars(HOIST.values(MACHINE, 0.0)), **loop_values(settings, MACHINE.drive, 300.0),
         **case_limits(case(settings)), "decay": 0.0,

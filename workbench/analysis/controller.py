@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from workbench.analysis.discrete import Sampled
+from workbench.analysis.discrete import Late, Sampled
 from workbench.analysis.jacobian import jacobian
-from workbench.control import PiSettings, delay_taps, full_pi, loop_values
+from workbench.control import PiSettings, full_pi, loop_values
+from workbench.errors import InputError
 from workbench.machine import Hoist
 from workbench.plants import HOIST
 from workbench.run import Array
 from workbench.trace.expr import symbol
 
 FAR = 1e30
+MOST_LATE = 200  # samples, each a state: the poles of many more take tens of seconds
 
 
 def linear_controller(
@@ -25,39 +27,43 @@ def linear_controller(
 
     Speed filter and delay of the drive are in it, for they are in the step. Limits and rate limit are
     away from it, the encoder is ideal. gains: (kp, ki) in place of the settings' own; zero is allowed.
+    InputError for a delay of too many samples.
     """
     dt, drive = settings.sample_time_s, machine.drive
-    controller = full_pi(delay_taps(drive.speed_delay_s, dt))
+    if not drive.speed_delay_s <= MOST_LATE * dt:
+        raise InputError(
+            f"{drive.speed_delay_s:g} s are {drive.speed_delay_s / dt:.0f} samples of the controller; the design of "
+            f"a loop takes at most {MOST_LATE}", place="drive.speed_delay_s",
+        )  # fmt: skip
+    controller = full_pi(late=True)
+    assert controller.sensed is not None
     numbers: dict[str, Any] = {**vars(HOIST.values(machine, payload_kg)), **loop_values(settings, drive, 0.0)}
     numbers |= {"counts": 0.0, "rate": FAR, "u_all": FAR, "u_one": FAR, "t_fail": FAR, "w_weak": FAR, "track": 0.0}
     if gains is not None:
         numbers |= {"kp": gains[0], "ki": gains[1]}
     p = SimpleNamespace(**numbers)
     memory = [symbol(f"x{i}") for i in range(len(controller.memory))]
-    r, w = symbol("r"), symbol("w")
-    torque, after = controller.step(
-        p,
-        memory,
-        SimpleNamespace(speed_reference_rad_s=r),
-        SimpleNamespace(speed_motor_rad_s=w, angle_motor_rad=0.0, t=0.0),
-        dt,
-    )
-    by = [*memory, r, w]
-    J = jacobian([*after, torque], by, np.zeros(len(by)))
+    r, w, late = symbol("r"), symbol("w"), symbol("late")
+    measured = SimpleNamespace(speed_motor_rad_s=w, angle_motor_rad=0.0, t=0.0, late=late)
+    torque, after = controller.step(p, memory, SimpleNamespace(speed_reference_rad_s=r), measured, dt)
+    sensed = controller.sensed(p, memory, measured, dt)
+    by = [*memory, r, w, late]
+    J = jacobian([*after, torque, sensed], by, np.zeros(len(by)))
     n = len(memory)
     kept = _in_use(J, n)
-    A, B = J[np.ix_(kept, kept)], J[np.ix_(kept, [n, n + 1])]
-    return Sampled(A, B, J[[n]][:, kept], J[[n]][:, n:], dt)
+    step = Sampled(J[np.ix_(kept, kept)], J[kept][:, n:], J[n:][:, kept], J[n:][:, n:], dt)
+    return Late.of(step, p.late)
 
 
 def _in_use(J: Array, n: int) -> list[int]:
     """Memory that something moves and that moves something; what is switched off drops out."""
     kept = list(range(n))
+    outputs, inputs = range(n, J.shape[0]), range(n, J.shape[1])
     while True:
-        rows = [*kept, n]
+        rows = [*kept, *outputs]
         used = [
             i for i in kept
-            if np.any(J[[j for j in rows if j != i], i]) and np.any(J[i, [j for j in (*kept, n, n + 1) if j != i]])
+            if np.any(J[[j for j in rows if j != i], i]) and np.any(J[i, [j for j in (*kept, *inputs) if j != i]])
         ]  # fmt: skip
         if used == kept:
             return kept

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from workbench.analysis.linearise import LinearPlant
+from workbench.control import delay_weights
 from workbench.control.settings import lag_left
 from workbench.run import Array
 
@@ -57,6 +58,41 @@ class Sampled:
         import control
 
         return control.ss(self.A, self.B, self.C, self.D, self.dt, inputs=inputs, outputs=outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class Late(Sampled):
+    """A system whose last output comes back `late` samples later as its last input, linear between two samples.
+
+    step: the system without the delay; what it gives back does not pass straight through it. As a Sampled it has a
+    state for each sample of the delay; over frequency the delay is a factor, at any length in the same time.
+    """
+
+    step: Sampled
+    late: float
+
+    @classmethod
+    def of(cls, step: Sampled, late: float) -> Late:
+        whole, near, far = delay_weights(late)
+        m, n, inputs = len(step.A), math.ceil(late), step.B.shape[1] - 1
+        sensed = np.zeros((n + 1, m + n + inputs))  # what was sensed j samples ago, by state and input
+        sensed[0, :m], sensed[0, m + n :] = step.C[-1], step.D[-1, :-1]
+        sensed[1:, m : m + n] = np.eye(n)
+        late_input = near * sensed[whole] + (far * sensed[whole + 1] if far else 0.0)
+        own = np.zeros((m + len(step.C) - 1, m + n + inputs))
+        own[:m, :m], own[:m, m + n :] = step.A, step.B[:, :-1]
+        own[m:, :m], own[m:, m + n :] = step.C[:-1], step.D[:-1, :-1]
+        own += np.outer(np.concatenate([step.B[:, -1], step.D[:-1, -1]]), late_input)
+        after = np.vstack([own[:m], sensed[:n]])
+        return cls(after[:, : m + n], after[:, m + n :], own[m:, : m + n], own[m:, m + n :], step.dt, step, late)
+
+    def response(self, frequency_hz: Array) -> Complex:
+        whole, near, far = delay_weights(self.late)
+        back = np.exp(-2j * math.pi * np.atleast_1d(frequency_hz) * self.dt)
+        factor = (near + far * back) * back**whole
+        G = self.step.response(frequency_hz)
+        out: Complex = G[:, :-1, :-1] + G[:, :-1, -1:] * G[:, -1:, :-1] * factor[:, None, None]
+        return out
 
 
 def sampled_plant(plant: LinearPlant, dt: float, torque_lag_s: float) -> Sampled:

@@ -1,7 +1,7 @@
 """Controllers as pure step functions: time step and memory are passed in."""
 
 from workbench.control.events import BRAKE, Events
-from workbench.control.pi import PI, Controller, delay_taps, full_pi, loop_values
+from workbench.control.pi import PI, Controller, delay_weights, full_pi, loop_values
 from workbench.control.settings import FeedForward, Notch, PiSettings
 
 __all__ = [
@@ -12,7 +12,7 @@ __all__ = [
     "FeedForward",
     "Notch",
     "PiSettings",
-    "delay_taps",
+    "delay_weights",
     "full_pi",
     "loop_values",
 ]

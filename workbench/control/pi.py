@@ -30,7 +30,9 @@ class Controller:
     """A sampled controller: its numbers, its memory, what it is given, and its step.
 
     step(p, memory, reference, measured, dt) -> (torque wanted of the drive, new memory).
-    start(p, hold): the memory that holds `hold` (N m) at standstill without a bump.
+    start(p, hold, angle): the memory that holds `hold` (N m) at standstill without a bump.
+    sensed(p, memory, measured, dt): the speed that reaches the step p.late samples later, as measured.late; who
+    runs the step keeps it until then (`delay_weights`), zero before the start. None: nothing is late.
     """
 
     parameters: tuple[str, ...]
@@ -38,6 +40,7 @@ class Controller:
     references: tuple[str, ...]
     step: Callable[..., tuple[Scalar, list[Scalar]]]
     start: Callable[[Any, float, float], list[float]]
+    sensed: Callable[..., Scalar] | None = None
 
 
 def torque_limit(p: Any, t: Scalar, w: Scalar) -> Scalar:
@@ -74,21 +77,24 @@ EXTRAS = (
 
 
 @cache
-def full_pi(taps: int) -> Controller:
-    """The loop with everything; the speed may be late by up to `taps` samples."""
-    names = ("integral", "z1", "z2", "smooth", "torque", "r", "counted", "w_f", *(f"late{j}" for j in range(taps)))
+def full_pi(late: bool = False) -> Controller:
+    """The loop with everything; where it is `late`, so is the speed, by as many samples as p.late says."""
+    names = ("integral", "z1", "z2", "smooth", "torque", "r", "counted", "w_f")
+
+    def seen(p: Any, memory: Sequence[Scalar], measured: Any, dt: Scalar) -> tuple[Scalar, Scalar]:
+        """(marks counted, the speed counted and filtered): what the drive knows before the delay."""
+        counted, w_f = memory[6:]
+        count = floor(measured.angle_motor_rad * p.counts / TURN)
+        w = where(p.counts > 0.0, (count - counted) * TURN / (maximum(p.counts, 1.0) * dt), measured.speed_motor_rad_s)
+        return count, w_f + p.alpha_w * (w - w_f)
 
     def step(
         p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar
     ) -> tuple[Scalar, list[Scalar]]:
-        integral, z1, z2, smooth, before, r_before, counted, w_f, *line = memory
+        integral, z1, z2, smooth, before, r_before = memory[:6]
         r = reference.speed_reference_rad_s
-        # What the drive knows of the speed: counted, filtered, late.
-        count = floor(measured.angle_motor_rad * p.counts / TURN)
-        w = where(p.counts > 0.0, (count - counted) * TURN / (maximum(p.counts, 1.0) * dt), measured.speed_motor_rad_s)
-        w_f = w_f + p.alpha_w * (w - w_f)
-        line = [w_f, *line]
-        w = _delayed(line, p)
+        count, w_f = seen(p, memory, measured, dt)
+        w = measured.late if late else w_f
         limit = torque_limit(p, measured.t, w)
         # Notch (direct form II, transposed) and low-pass in the output, then feed-forward.
         raw = _pi(p, integral, r, w)
@@ -101,25 +107,18 @@ def full_pi(taps: int) -> Controller:
         deeper = (wanted - torque) * error > 0.0
         push = where(deeper, (1.0 - p.conditional) * error, error)
         integral = integral + dt * (p.ki * push + p.track * (torque - wanted))
-        return torque, [integral, z1, z2, smooth, torque, r, count, w_f, *line[: len(line) - 1]]
+        return torque, [integral, z1, z2, smooth, torque, r, count, w_f]
 
     def start(p: Any, hold: float, angle: float) -> list[float]:
         still = hold * (1.0 - p.ff_w)  # what the integral holds beside the feed-forward
         z2 = (p.b2 - p.a2) * still
         z1 = (p.b1 - p.a1) * still + z2
-        return [still, z1, z2, still, hold, 0.0, math.floor(angle * p.counts / TURN), 0.0, *[0.0] * taps]
+        return [still, z1, z2, still, hold, 0.0, math.floor(angle * p.counts / TURN), 0.0]
 
-    return Controller((*LOOP, *EXTRAS), names, REFERENCES, step, start)
+    def sensed(p: Any, memory: Sequence[Scalar], measured: Any, dt: Scalar) -> Scalar:
+        return seen(p, memory, measured, dt)[1]
 
-
-def _delayed(line: Sequence[Scalar], p: Any) -> Scalar:
-    """The speed `late` samples ago, linear between two; line[j] is j samples old."""
-    if len(line) == 1:
-        return line[0]
-    late: Scalar = 0.0
-    for j, w in enumerate(line):
-        late = late + maximum(1.0 - absolute(p.late - float(j)), 0.0) * w
-    return late
+    return Controller((*LOOP, *EXTRAS), names, REFERENCES, step, start, sensed if late else None)
 
 
 def _feed_forward(p: Any, r: Scalar, acceleration: Scalar) -> Scalar:
@@ -130,10 +129,10 @@ def _feed_forward(p: Any, r: Scalar, acceleration: Scalar) -> Scalar:
     return p.ff_J * J * acceleration + p.ff_w * p.T_hold + p.ff_F * friction
 
 
-def delay_taps(delay_s: float, sample_time_s: float) -> int:
-    """Samples of memory that a delay needs, rounded up to a power of two so that few kernels serve all."""
-    need = math.ceil(delay_s / sample_time_s - 1e-9)
-    return 0 if need == 0 else 1 << (need - 1).bit_length()
+def delay_weights(late: float) -> tuple[int, float, float]:
+    """(j, a, b): the speed `late` samples ago is a times that of j samples ago plus b times the one before."""
+    whole = math.floor(late)
+    return whole, 1.0 - (late - whole), late - whole
 
 
 def loop_values(settings: PiSettings, drive: Any, hold_nm: float) -> dict[str, float]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from workbench.engine.cache import load_functions
 from workbench.engine.source import driven_source, loop_source, replay_source
-from workbench.engine.text import KernelSource
+from workbench.engine.text import KernelSource, delay_rows
 from workbench.plants import NO_EFFECTS, Effects, Plant
 from workbench.run import Array
 
@@ -236,6 +236,10 @@ def loop(
     the final states (states, scenarios).
     """
     scenarios = parameters.shape[1]
+    kept = 0
+    if controller.sensed is not None:
+        names = loop_parameters(plant, effects, controller, observer)
+        kept = delay_rows(float(parameters[names.index("late")].max()))
     kernel = loop_kernel(plant, effects, lanes_for(scenarios), controller, observer, recorded, actual is not None)
     n = references[0].shape[-1]
     rows = -(-n // every)
@@ -253,6 +257,7 @@ def loop(
             every,
             state,
             _lanes(memory, group),
+            *([np.zeros(kept * L)] if kept else []),
             sums,
             np.empty(L),
             np.zeros(L) if actual is None else _lanes(actual, group),

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from workbench.engine.cache import load_functions
-from workbench.engine.text import KernelSource, KernelText, parameter_symbols
+from workbench.engine.text import KernelSource, KernelText, delay_rows, parameter_symbols
 from workbench.run import Array
 from workbench.trace.expr import symbol
 
@@ -21,22 +21,25 @@ MEASURED = ("t", "speed_motor_rad_s", "angle_motor_rad")
 
 
 def step_source(controller: Any, parameters: Sequence[str]) -> KernelSource:
-    """Kernel `step`: (references, measured) at a sample -> the command in `out`, the memory advanced in place."""
+    """Kernel `step`: (references, measured) at sample k -> the command in `out`, the memory advanced in place."""
     k = KernelText(1, parameters)
     p = parameter_symbols(parameters)
     memory = [symbol(f"x{i}") for i in range(len(controller.memory))]
     reference = SimpleNamespace(**{name: symbol(f"r{i}") for i, name in enumerate(controller.references)})
-    measured = SimpleNamespace(**{name: symbol(f"s{i}") for i, name in enumerate(MEASURED)})
+    measured = SimpleNamespace(late=symbol("w_late"), **{name: symbol(f"s{i}") for i, name in enumerate(MEASURED)})
     command, memory1 = controller.step(p, memory, reference, measured, symbol("dt"))
     k.add(1, "l = 0")
     k.load(1, "references", [f"r{i}" for i in range(len(controller.references))])
     k.load(1, "measured", [f"s{i}" for i in range(len(MEASURED))])
     k.load(1, "memory", [e.args[0] for e in memory])
+    if controller.sensed is not None:
+        k.delayed(1, controller.sensed(p, memory, measured, symbol("dt")))
     results = k.block(1, [command, *memory1])
     k.add(1, f"out[0] = {results[0]}")
     k.store(1, "memory", results[1:])
     k.add(1, "return 0")
-    return k.finish("step", {"c": "a", "references": "a", "measured": "a", "dt": "f", "memory": "a", "out": "a"})
+    arrays = dict.fromkeys(("references", "measured", "memory", "line", "out"), "a")
+    return k.finish("step", {"c": "a", "k": "i", "dt": "f", **arrays})
 
 
 def observe_source(observer: Any, signals: Sequence[str]) -> KernelSource:
@@ -85,13 +88,17 @@ class Step:
         self._c = _constants(source, names, p)
         self._memory = np.array(memory, dtype=float)
         self._references, self._measured = np.zeros(len(controller.references)), np.zeros(len(MEASURED))
+        self._line = np.zeros(1 if controller.sensed is None else delay_rows(p.late))
         self._out = np.zeros(1)
+        self._sample = 0
 
     def __call__(self, reference: float, t: float, speed: float, angle: float) -> float:
         """The command, N m, at a sample: reference and speed in rad/s, angle in rad of the motor."""
         self._references[0] = reference
         self._measured[:] = t, speed, angle
-        self._run(self._c, self._references, self._measured, self._dt, self._memory, self._out)
+        measured = (self._references, self._measured, self._memory, self._line)
+        self._run(self._c, self._sample, self._dt, *measured, self._out)
+        self._sample += 1
         return float(self._out[0])
 
 

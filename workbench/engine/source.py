@@ -161,7 +161,7 @@ def loop_source(
     accumulators, record every `every`-th sample; then `substeps` steps of the plant
     under the held input or, `lagged`, under one that nears it as a first-order lag
     (`decay`: what is left of a difference after one step, exact; linear within the step).
-    references: (n, controller's references, lanes); actual: (lanes,) the input at work.
+    references: (n, controller's references, lanes); actual: (lanes,) the input at work; line: see `delayed`.
     """
     k = KernelText(lanes, parameters)
     p = parameter_symbols(parameters)
@@ -172,8 +172,8 @@ def loop_source(
     memory = [symbol(f"x{i}") for i in range(len(controller.memory))]
     sums = [symbol(f"a{i}") for i in range(observer.size)]
     reference = SimpleNamespace(**{name: symbol(f"r{i}") for i, name in enumerate(controller.references)})
-    measured = plant.shown(t, q, y, u if lagged else 0.0, p, effects)
-    command, memory1 = controller.step(p, memory, reference, SimpleNamespace(t=t, **measured), dt)
+    measured = SimpleNamespace(t=t, late=symbol("w_late"), **plant.shown(t, q, y, u if lagged else 0.0, p, effects))
+    command, memory1 = controller.step(p, memory, reference, measured, dt)
     at_work = u if lagged else command
     shown = plant.shown(t, q, y, at_work, p, effects)
     signals = {**shown, plant.input: at_work, "time_s": t, **vars(reference)}
@@ -189,6 +189,8 @@ def loop_source(
     k.load(3, "state", states)
     k.load(3, "memory", memory_names)
     k.load(3, "sums", sum_names)
+    if controller.sensed is not None:
+        k.delayed(3, controller.sensed(p, memory, measured, dt))
     results = k.block(3, [command, *memory1, *sums1, *(signals[name] for name in recorded)])
     k.add(3, f"held[l] = {results[0]}")
     k.store(3, "memory", results[1 : 1 + len(memory)])
@@ -211,5 +213,6 @@ def loop_source(
     k.store(4, "state", k.block(4, [*q1, *y1]))
     k.add(1, "return row")
     numbers = {"c": "a", "references": "a", "dt": "f", "substeps": "i", "every": "i"}
-    arrays = dict.fromkeys(("state", "memory", "sums", "held", "actual", "shown", "out"), "a")
+    late = () if controller.sensed is None else ("line",)
+    arrays = dict.fromkeys(("state", "memory", *late, "sums", "held", "actual", "shown", "out"), "a")
     return k.finish("loop", {**numbers, **arrays})

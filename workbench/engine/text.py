@@ -6,6 +6,7 @@ innermost loop, over the lanes, reads and writes side by side.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -28,6 +29,11 @@ def state_symbols(plant: Plant, effects: Effects = NO_EFFECTS) -> tuple[list[Exp
     q = [symbol(f"q{i}") for i in range(len(plant.positions))]
     y = [symbol(f"y{i}") for i in range(len(plant.speeds) + len(effects.memory))]
     return q, y
+
+
+def delay_rows(late: float) -> int:
+    """Rows of the ring that a delay of `late` samples needs: a power of two, the newest sample among them."""
+    return 1 << (math.floor(late) + 1).bit_length()
 
 
 class KernelText:
@@ -64,6 +70,22 @@ class KernelText:
 
     def store(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
         self.add(indent, *(f"{self.at(array, first + i)} = {name}" for i, name in enumerate(names)))
+
+    def delayed(self, indent: int, sensed: Scalar) -> None:
+        """Keeps `sensed` in the ring `line` at sample k and sets `w_late` to what it was p.late samples before, linear between two.
+
+        line: (`delay_rows`, lanes), zero where nothing was kept yet.
+        """
+        (newest,) = self.block(indent, [sensed])
+        older = self.at("line", "(k - back - 1) & newest_row")
+        self.add(
+            indent,
+            f"newest_row = line.shape[0] // {self.lanes} - 1",
+            f"{self.at('line', 'k & newest_row')} = {newest}",
+            f"back = int({self.parameter('late')})",
+            f"part = {self.parameter('late')} - back",
+            f"w_late = (1.0 - part) * {self.at('line', '(k - back) & newest_row')} + part * {older}",
+        )
 
     def finish(self, name: str, arguments: Mapping[str, str]) -> KernelSource:
         """The kernel whole; arguments: name -> letter of its type (see `native`)."""

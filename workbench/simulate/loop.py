@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.control import BRAKE, PI, Controller, Events, PiSettings, delay_taps, full_pi, loop_values
+from workbench.control import BRAKE, PI, Controller, Events, PiSettings, full_pi, loop_values
 from workbench.control.pi import NEVER
 from workbench.control.settings import lag_left
 from workbench.effects import joined, of
@@ -106,17 +106,17 @@ def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
     """What cases of one kernel call share; the length of the run is among it."""
     drive, settings = case.machine.drive, case.controller
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
-    taps = None if plain else delay_taps(drive.speed_delay_s, settings.sample_time_s)
+    late = None if plain else drive.speed_delay_s > 0.0
     lagged = drive.torque_lag_s > 0.0
     effects = joined(of(case.machine).effects, BRAKE if case.events.brakes else NO_EFFECTS)
-    return settings.sample_time_s, taps, lagged, effects, len(case.speed_reference_rad_s)
+    return settings.sample_time_s, late, lagged, effects, len(case.speed_reference_rad_s)
 
 
 def _simulate_alike(
     cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
 ) -> list[LoopResult]:
-    sample_time, taps, lagged, effects, n = _kernel_key(cases[0])
-    controller = PI if taps is None else full_pi(taps)
+    sample_time, late, lagged, effects, n = _kernel_key(cases[0])
+    controller = PI if late is None else full_pi(late)
     substeps = max(1, math.ceil(sample_time / step_s - 1e-9))
     at_work = [PlantModel(HOIST, of(case.machine)) for case in cases]
     plain = [w.values(c.machine, c.payload_kg, c.start_time_s) for w, c in zip(at_work, cases, strict=True)]
