@@ -10,6 +10,7 @@ import multiprocessing
 import shutil
 import struct
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from benchmarks.campaigns.hoist.record import CURRENT_NOISE, ENCODER_NOISE_RAD_S
 from benchmarks.campaigns.hoist.truth import WIRE_KG_M3, Truth
 from benchmarks.campaigns.kind import Kind
 from benchmarks.campaigns.many import Order, orders
+from benchmarks.campaigns.size import input_change
 from workbench.machine import Hoist, with_values
 from workbench.multibody import Driven, Outcome, Shaft, Switches, hang, move, sampled
 
@@ -128,13 +130,24 @@ def simulate_run(
 
 
 def moved(rng: np.random.Generator, drawn: Drawn, truth: Truth, family: Family, speed: Array, pulses: Array) -> Array:
-    """What `Kind.move` is of the other simulator."""
-    machine, switches, drive = from_truth(drawn, truth)
+    """What `Kind.move` is of the other simulator; a run asked for again, as for its size, is not computed again."""
     steps = round(len(speed) * RECORD_S / STEP_S)
     scale = 0.0 if family.logger.quiet else math.sqrt(RECORD_S / STEP_S)
     current = rng.normal(scale=scale * CURRENT_NOISE * truth.T_max, size=steps)
     encoder = rng.normal(scale=scale * ENCODER_NOISE_RAD_S, size=steps)
-    return simulate_run(machine, switches, drive, truth, truth.m_p, speed, (current, encoder))
+    machine, switches, drive = from_truth(drawn, truth)
+    return _moved(
+        machine.model_dump_json(), switches, drive, truth, speed.tobytes(), current.tobytes(), encoder.tobytes()
+    )
+
+
+@lru_cache(maxsize=12)
+def _moved(
+    machine: str, switches: Switches, drive: Drive, truth: Truth, speed: bytes, current: bytes, encoder: bytes
+) -> Array:
+    noise = (np.frombuffer(current), np.frombuffer(encoder))
+    hoist = Hoist.model_validate_json(machine)
+    return simulate_run(hoist, switches, drive, truth, truth.m_p, np.frombuffer(speed), noise)
 
 
 MULTIBODY: Kind = replace(HOIST, unlisted=UNLISTED, events=(), move=moved)
@@ -258,7 +271,11 @@ def labelled(order: Order) -> Label:
     label = make_campaign(order.folder, order.seed, content)
     arm, trace = arm_of(content.drawn, built(content, order.seed).truth)
     more = {f"multibody_{name}": rounded(float(value)) for name, value in {**arm, "trace": trace}.items()}
-    return replace(label, truth={**label.truth, **more})
+    label = replace(label, truth={**label.truth, **more})
+    if not content.causes:
+        return label
+    change = input_change(content, order.seed)
+    return replace(label, torque_change_rms_nm=change.rms_nm, torque_change_by_second_nm=change.by_second_nm)
 
 
 def make(order: Order) -> str:
