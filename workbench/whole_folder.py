@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from workbench.errors import InputError
+
+MOST_REPLACED = 200_000_000  # bytes of a file that is looked into before it is replaced
 
 
 def is_free(folder: Path) -> bool:
@@ -60,6 +63,55 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         raise InputError(f"no results written: {error.strerror or error}", file=folder) from error
     finally:
         shutil.rmtree(hidden, ignore_errors=True)
+
+
+def replace_json(path: Path, data: Mapping[str, object], mark: str) -> None:
+    """A JSON file that the user names: whole or not at all, over nothing but a file that has the same key `mark`.
+
+    InputError where something else stands there, or it cannot be written. What is no number becomes null.
+    """
+    check_replaceable(path, mark)
+    text = json.dumps(_with_nulls(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    temporary: str | None = None
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, 0o644)  # mkstemp makes files only their owner can read
+        os.replace(temporary, path)
+        temporary = None
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
+    finally:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+
+
+def check_replaceable(path: Path, mark: str) -> None:
+    """InputError unless nothing stands there, an empty file, or a JSON file with the key `mark`."""
+    if not os.path.lexists(path):
+        return
+    try:
+        if not path.is_file():
+            raise InputError("is no file that can be replaced", file=path)
+        content = path.read_bytes() if path.stat().st_size < MOST_REPLACED else b"-"
+        said = json.loads(content) if content else {mark: None}
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", file=path) from error
+    except (ValueError, RecursionError):
+        said = None
+    if not (isinstance(said, dict) and mark in said):
+        raise InputError("is there and was not written by this command; nothing is overwritten", file=path)
+
+
+def _with_nulls(value: object) -> object:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Mapping):
+        return {key: _with_nulls(inner) for key, inner in value.items()}
+    return [_with_nulls(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
 def write_json(path: Path, data: object) -> None:

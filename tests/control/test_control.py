@@ -46,7 +46,7 @@ def torques(controller: Controller, p: SimpleNamespace, reference: np.ndarray, s
     return np.array(out)
 
 
-BOTH = pytest.mark.parametrize("controller", [PI, full_pi(), full_pi(late=True)], ids=["plain", "full", "full, delayed"])
+BOTH = pytest.mark.parametrize("controller", [PI, full_pi(), full_pi(late=True)], ids=["plain", "full", "delayed"])
 
 
 @BOTH

@@ -39,8 +39,10 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
     from workbench.study.compare.compare import compare, judged, parse_limits, regressions
     from workbench.study.compare.unmatched import why_unmatched
     from workbench.study.results.index import read_rows
-    from workbench.whole_folder import write_json
+    from workbench.whole_folder import check_replaceable, replace_json
 
+    if json_file is not None:
+        check_replaceable(json_file, "newly_failed")
     rows_a, rows_b = read_rows(a), read_rows(b)
     allowed = parse_limits(limits, dict.fromkeys([*judged(), *rows_a[0].metrics]))
     comparison = compare(rows_a, rows_b)
@@ -49,7 +51,7 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
     found = regressions(comparison, allowed)
     _show(comparison)
     if json_file is not None:
-        write_json(json_file, as_json(comparison, allowed, found))
+        replace_json(json_file, as_json(comparison, allowed, found), "newly_failed")
     if not allowed:
         return 0
     broken = [_regression_line(each) for each in found]

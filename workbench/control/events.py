@@ -7,7 +7,8 @@ from typing import Any
 from pydantic import model_validator
 
 from workbench.control.pi import NEVER
-from workbench.machine.record import NotNegative, Positive, Record
+from workbench.machine.quantities import Acceleration, Force, Moment
+from workbench.machine.record import Record
 from workbench.plants import Effects
 from workbench.trace.expr import Scalar, clip, where
 
@@ -23,12 +24,12 @@ class Events(Record):
     of the carriage, and stays at rest.
     """
 
-    motor_fails_s: NotNegative | None = None
-    brake_release_s: NotNegative | None = None
-    brake_close_s: NotNegative | None = None
-    brake_torque_nm: Positive | None = None
-    emergency_stop_s: NotNegative | None = None
-    emergency_deceleration_m_s2: Positive | None = None
+    motor_fails_s: Moment | None = None
+    brake_release_s: Moment | None = None
+    brake_close_s: Moment | None = None
+    brake_torque_nm: Force | None = None
+    emergency_stop_s: Moment | None = None
+    emergency_deceleration_m_s2: Acceleration | None = None
 
     @model_validator(mode="after")
     def _whole(self) -> Events:

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from workbench.machine.record import NotNegative, Positive, Record
+from workbench.machine.quantities import Frequency, KiGain, KpGain, RateLimit, TrackingTime
+from workbench.machine.record import Record
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)]
 
@@ -15,7 +16,7 @@ Fraction = Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=Fal
 class Notch(Record):
     """Takes out a lightly damped wire: depth at its frequency is depth (0 takes all), width grows with damping."""
 
-    frequency_hz: Positive
+    frequency_hz: Frequency
     damping: Annotated[float, Field(gt=0.0, le=2.0, strict=True, allow_inf_nan=False)] = 0.5
     depth: Fraction = 0.1
 
@@ -38,13 +39,13 @@ class PiSettings(Record):
 
     kind: Literal["pi"] = "pi"
     sample_time_s: Annotated[float, Field(ge=1e-4, le=0.05, strict=True, allow_inf_nan=False)] = 0.001
-    kp_nm_s_per_rad: Positive
-    ki_nm_per_rad: NotNegative
+    kp_nm_s_per_rad: KpGain
+    ki_nm_per_rad: KiGain
     set_point_weight: Fraction = 1.0
     anti_windup: Literal["back_calculation", "conditional", "none"] = "back_calculation"
-    tracking_time_s: Positive | None = None
-    torque_rate_limit_nm_per_s: Positive | None = None
-    low_pass_hz: Positive | None = None
+    tracking_time_s: TrackingTime | None = None
+    torque_rate_limit_nm_per_s: RateLimit | None = None
+    low_pass_hz: Frequency | None = None
     notch: Notch | None = None
     feed_forward: FeedForward = FeedForward()
 

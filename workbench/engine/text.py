@@ -72,7 +72,7 @@ class KernelText:
         self.add(indent, *(f"{self.at(array, first + i)} = {name}" for i, name in enumerate(names)))
 
     def delayed(self, indent: int, sensed: Scalar) -> None:
-        """Keeps `sensed` in the ring `line` at sample k and sets `w_late` to what it was p.late samples before, linear between two.
+        """Keeps `sensed` in the ring `line` at sample k; `w_late` is what it was p.late samples before, by lines.
 
         line: (`delay_rows`, lanes), zero where nothing was kept yet.
         """

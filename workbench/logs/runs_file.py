@@ -11,7 +11,8 @@ from pydantic import Field, StringConstraints, field_validator, model_validator
 from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
-from workbench.machine.record import Finite, NotNegative, Record
+from workbench.machine.quantities import Finite, Payload, Position
+from workbench.machine.record import Record
 from workbench.yaml_strict import Document, dotted, load, validate
 
 Fail = Callable[..., InputError]
@@ -38,8 +39,8 @@ class Entry(Record):
 
     name: Name
     file: Annotated[str, StringConstraints(min_length=1)]
-    payload_kg: NotNegative | None = None
-    start_position_m: Finite | None = None
+    payload_kg: Payload | None = None
+    start_position_m: Position | None = None
     start_time_s: Finite | None = None
 
 

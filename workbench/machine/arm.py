@@ -11,7 +11,8 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from workbench.machine.record import Finite, NotNegative, Positive, Record
+from workbench.machine.quantities import Finite, Gap, Lag, Length, NotNegative, Stiffness
+from workbench.machine.record import Record
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0, strict=True, allow_inf_nan=False)]
 
@@ -45,11 +46,11 @@ class ArmSwitches(Record):
     """
 
     roller_friction_coefficient: NotNegative = 0.0
-    roller_clearance_m: NotNegative = 0.0
+    roller_clearance_m: Gap = 0.0
     wire_stiffness_follows_length: bool = False
     wire_inertia: bool = False
-    bristle_m: NotNegative = 0.0
-    layer_step_m: NotNegative = 0.0
+    bristle_m: Gap = 0.0
+    layer_step_m: Gap = 0.0
     layer_angle_rad: Finite = 0.0
 
 
@@ -62,21 +63,21 @@ class Arm(Record):
     head upright. Stiffnesses are of both rails' rollers at one height together, and of both cylinders.
     """
 
-    reach_m: Positive = 2.5
-    main_arm_m: Positive = 3.6
-    pivot_offset_m: Positive = 0.45
-    level_bar_offset_m: Positive = 0.35
-    pipe_offset_m: NotNegative = 0.55
-    pipe_length_m: Positive = 27.0
-    roller_spacing_m: Positive = 1.2
-    sheave_offset_m: NotNegative = 0.25
-    cylinder_offset_m: NotNegative = 0.2
-    shortest_reach_m: Positive = 0.8
-    longest_reach_m: Positive = 3.3
-    roller_stiffness_n_per_m: Positive = 1.0e8
-    roller_damping_time_s: NotNegative = 0.002
-    cylinder_stiffness_n_per_m: Positive = 3.0e7
-    cylinder_damping_time_s: NotNegative = 0.002
+    reach_m: Length = 2.5
+    main_arm_m: Length = 3.6
+    pivot_offset_m: Length = 0.45
+    level_bar_offset_m: Length = 0.35
+    pipe_offset_m: Gap = 0.55
+    pipe_length_m: Length = 27.0
+    roller_spacing_m: Length = 1.2
+    sheave_offset_m: Gap = 0.25
+    cylinder_offset_m: Gap = 0.2
+    shortest_reach_m: Length = 0.8
+    longest_reach_m: Length = 3.3
+    roller_stiffness_n_per_m: Stiffness = 1.0e8
+    roller_damping_time_s: Lag = 0.002
+    cylinder_stiffness_n_per_m: Stiffness = 3.0e7
+    cylinder_damping_time_s: Lag = 0.002
     shares: ArmShares = ArmShares()
     switches: ArmSwitches = ArmSwitches()
 

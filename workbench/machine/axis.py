@@ -12,43 +12,44 @@ from typing import ClassVar, Literal
 from pydantic import Field, model_validator
 
 from workbench.machine.correction import LinearCorrection, MeasuredCorrection, RotaryCorrection
-from workbench.machine.record import EffectValues, Finite, Identified, NotNegative, Positive, Record, renamed
+from workbench.machine.quantities import Gain, Inertia, Level, Mass, Offset, Slope, Standstill, Tolerance
+from workbench.machine.record import EffectValues, Identified, Record, renamed
 
 
 class LinearGravity(Record):
-    constant_n: Finite = 0.0
+    constant_n: Offset = 0.0
 
 
 class RotaryGravity(Record):
-    sine_nm: Finite = 0.0
-    constant_nm: Finite = 0.0
+    sine_nm: Offset = 0.0
+    constant_nm: Offset = 0.0
 
 
 class LinearFriction(Record):
     """Below `standstill_speed_m_s` the Coulomb force falls linearly to zero with the speed."""
 
-    coulomb_forward_n: NotNegative
-    coulomb_backward_n: NotNegative
-    viscous_n_s_per_m: NotNegative
-    standstill_speed_m_s: Positive = 1e-4
+    coulomb_forward_n: Level
+    coulomb_backward_n: Level
+    viscous_n_s_per_m: Slope
+    standstill_speed_m_s: Standstill = 1e-4
 
 
 class RotaryFriction(Record):
     """Below `standstill_speed_rad_s` the Coulomb torque falls linearly to zero with the speed."""
 
-    coulomb_forward_nm: NotNegative
-    coulomb_backward_nm: NotNegative
-    viscous_nm_s_per_rad: NotNegative
-    standstill_speed_rad_s: Positive = 1e-4
+    coulomb_forward_nm: Level
+    coulomb_backward_nm: Level
+    viscous_nm_s_per_rad: Slope
+    standstill_speed_rad_s: Standstill = 1e-4
 
 
 class AxisTolerances(Record):
     """One standard deviation of each nominal value, relative unless the name carries a unit."""
 
-    inertia: NotNegative = 0.02
-    coulomb: NotNegative = 0.05
-    viscous: NotNegative = 0.1
-    gravity: NotNegative = 0.05
+    inertia: Tolerance = 0.02
+    coulomb: Tolerance = 0.05
+    viscous: Tolerance = 0.1
+    gravity: Tolerance = 0.05
 
 
 OFFSET_TOLERANCE = 0.001  # of the largest measured input, where the file gives none: a transducer of class 0.1
@@ -57,8 +58,8 @@ OFFSET_TOLERANCE = 0.001  # of the largest measured input, where the file gives 
 class LinearTolerances(AxisTolerances):
     """`torque_gain` and `torque_offset_nm` are accepted as other names of force_gain and force_offset_n."""
 
-    force_gain: NotNegative = 0.005
-    force_offset_n: NotNegative | None = None
+    force_gain: Tolerance = 0.005
+    force_offset_n: Level | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -69,8 +70,8 @@ class LinearTolerances(AxisTolerances):
 class RotaryTolerances(AxisTolerances):
     """`force_gain` and `force_offset_n` are accepted as other names of torque_gain and torque_offset_nm."""
 
-    torque_gain: NotNegative = 0.005
-    torque_offset_nm: NotNegative | None = None
+    torque_gain: Tolerance = 0.005
+    torque_offset_nm: Level | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -81,15 +82,15 @@ class RotaryTolerances(AxisTolerances):
 class LinearSensors(Record):
     """Logged force = gain · true force + offset."""
 
-    force_gain: Positive = 1.0
-    force_offset_n: Finite = 0.0
+    force_gain: Gain = 1.0
+    force_offset_n: Offset = 0.0
 
 
 class RotarySensors(Record):
     """Logged torque = gain · true torque + offset."""
 
-    torque_gain: Positive = 1.0
-    torque_offset_nm: Finite = 0.0
+    torque_gain: Gain = 1.0
+    torque_offset_nm: Offset = 0.0
 
 
 class Axis(Record):
@@ -135,7 +136,7 @@ class LinearAxis(Axis):
     kind: Literal["axis"] = "axis"
     motion: Literal["linear"] = "linear"
     name: str = "linear axis"
-    mass_kg: Positive
+    mass_kg: Mass
     gravity: LinearGravity = LinearGravity()
     friction: LinearFriction
     sensors: LinearSensors = LinearSensors()
@@ -166,7 +167,7 @@ class RotaryAxis(Axis):
     kind: Literal["axis"] = "axis"
     motion: Literal["rotary"] = "rotary"
     name: str = "rotary axis"
-    inertia_kg_m2: Positive
+    inertia_kg_m2: Inertia
     gravity: RotaryGravity = RotaryGravity()
     friction: RotaryFriction
     sensors: RotarySensors = RotarySensors()

@@ -13,7 +13,8 @@ from typing import ClassVar, Literal
 
 from pydantic import field_validator, model_validator
 
-from workbench.machine.record import Finite, Record
+from workbench.machine.quantities import Finite
+from workbench.machine.record import Record
 
 FEWEST, MOST = 3, 33
 TURN = 2.0 * math.pi

@@ -12,31 +12,51 @@ from pydantic import Field, model_validator
 
 from workbench.machine.arm import Arm
 from workbench.machine.correction import HoistCorrection, MeasuredCorrection
-from workbench.machine.record import EffectValues, Finite, Identified, NotNegative, Positive, Record
+from workbench.machine.quantities import (
+    Area,
+    Delay,
+    Force,
+    Gain,
+    Gravity,
+    Inertia,
+    Lag,
+    Length,
+    Level,
+    Mass,
+    Modulus,
+    Offset,
+    Overload,
+    Position,
+    Ratio,
+    Sharpness,
+    Speed,
+    Tolerance,
+)
+from workbench.machine.record import EffectValues, Identified, Record
 
 
 class Motor(Record):
     """`count` equal motors on one gearbox; inertia and nominal torque are one motor's."""
 
     count: Annotated[int, Field(ge=1, le=100, strict=True)]
-    rotor_inertia_kg_m2: Positive
-    nominal_torque_nm: Positive
-    nominal_speed_rad_s: Positive
+    rotor_inertia_kg_m2: Inertia
+    nominal_torque_nm: Force
+    nominal_speed_rad_s: Speed
 
 
 class Gearbox(Record):
     """`ratio` is motor speed over drum speed."""
 
-    ratio: Positive
+    ratio: Ratio
 
 
 class Winch(Record):
     """The drum with what turns with it."""
 
-    drum_diameter_m: Positive
-    pin_diameter_m: Positive
-    inertia_kg_m2: Positive
-    mass_kg: Positive
+    drum_diameter_m: Length
+    pin_diameter_m: Length
+    inertia_kg_m2: Inertia
+    mass_kg: Mass
 
     @model_validator(mode="after")
     def _pin_fits(self) -> Winch:
@@ -50,10 +70,10 @@ class Winch(Record):
 class Sheave(Record):
     """The sheave on the carriage."""
 
-    diameter_m: Positive
-    pin_diameter_m: Positive
-    inertia_kg_m2: Positive
-    mass_kg: Positive
+    diameter_m: Length
+    pin_diameter_m: Length
+    inertia_kg_m2: Inertia
+    mass_kg: Mass
 
     @model_validator(mode="after")
     def _pin_fits(self) -> Sheave:
@@ -69,45 +89,45 @@ class Bearing(Record):
 class Wire(Record):
     """Stiffness of one fall is E·A over its free length; `damping_time_s` is c/k."""
 
-    youngs_modulus_pa: Positive
-    effective_area_m2: Positive
-    segment_length_m: Positive
-    damping_time_s: NotNegative
-    breaking_load_n: Positive | None = None
+    youngs_modulus_pa: Modulus
+    effective_area_m2: Area
+    segment_length_m: Length
+    damping_time_s: Lag
+    breaking_load_n: Force | None = None
 
 
 class Carriage(Record):
-    mass_kg: Positive
+    mass_kg: Mass
 
 
 class Guide(Record):
     """Friction force level(direction) · (2/π)·atan(slope · speed); levels are magnitudes."""
 
-    coulomb_hoisting_n: NotNegative
-    coulomb_lowering_n: NotNegative
-    atan_slope_s_per_m: Positive
+    coulomb_hoisting_n: Level
+    coulomb_lowering_n: Level
+    atan_slope_s_per_m: Sharpness
 
 
 class HoistTolerances(Record):
     """One standard deviation of each nominal value, relative unless the name carries a unit."""
 
-    rotor_inertia: NotNegative = 0.01
-    carriage_mass: NotNegative = 0.004
-    payload: NotNegative = 0.005
-    coulomb: NotNegative = 0.15
-    pin_friction: NotNegative = 0.1
-    wire_stiffness: NotNegative = 0.05
-    torque_gain: NotNegative = 0.005
-    torque_offset_nm: NotNegative = 3.0
+    rotor_inertia: Tolerance = 0.01
+    carriage_mass: Tolerance = 0.004
+    payload: Tolerance = 0.005
+    coulomb: Tolerance = 0.15
+    pin_friction: Tolerance = 0.1
+    wire_stiffness: Tolerance = 0.05
+    torque_gain: Tolerance = 0.005
+    torque_offset_nm: Level = 3.0
     # Of what every machine has a little of: loss of the gearbox; guide friction over the payload's weight; viscous
     # friction at nominal speed and Stribeck's peak, of the friction level; eccentricity of the drum, of its radius;
     # ripple of the torque, of the motors' nominal torque together.
-    gearbox_loss: NotNegative = 0.002
-    load_friction: NotNegative = 0.002
-    viscous: NotNegative = 0.03
-    stribeck: NotNegative = 0.1
-    eccentricity: NotNegative = 0.0003
-    ripple: NotNegative = 0.002
+    gearbox_loss: Tolerance = 0.002
+    load_friction: Tolerance = 0.002
+    viscous: Tolerance = 0.03
+    stribeck: Tolerance = 0.1
+    eccentricity: Tolerance = 0.0003
+    ripple: Tolerance = 0.002
 
 
 class Drive(Record):
@@ -120,11 +140,11 @@ class Drive(Record):
     the first of two motors' share of the torque.
     """
 
-    overload: Positive = 1.6
+    overload: Overload = 1.6
     field_weakening: bool = True
-    torque_lag_s: NotNegative = 0.0
-    speed_filter_s: NotNegative = 0.0
-    speed_delay_s: NotNegative = 0.0
+    torque_lag_s: Lag = 0.0
+    speed_filter_s: Lag = 0.0
+    speed_delay_s: Delay = 0.0
     encoder_counts_per_turn: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] = 0
     torque_share: Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)] = 0.5
 
@@ -132,16 +152,16 @@ class Drive(Record):
 class Rail(Record):
     """Carriage heights between which the machine may move. No highest position means segment_length_m."""
 
-    lowest_position_m: Finite = 0.0
-    highest_position_m: Finite | None = None
+    lowest_position_m: Position = 0.0
+    highest_position_m: Position | None = None
 
 
 class HoistSensors(Record):
     """Logged torque = gain · true torque + offset, both of the motors' sum; true payload = scale · stated payload."""
 
-    torque_gain: Positive = 1.0
-    torque_offset_nm: Finite = 0.0
-    payload_scale: Positive = 1.0
+    torque_gain: Gain = 1.0
+    torque_offset_nm: Offset = 0.0
+    payload_scale: Gain = 1.0
 
 
 class Hoist(Record):
@@ -158,7 +178,7 @@ class Hoist(Record):
     wire: Wire
     carriage: Carriage
     guide: Guide
-    gravity_m_s2: Positive = 9.81
+    gravity_m_s2: Gravity = 9.81
     drive: Drive = Drive()
     rail: Rail = Rail()
     arm: Arm = Arm()

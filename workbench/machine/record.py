@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from pydantic import BaseModel, ConfigDict, JsonValue
 
-Positive = Annotated[float, Field(gt=0.0, strict=True, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, strict=True, allow_inf_nan=False)]
-Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+from workbench.machine.quantities import Finite
 
 EffectValues = Mapping[str, Mapping[str, Finite]]
 Identified = Mapping[str, JsonValue]

@@ -10,28 +10,29 @@ from typing import ClassVar, Literal
 
 from workbench.machine.axis import Axis, RotaryAxis, RotaryFriction, RotaryGravity, RotarySensors, RotaryTolerances
 from workbench.machine.correction import MeasuredCorrection, RotaryCorrection
-from workbench.machine.record import NotNegative, Positive, Record
+from workbench.machine.quantities import Backlash, Inertia, Slope, Stiffness, Tolerance
+from workbench.machine.record import Record
 
 
 class MotorSide(Record):
     """What turns with the motor's encoder."""
 
-    inertia_kg_m2: Positive
+    inertia_kg_m2: Inertia
     friction: RotaryFriction
 
 
 class Coupling(Record):
     """Between motor and load. `backlash_rad`: from flank to flank, at the motor."""
 
-    stiffness_nm_per_rad: Positive
-    damping_nm_s_per_rad: NotNegative = 0.0
-    backlash_rad: NotNegative = 0.0
+    stiffness_nm_per_rad: Stiffness
+    damping_nm_s_per_rad: Slope = 0.0
+    backlash_rad: Backlash = 0.0
 
 
 class LoadSide(Record):
     """What hangs on the coupling, as the motor feels it: a gear's ratio is taken into the values."""
 
-    inertia_kg_m2: Positive
+    inertia_kg_m2: Inertia
     friction: RotaryFriction = RotaryFriction(coulomb_forward_nm=0.0, coulomb_backward_nm=0.0, viscous_nm_s_per_rad=0.0)
     gravity: RotaryGravity = RotaryGravity()
 
@@ -39,9 +40,9 @@ class LoadSide(Record):
 class TwoInertiaTolerances(RotaryTolerances):
     """As an axis', for the friction of the motor and the load's gravity; `inertia` is the motor's."""
 
-    load_inertia: NotNegative = 0.05
-    stiffness: NotNegative = 0.1
-    damping: NotNegative = 0.5
+    load_inertia: Tolerance = 0.05
+    stiffness: Tolerance = 0.1
+    damping: Tolerance = 0.5
 
 
 class TwoInertia(Axis):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -92,6 +93,8 @@ def _sentence(model: type[BaseModel], place: Place, detail: ErrorDetails, beside
     if kind == "missing":
         return f"is missing; expected {_expectation(_field_at(model, place))}"
     if kind in _BOUNDS:
+        if (bounds := bounds_of(_field_at(model, place))) is not None:
+            return f"{_shown(value)}, expected {bounds.words(value)}"
         name, words = _BOUNDS[kind]
         return f"{_shown(value)}, expected a number {words} {_shown(context.get(name))}"
     if kind == "finite_number":
@@ -183,6 +186,8 @@ def _expectation(field: FieldInfo | None) -> str:
         return f"a block with {', '.join(sorted(_keys(models)))}"
     if field.annotation is str:
         return "text"
+    if (bounds := bounds_of(field)) is not None:
+        return bounds.words()
     if field.annotation in (float, int):
         words = [
             f"{text} {_shown(getattr(bound, name))}"
@@ -193,3 +198,33 @@ def _expectation(field: FieldInfo | None) -> str:
         return " ".join(["a whole number" if field.annotation is int else "a number", " and ".join(words)]).strip()
     choices = [repr(choice) for choice in _choices(field) if isinstance(choice, str | int)]
     return " or ".join(choices) or "a value"
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Of a quantity; because: reason and hint, as `workbench.machine.quantities` declares them."""
+
+    lowest: float
+    highest: float
+    because: Any
+
+    def words(self, value: Any = 0.0) -> str:
+        """What is expected; no more than the sign, unless the value goes beyond what only a slip does."""
+        if self.lowest >= 0.0 and value <= 0.0:
+            return "a number greater than 0" if self.lowest > 0.0 else "a number of at least 0"
+        if not value:
+            return "a number"
+        hint = self.because.hint
+        return f"a number from {self.lowest:g} to {self.highest:g}" + (f"; {hint}" if hint else "")
+
+
+def bounds_of(field: FieldInfo | None) -> Bounds | None:
+    """A field's bounds where they are declared with their reason; None of any other field."""
+    if field is None:
+        return None
+    for marks in [field.metadata, *(getattr(part, "__metadata__", ()) for part in get_args(field.annotation))]:
+        if because := [mark for mark in marks if hasattr(mark, "reason")]:
+            flat = [inner for mark in marks for inner in getattr(mark, "metadata", [mark])]
+            low, high = (next(b for m in flat if (b := getattr(m, name, None)) is not None) for name in ("ge", "le"))
+            return Bounds(low, high, because[0])
+    return None

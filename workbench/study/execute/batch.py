@@ -159,7 +159,7 @@ def _make_whole(study: Study, part: Part, extras: Mapping[str, Extra]) -> None:
     result = StudyResult(study, rows, SavedRuns(part.folder, rows))
     for name, write in extras.items():
         write(result, part.folder / name)
-    part.mark(manifest(study, rows))
+    part.mark(manifest(study, rows, part.folder))
 
 
 def _as_run(study: Study) -> dict[str, Any]:

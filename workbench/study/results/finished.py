@@ -7,16 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from workbench.errors import InputError
 from workbench.kinds import STUDIED, of_kind, studied
 from workbench.machine import Hoist, load_machine
 from workbench.run import Run
+from workbench.study.results.digests import check_whole
 from workbench.study.results.folder import SavedRuns
 from workbench.study.results.index import INDEX, read_rows
 from workbench.study.results.manifest import MANIFEST, read_manifest
 from workbench.study.results.row import Row
+from workbench.study.scenario.record import Scenario
+from workbench.yaml_strict import load, validate
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,10 @@ def read_finished(folder: Path) -> Finished:
         if (folder / "chunks").is_dir() or folder.name.endswith(".part"):
             raise InputError("is not finished; call `workbench study` for its scenario again, it goes on", file=folder)
         raise InputError(f"is no finished result of a study: it has no readable {MANIFEST}", file=folder)
+    for name in ("scenario.yaml", "machine.yaml"):
+        check_whole(folder, name)
     rows = read_rows(folder)
-    expected = manifest.get("runs", {}).get("all")
+    expected = (manifest.get("runs") or {}).get("all")
     if not rows or expected not in (None, len(rows)):
         raise InputError(f"holds {len(rows)} runs, its {MANIFEST} says {expected}: the result is damaged",
                          file=folder / INDEX)  # fmt: skip
@@ -59,12 +62,7 @@ def read_finished(folder: Path) -> Finished:
 
 def _scenario(folder: Path) -> Mapping[str, Any]:
     file = folder / "scenario.yaml"
-    try:
-        said = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", file=file) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError("is no readable scenario: the result is damaged", file=file) from error
-    if not isinstance(said, dict):
-        raise InputError("is no scenario: the result is damaged", file=file)
-    return said
+    document = load(file)
+    validate(Scenario, document)
+    assert isinstance(document.data, dict)
+    return document.data

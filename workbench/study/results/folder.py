@@ -24,6 +24,7 @@ from workbench.whole_folder import is_free, what_is_in
 
 DEFAULT_FOLDER = Path("results")
 SIGNALS = "signals.parquet"
+MOST_SAMPLES = 40_000_000  # an hour at 0.1 ms
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,19 @@ class SavedRuns(Mapping[str, Run]):
     def __getitem__(self, run_id: str) -> Run:
         import pyarrow.parquet as pq
 
-        with pq.ParquetFile(self._folder / self._rows[run_id].run_id / SIGNALS) as file:
-            columns = arrow.columns(file.read())
+        path = self._folder / self._rows[run_id].run_id / SIGNALS
+        try:
+            with pq.ParquetFile(path) as file:
+                if file.metadata.num_rows > MOST_SAMPLES:
+                    raise InputError("holds more samples than a run has: the result is damaged", file=path)
+                columns = arrow.columns(file.read(use_threads=False))
+            sizes = {len(column) for column in columns.values()}
+            if "time_s" not in columns or len(sizes) != 1 or sizes == {0}:
+                raise InputError("holds no signals of a run: the result is damaged", file=path)
+        except InputError:
+            raise
+        except Exception as error:  # whatever the parser makes of damaged bytes
+            said = (str(error).splitlines() or [type(error).__name__])[0]
+            raise InputError(f"is not readable, the result is damaged: {said[:200]}", file=path) from error
         start = float(columns["position_carriage_m"][0]) if "position_carriage_m" in columns else 0.0
         return Run(run_id, columns.pop("time_s"), columns, self._rows[run_id].payload_kg, start)

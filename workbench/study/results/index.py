@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,16 @@ from typing import Any
 from workbench.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.results import arrow
+from workbench.study.results.digests import check_whole
 from workbench.study.results.row import Row
 
 INDEX = "index.parquet"
 _OWN = ("run_id", "scenario", "status", "reason", "payload_kg", "reference")
+_TEXTS = tuple(name for name in _OWN if name != "payload_kg")
+_ALWAYS = ("peak_torque_motor_nm", "move_time_s", "moves", "min_wire_tension_n", "max_wire_tension_n")
+_RUN_ID = re.compile(r"[A-Za-z0-9_=+-][A-Za-z0-9._=+-]{0,200}")
+MOST_ROWS, MOST_COLUMNS = 1_100_000, 5_000
+LARGEST = 1e30  # a loop that runs away is stopped far below
 _ASSIGNED = b"assigned"  # the table's note of which columns a sweep or a sample has set
 
 
@@ -48,23 +55,64 @@ def joined(tables: Sequence[Any]) -> Any:
 
 def read_table(file: Path) -> Any:
     """An index, or a part of one. InputError where it is not there or is damaged."""
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
         # ParquetFile, since read_table imports pandas and the datasets.
         with pq.ParquetFile(file) as index:
-            table = index.read()
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"is no readable index of a study: {str(error).splitlines()[0]}", file=file) from error
+            if index.metadata.num_rows > MOST_ROWS or index.metadata.num_columns > MOST_COLUMNS:
+                raise InputError("is no index of a study: it has too many rows or columns", file=file)
+            table = index.read(use_threads=False)
+        table.validate(full=True)
+    except InputError:
+        raise
+    except Exception as error:  # whatever the parser makes of damaged bytes
+        said = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"is no readable index of a study: {said[:200]}", file=file) from error
     if missing := [name for name in _OWN if name not in table.column_names]:
         raise InputError(f"is no index of a study: it has no column '{missing[0]}'", file=file)
+    if len(set(table.column_names)) < table.num_columns:
+        raise InputError("is no index of a study: two columns have one name", file=file)
     return table
 
 
 def read_rows(folder: Path) -> list[Row]:
-    """The rows of a finished result. InputError where the index is not there or not readable."""
-    return rows_of(read_table(folder / INDEX))
+    """The rows of a finished result. InputError where the index is not there, not readable or not as it was written."""
+    file = folder / INDEX
+    check_whole(folder, INDEX)
+    table = read_table(file)
+    try:
+        rows = rows_of(table)
+    except (ValueError, TypeError, AttributeError) as error:
+        raise _damaged("its note of swept fields is not readable", file) from error
+    _check_rows(rows, table, file)
+    return rows
+
+
+def _check_rows(rows: Sequence[Row], table: Any, file: Path) -> None:
+    """InputError where a column holds what no study writes."""
+    for name in table.column_names:
+        kind = str(table.schema.field(name).type)
+        wanted = ("string",) if name in _TEXTS else ("double", "string") if name in _assigned_in(table) else ("double",)
+        if kind not in wanted:
+            raise _damaged(f"column '{name}' holds {kind}, expected {' or '.join(wanted)}", file)
+    seen: set[str] = set()
+    for row in rows:
+        if not (isinstance(row.run_id, str) and _RUN_ID.fullmatch(row.run_id)) or row.run_id in seen:
+            raise _damaged(f"run {row.run_id!r:.80} has no name of its own", file)
+        seen.add(row.run_id)
+        if row.status not in ("ok", "failed") or None in (row.scenario, row.reason, row.reference):
+            raise _damaged(f"run {row.run_id} has the status {row.status!r:.80}", file)
+        numbers = [("payload_kg", row.payload_kg), *row.metrics.items(), *row.assigned.items()]
+        for name, value in numbers:
+            if (isinstance(value, float) and not abs(value) <= LARGEST) or (name == "payload_kg" and value is None):
+                raise _damaged(f"{name} of run {row.run_id} is {value}", file)
+        if lacking := [name for name in _ALWAYS if row.ok and row.metrics.get(name) is None]:
+            raise _damaged(f"run {row.run_id} has no {lacking[0]}", file)
+
+
+def _damaged(what: str, file: Path) -> InputError:
+    return InputError(f"{what}: the result is damaged", file=file)
 
 
 def rows_of(table: Any) -> list[Row]:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from workbench import __version__
+from workbench.study.results.digests import MANIFEST, digests, read_manifest
 from workbench.study.results.row import Row
 from workbench.study.scenario.load import Study
 
-MANIFEST = "manifest.json"
+__all__ = ["MANIFEST", "library_versions", "manifest", "read_manifest"]
 _LIBRARIES = ("numpy", "numba", "scipy", "ruckig", "pyarrow", "plotly")
 
 
-def manifest(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
-    """The manifest of a study's finished result; the commit where the program is a checkout."""
+def manifest(study: Study, rows: Sequence[Row], folder: Path) -> dict[str, Any]:
+    """The manifest of a study's finished result in `folder`; the commit where the program is a checkout."""
     failed = sum(not row.ok for row in rows)
     return {
         "format": 1,
@@ -30,6 +30,7 @@ def manifest(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
         "seed": getattr(study.scenario, "seed", None),
         "runs": {"all": len(rows), "ok": len(rows) - failed, "failed": failed},
         "versions": {"workbench": __version__, "python": platform.python_version()} | library_versions(),
+        "files": digests(folder),
         "platform": f"{platform.system()} {platform.machine()}",
         "commit": _commit(Path(__file__).resolve().parents[3]),
     }
@@ -40,15 +41,6 @@ def library_versions() -> dict[str, str]:
     from importlib.metadata import version
 
     return {name: version(name) for name in _LIBRARIES}
-
-
-def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """What a folder's manifest says; None where there is none, or half of one."""
-    try:
-        said = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return said if isinstance(said, dict) else None
 
 
 def _commit(checkout: Path) -> str | None:

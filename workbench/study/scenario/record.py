@@ -23,7 +23,8 @@ from pydantic_core import CoreSchema
 from workbench.control import Events, PiSettings
 from workbench.errors import InputError
 from workbench.machine.hoist import Drive
-from workbench.machine.record import Finite, NotNegative, Positive, Record
+from workbench.machine.quantities import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Speed
+from workbench.machine.record import Record
 from workbench.references import ReferenceKind, Step, planned_kind, planned_kinds, recorded_kinds, usual_kinds
 from workbench.study.variations.axes import SampleBlock, SweepBlock
 
@@ -70,11 +71,11 @@ class MoveBlock(Record):
     A jog goes over to speed_m_s (up positive) and takes for_s until the next step, its ramp included.
     """
 
-    by_m: Finite | None = None
-    to_m: Finite | None = None
-    dwell_s: NotNegative | None = None
+    by_m: Position | None = None
+    to_m: Position | None = None
+    dwell_s: Duration | None = None
     speed_m_s: Finite | None = None
-    for_s: Positive | None = None
+    for_s: Duration | None = None
 
     @model_validator(mode="after")
     def _one_thing(self) -> MoveBlock:
@@ -91,9 +92,9 @@ class MoveBlock(Record):
 class DirectionLimits(Record):
     """What is other in one direction."""
 
-    speed_m_s: Positive | None = None
-    acceleration_m_s2: Positive | None = None
-    jerk_m_s3: Positive | None = None
+    speed_m_s: Speed | None = None
+    acceleration_m_s2: Acceleration | None = None
+    jerk_m_s3: Jerk | None = None
 
 
 class LimitsBlock(DirectionLimits):
@@ -186,15 +187,15 @@ class Scenario(Record):
     plant: Literal["lumped", "multibody"] = "lumped"
     drive: DriveChanges | None = None
     payloads_kg: Annotated[tuple[NotNegative, ...], Field(json_schema_extra=SOME)] | None = None
-    start_position_m: Finite | None = None
+    start_position_m: Position | None = None
     moves: Annotated[tuple[MoveBlock, ...], Field(max_length=1000)] = ()
     limits: LimitsBlock = LimitsBlock()
     references: Annotated[tuple[Reference, ...], Field(json_schema_extra=SOME, default_factory=usual_kinds)]
     controller: PiSettings
     events: Events = Events()
     effects: dict[str, dict[str, Finite]] = Field(default_factory=dict)
-    lead_s: NotNegative = 1.0
-    settle_s: NotNegative = 2.0
+    lead_s: Duration = 1.0
+    settle_s: Duration = 2.0
     solver: SolverBlock = SolverBlock()
     outputs: OutputsBlock = OutputsBlock()
     seed: Annotated[int, Field(ge=0, strict=True)] = 0

@@ -17,7 +17,8 @@ from pydantic import (
 )
 
 from workbench.errors import nearest
-from workbench.machine.record import Finite, Positive, Record
+from workbench.machine.quantities import Finite, Positive
+from workbench.machine.record import Record
 
 MOST_VALUES = 100_000
 
