@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.diagnose.location.evidence import Evidence, Weigher
-from workbench.diagnose.location.ports import Port
+from workbench.diagnose.location.ports import SENSOR, Port
 from workbench.diagnose.location.survey import Course, Survey, at_rows
 from workbench.run import Array
 
@@ -46,7 +46,7 @@ class Pulses:
 
 def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
     """The stretches that account for most, as many as earn what their choice costs; None where none does."""
-    left = robust_left(survey)[: survey.inputs]
+    left = robust_left(survey)
     times = [c.at for c in survey.runs]
     begins = np.cumsum([0, *map(len, times)])
     widths = widths_of(survey)
@@ -79,18 +79,19 @@ def widths_of(survey: Survey) -> Array:
 
 
 def robust_left(survey: Survey) -> Array:
-    """(samples,) the residual with the base parameters fitted so that single stretches do not bend them. P. J. Huber,
+    """(inputs,) the residual with the base parameters fitted so that single stretches do not bend them. P. J. Huber,
     Robust Statistics, 1981, 7.3: weights fall with the residual beyond HUBER scales."""
-    root = math.sqrt(survey.share)
-    weights, left = np.ones(len(survey.residual)), survey.residual
-    hold = np.eye(survey.base.shape[1])
+    y, base = survey.residual[: survey.inputs], survey.base[: survey.inputs]
+    spread = survey.errors.white[: survey.inputs] / survey.noise  # of a row as if it stood for one independent value
+    weights, left = np.ones(len(y)), y
+    hold = np.eye(base.shape[1])
     for _ in range(ROUNDS):
         scale = max(1.4826 * float(np.median(np.abs(left))), survey.noise)
         weights = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-300))
-        a = survey.base * (root / scale)
+        a = base / (spread * scale)[:, None]
         gram = a.T @ (a * weights[:, None]) + hold
-        z = np.linalg.solve(gram, a.T @ (weights * survey.residual) * (root / scale))
-        left = survey.residual - survey.base @ z
+        z = np.linalg.solve(gram, a.T @ (weights * y / (spread * scale)))
+        left = y - base @ z
     return np.asarray(left, dtype=float)
 
 
@@ -140,11 +141,8 @@ def torque_columns(survey: Survey, pulses: list[Pulse] | tuple[Pulse, ...]) -> A
     return _scaled(survey, at_rows(survey, _hats(survey, pulses)), 0.0)
 
 
-def _scaled(survey: Survey, rows: Array, pull: float) -> Array:
-    rows = rows / math.sqrt(max(float(np.mean(np.sum(rows**2, axis=1))), 1e-300))
-    if survey.felt:
-        rows = np.vstack([rows, pull * survey.felt * 0.5 / survey.lever * rows])
-    return rows
+def _scaled(survey: Survey, rows: Array, pull: float, sensed: bool = False) -> Array:
+    return survey.shown(rows / math.sqrt(max(float(np.mean(np.sum(rows**2, axis=1))), 1e-300)), pull, sensed)
 
 
 def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
@@ -154,21 +152,27 @@ def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
     def rows(of: str) -> Array:
         return at_rows(survey, [x * _carrier(c, of)[:, None] for c, x in zip(survey.runs, shapes, strict=True)])
 
-    free = rows("free")
+    def port(subsystem: str, of: str, pull: float, weight: float, positive: bool = False) -> Port:
+        columns = _scaled(survey, rows(of), pull, subsystem == SENSOR)
+        return Port(subsystem, "event", "its moment", columns, weight, positive)
+
+    slipped = [np.gradient(x * c.turn_rate[:, None], c.time, axis=0) for c, x in zip(survey.runs, shapes, strict=True)]
+    slip = Port("speed_sensor", "event", "its moment", _scaled(survey, at_rows(survey, slipped), 0.0), 1.0)
     if not survey.hoist:
-        yield Port("axis", "event", "its moment", _scaled(survey, free, 0.0), 0.4)
-        yield Port("axis", "event", "its moment", _scaled(survey, rows("way"), 0.0), 0.4, True)
-        yield Port("torque_sensor", "event", "its moment", _scaled(survey, free, 0.0), 0.3)
+        yield port("axis", "free", 0.0, 0.5)
+        yield port("axis", "way", 0.0, 0.5, True)
+        yield port(SENSOR, "free", 0.0, 1.0)
+        yield slip
         return
-    rubbing, heavy = rows("way"), rows("mass")
-    yield Port("guide", "event", "its moment", _scaled(survey, rubbing, 1.0), 1.0, True)
-    yield Port("brake", "event", "its moment", _scaled(survey, rubbing, 0.0), 0.6, True)
-    yield Port("sheave", "event", "its moment", _scaled(survey, rubbing, -1.0), 0.3, True)
-    yield Port("motor", "event", "its moment", _scaled(survey, free, 0.0), 0.6)
-    yield Port("drum", "event", "its moment", _scaled(survey, free, 0.0), 0.4)
-    yield Port("torque_sensor", "event", "its moment", _scaled(survey, free, 0.0), 0.6)
-    yield Port("payload", "event", "its moment", _scaled(survey, free, 1.0), 0.7)
-    yield Port("platform", "event", "its moment", _scaled(survey, heavy, 1.0), 0.7)
+    yield port("guide", "way", 1.0, 1.0, True)
+    yield port("brake", "way", 0.0, 0.6, True)
+    yield port("sheave", "way", -1.0, 0.3, True)
+    yield port("motor", "free", 0.0, 0.6)
+    yield port("drum", "free", 0.0, 0.4)
+    yield port(SENSOR, "free", 0.0, 0.6)
+    yield port("payload", "free", 1.0, 0.7)
+    yield port("platform", "mass", 1.0, 0.7)
+    yield slip
 
 
 def _carrier(c: Course, of: str) -> Array:

@@ -17,6 +17,7 @@ from workbench.diagnose.location.survey import Course, Survey, at_rows
 from workbench.run import Array
 
 TURN = 2.0 * math.pi
+SENSOR = "torque_sensor"  # of the input
 Of = Callable[[Course], Array]
 
 
@@ -67,9 +68,7 @@ class Ports:
         size = math.sqrt(float(np.mean(np.sum(rows**2, axis=1))))
         if not size > 0.0:
             return None
-        rows = rows / size
-        if self.survey.felt:
-            rows = np.vstack([rows, pull * self.survey.felt * 0.5 / self.survey.lever * rows])
+        rows = self.survey.shown(rows / size, pull, subsystem == SENSOR)
         return Port(subsystem, regime, over, rows, weight, positive)
 
     def all(self) -> Iterator[Port]:
