@@ -26,7 +26,7 @@ from workbench.run import Array
 SIZES = 8  # of s
 SMALLEST = 0.3  # s, of the noise
 LARGEST = 2.0  # s, of the residual at the nominal machine
-DISCREPANCIES = tuple(2.0**k for k in range(0, 11))  # g
+DISCREPANCIES = tuple(2.0**k for k in range(11))  # g
 FEWER = 30.0  # of the logarithm: a g beyond the best without a port that is worse by so much is not tried
 
 

@@ -3,10 +3,10 @@
 A force on the machine disturbs the motion, and the loop answers it: the input follows the control error. An error of
 the input's sensor disturbs nothing. With the reference logged, the input of a linear loop is
 
-    u = k₁ e + k₂ ∫e dt + k₃ ∫∫e dt² + k₄ ė + k₅ r + k₆ ṙ + k₇ r̈ + c + d t,   e = r − y
+    u + k₀ u̇ = k₁ e + k₂ ∫e dt + k₃ ∫∫e dt² + k₄ ė + k₅ r + k₆ ṙ + k₇ r̈ + c + d t,   e = r − y
 
-whatever its gains are; c and d are each run's own (weight, drift). What u leaves is the sensor's, or the loop is not
-linear: then it leaves much everywhere and says little.
+whatever its gains are and however late it is; c and d are each run's own (weight, drift). What u leaves is the
+sensor's, or the loop is not linear: then it leaves much everywhere and says little.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from workbench.run import Array
 from workbench.simulate.lowpass import lowpass
 
 BLOCK = 2.0  # periods of the band: over so long a time what is left is averaged to see how it hangs together
+MOST, NORMAL = 0.9, 1.645  # of the blocks: what a few of them leave may be an event; the same of a normal distribution
 HUBER, ROUNDS = 1.5, 15
 FREE = 10.0  # of what is left: how far the law may be put right beside a port
 
@@ -43,7 +44,7 @@ def loop_of(problem: Problem) -> Loop | None:
     shared, own, inputs = [], [], []
     for j, (run, rows) in enumerate(zip(problem.bench.runs, problem.rows, strict=True)):
         t, r = run.time_s, run[reference]
-        law = _law(t, r, r - run[follows], problem.band_hz)
+        law = _law(t, problem.bench.measured[j], r, r - run[follows], problem.band_hz)
         inputs.append(problem.bench.measured[j][rows])
         shared.append(law[rows])
         line = np.zeros((len(rows), 2 * len(problem.runs)))
@@ -56,11 +57,11 @@ def loop_of(problem: Problem) -> Loop | None:
     return Loop(residual, columns * FREE * noise, noise)
 
 
-def _law(t: Array, r: Array, e: Array, band_hz: float) -> Array:
+def _law(t: Array, u: Array, r: Array, e: Array, band_hz: float) -> Array:
     once = _integral(t, e)
     rate = np.gradient(lowpass(t, r, 2.0 * band_hz), t)
     every = np.stack([e, once, _integral(t, once), np.gradient(e, t), r, rate, np.gradient(rate, t)], axis=1)
-    return lowpass(t, every, band_hz)
+    return np.column_stack([np.gradient(u, t), lowpass(t, every, band_hz)])
 
 
 def _integral(t: Array, x: Array) -> Array:
@@ -92,5 +93,5 @@ def _independent(problem: Problem, residual: Array) -> float:
         full = counts > 0.5 * counts.max()
         means.append((np.bincount(block, mine)[full]) / counts[full])
         lengths.append(counts[full])
-    every = 1.4826 * float(np.median(np.abs(np.concatenate(means) * np.sqrt(np.concatenate(lengths)))))
+    every = float(np.quantile(np.abs(np.concatenate(means) * np.sqrt(np.concatenate(lengths))), MOST)) / NORMAL
     return max(every, problem.noise)

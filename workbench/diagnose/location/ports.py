@@ -333,7 +333,7 @@ class Ports:
         yield m("speed_sensor", "acceleration", "the torque's change", lambda c: slope(c.torque, c), 0.0, 1.0, True)
 
 
-def _since_reversal(c: Course) -> Array:
+def since_reversal(c: Course) -> Array:
     """(n,) how far it went since it last turned round."""
     gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(c.position)))])
     turned = np.concatenate([[True], np.diff(c.speed > 0.0)])
@@ -345,7 +345,7 @@ def _late(tau_s: float) -> Of:
 
 
 def _fresh(distance: float) -> Of:
-    return lambda c: c.way * np.exp(-_since_reversal(c) / distance)
+    return lambda c: c.way * np.exp(-since_reversal(c) / distance)
 
 
 def _swing(w: float, damping: float) -> Of:

@@ -91,7 +91,8 @@ class Survey:
     def shown(self, rows: Array, pull: float, sensed: bool) -> Array:
         """(inputs, k) of an input -> (samples, k): as it shows in all that is logged.
 
-        pull: of the dead line's tension, +1 for a force on the carriage. sensed: whether only the input's sensor has it.
+        pull: of the dead line's tension, +1 for a force on the carriage. sensed: whether the input's sensor alone
+        has it.
         """
         parts = [rows]
         if self.felt:
@@ -144,7 +145,7 @@ def _with_loop(loop: Loop, residual: Array, base: Array, errors: ErrorModel) -> 
     base = np.vstack([np.hstack([base, np.zeros((len(base), k))]), below])
     errors = ErrorModel(
         np.concatenate([errors.white, np.full(n, loop.noise)]),
-        np.concatenate([errors.discrepancy, np.zeros(n)]),
+        np.concatenate([errors.discrepancy, errors.discrepancy[:n]]),
         np.concatenate([errors.carry, errors.carry[:n]]),
     )
     return np.concatenate([residual, loop.residual]), base, errors
