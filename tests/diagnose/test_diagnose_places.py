@@ -12,22 +12,35 @@ from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.events import pulses_of
+from workbench.diagnose.location.events import comes_back, pulses_of
 from workbench.diagnose.location.evidence import Weigher
+from workbench.diagnose.location.loop import loop_of
 from workbench.diagnose.location.places import Placed, weighed
 from workbench.diagnose.location.survey import Course, Survey, at_rows, survey_of
 from workbench.logs import read_campaign
 from workbench.run import Array
 
 
-@pytest.fixture(scope="module")
-def even(tmp_path_factory: pytest.TempPathFactory) -> Survey:
-    """A hoist within its tolerances, looked at from its nominal values."""
-    campaign = read_campaign(simulated_campaign(tmp_path_factory.mktemp("places") / "even", true_machine({})))
-    problem = Problem(campaign.machine, campaign.runs)
+def looked_at(problem: Problem) -> Survey:
+    """From its nominal values."""
     knobs = tuple(base_knobs(problem.machine, problem.runs).values())
     z = np.zeros(len(knobs))
     return survey_of(problem, Fitted((), knobs, z, *problem.evaluate(knobs, z), 0.0, 0.0, 1, True))
+
+
+@pytest.fixture(scope="module")
+def even(tmp_path_factory: pytest.TempPathFactory) -> Survey:
+    """A hoist within its tolerances."""
+    campaign = read_campaign(simulated_campaign(tmp_path_factory.mktemp("places") / "even", true_machine({})))
+    return looked_at(Problem(campaign.machine, campaign.runs))
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    """The same with the speed reference logged."""
+    folder = tmp_path_factory.mktemp("places") / "followed"
+    campaign = read_campaign(simulated_campaign(folder, true_machine({}), reference=True))
+    return Problem(campaign.machine, campaign.runs)
 
 
 def with_force(survey: Survey, force: Callable[[Course], Array], times_noise: float = 30.0) -> Survey:
@@ -103,3 +116,50 @@ def test_noise_has_no_events(even: Survey):
 
 def test_a_blow_at_every_start_is_no_event(even: Survey):
     assert weighed(with_force(even, FORCES["a brake"][2])).pulses == ()
+
+
+def test_a_linear_loops_law_accounts_for_the_input_it_asked_for(followed: Problem):
+    loop = loop_of(followed)
+    assert loop is not None
+    assert np.sqrt(np.mean(loop.residual**2)) < 3.0 * followed.noise
+
+
+def test_without_a_reference_the_loop_says_nothing(even: Survey):
+    assert not even.loop
+
+
+def bumped(problem: Problem, begin_s: float, size_nm: float) -> Problem:
+    """The last run's log of the torque shows a bump of 1.5 s that no motion follows."""
+    *others, run = problem.runs
+    u = (run.time_s - begin_s) / 1.5
+    bump = np.where((u > 0.0) & (u < 1.0), size_nm * np.sin(np.pi * u) ** 2, 0.0)
+    signals = {**run.signals, "torque_motor_nm": run["torque_motor_nm"] + bump}
+    return Problem(problem.machine, [*others, replace(run, signals=signals)])
+
+
+def test_a_bump_of_the_torque_that_the_loop_did_not_ask_for_is_the_sensors(followed: Problem):
+    at = float(np.median(followed.runs[-1].time_s[followed.rows[-1]]))
+    found = weighed(looked_at(bumped(followed, at, 60.0)))
+    assert (found.places[0].subsystem, found.port.regime) == ("torque_sensor", "event")
+    assert found.places[0].probability > 0.9
+    (pulse,) = found.pulses
+    assert pulse.from_s < at + 0.75 < pulse.to_s
+
+
+def test_a_force_that_the_loop_answered_is_not_the_sensors(followed: Problem):
+    survey = looked_at(followed)
+    rows = at_rows(survey, [pulse_at(c, begin_of(survey), 1.5)[:, None] * (c is survey.runs[2]) for c in survey.runs])
+    struck = weighed(replace(survey, residual=survey.residual + 60.0 * survey.shown(rows, 0.0, False)[:, 0]))
+    assert struck.port.regime == "event"
+    assert "torque_sensor" not in [each.subsystem for each in struck.places]
+
+
+def test_what_comes_back_with_the_same_state_is_no_event():
+    rng = np.random.default_rng(0)
+    state, mine = rng.uniform(size=(400, 1)), np.arange(400) < 20
+    residue = np.exp(-((state[:, 0] / 0.1) ** 2)) * (state[:, 0] < 0.5) + rng.normal(scale=0.01, size=400)
+    state[mine] *= 0.1  # the stretch lies where the residue is
+    residue[mine] = np.exp(-((state[mine, 0] / 0.1) ** 2))
+    assert comes_back(residue, mine, [state])
+    once = np.where(mine, residue, 0.0)
+    assert not comes_back(once, mine, [state])

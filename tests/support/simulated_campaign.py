@@ -23,8 +23,10 @@ def true_machine(values: Mapping[str, float] = TRUTH) -> Hoist:
     return with_values(default_hoist(), values)
 
 
-def simulated_campaign(folder: Path, truth: Hoist | None = None, seed: int = 3) -> Path:
-    """Three runs of 16 s at 100 Hz, one a payload, of the machine `truth`; machine.yaml is the nominal one."""
+def simulated_campaign(folder: Path, truth: Hoist | None = None, seed: int = 3, reference: bool = False) -> Path:
+    """Three runs of 16 s at 100 Hz, one a payload, of the machine `truth`; machine.yaml is the nominal one.
+
+    reference: whether the speed reference is logged."""
     machine = true_machine() if truth is None else truth
     noise = np.random.default_rng(seed)
     limits = Limits(speed_m_s=0.5, acceleration_m_s2=0.5, jerk_m_s3=2.0)
@@ -45,6 +47,8 @@ def simulated_campaign(folder: Path, truth: Hoist | None = None, seed: int = 3) 
             "torque_motor2_nm": run["torque_motor2_nm"] + noise.normal(scale=TORQUE_NOISE_NM, size=n),
             "speed_motor_rad_s": run["speed_motor_rad_s"] + noise.normal(scale=SPEED_NOISE_RAD_S, size=n),
         }
+        if reference:
+            columns["speed_reference_rad_s"] = np.interp(run.time_s, 0.001 * np.arange(len(speed)), speed)
         (folder / "runs" / f"{run.name}.csv").write_text(csv_text(columns), encoding="utf-8")
         entries.append(
             f"- {{name: {run.name}, file: runs/{run.name}.csv, payload_kg: {run.payload_kg}, "

@@ -14,12 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.diagnose.location.evidence import Evidence, Weigher
-from workbench.diagnose.location.ports import Port
+from workbench.diagnose.location.ports import SENSOR, Port, since_reversal
 from workbench.diagnose.location.survey import Course, Survey, at_rows
 from workbench.run import Array
 
 SHORTEST_S, LONGEST_S, WIDTHS = 0.3, 5.0, 7  # of a pulse, from beginning to end
-MOST = 4  # pulses
+MOST, TRIED = 4, 16  # pulses
+STEP = 0.125  # of a pulse's width: from one tried to the next
+NEIGHBOURS = 5  # nearest states
+RECURS = 0.4  # of a pulse's energy
+FINE = 0.03  # of the range of places: as near they are one
 HUBER = 1.5  # of the robust scale
 ROUNDS = 12  # of the robust fit
 HATS = 5  # in a pulse's window: its shape is free
@@ -45,31 +49,68 @@ class Pulses:
 
 
 def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
-    """The stretches that account for most, as many as earn what their choice costs; None where none does."""
-    left = robust_left(survey)[: survey.inputs]
+    """The stretches that account for most, as many as earn what their choice costs; None where none does.
+
+    What comes back with the same state of the machine is none of them."""
+    left = robust_left(survey)
     times = [c.at for c in survey.runs]
     begins = np.cumsum([0, *map(len, times)])
     widths = widths_of(survey)
     choices = math.log(sum(max(float(len(t)), 1.0) for t in times) * len(widths))
+    states, open_to = states_of(survey), np.array(left)
     found: list[Pulse] = []
     best: Pulses | None = None
-    for _ in range(MOST):
-        pulse = _strongest(left, times, begins, widths)
-        if pulse is None:
+    for _ in range(TRIED):
+        pulse = _strongest(survey, open_to, times, begins, widths)
+        if pulse is None or len(found) >= MOST:
             break
+        mine = np.zeros(len(left), dtype=bool)
+        j = pulse.run
+        mine[begins[j] : begins[j + 1]] = (times[j] >= pulse.from_s) & (times[j] <= pulse.to_s)
+        open_to[mine] = 0.0
+        if comes_back(left, mine, states):
+            continue
         found = _joined([*found, pulse])
-        columns = torque_columns(survey, found)
-        evidence = weigher.evidence(columns)
+        evidence = weigher.evidence(torque_columns(survey, found))
         price = choices * len(found)
         if best is not None and evidence.log - price <= best.evidence.log - best.choices:
             break
         best = Pulses(tuple(found), evidence, price)
-        left = left - weigher.part(columns, evidence)[: survey.inputs] if len(found) == 1 else left
-        for each in found:
-            j = each.run
-            mine = (times[j] >= each.from_s) & (times[j] <= each.to_s)
-            left[begins[j] : begins[j + 1]][mine] = 0.0
     return best
+
+
+def states_of(survey: Survey) -> list[Array]:
+    """Each (inputs, k): what may make a force come back, every column of the order of one. Speed with acceleration;
+    the way since the last reversal; the place: each with the direction."""
+    parts: list[list[Array]] = [[], [], []]
+    fastest = max(float(np.max(np.abs(c.speed))) for c in survey.runs)
+    hardest = max(float(np.max(np.abs(c.acceleration))) for c in survey.runs)
+    span = max(float(np.max(c.position)) for c in survey.runs) - min(float(np.min(c.position)) for c in survey.runs)
+    for c in survey.runs:
+        speed, hard, gone, place = (
+            np.interp(c.at, c.time, x) for x in (c.speed, c.acceleration, since_reversal(c), c.position)
+        )
+        ahead = np.sign(speed)
+        parts[0].append(np.stack([ahead, speed / fastest, hard / max(hardest, 1e-300)], axis=1))
+        parts[1].append(np.stack([ahead, np.log(gone / span + 1e-4), speed / fastest], axis=1))
+        parts[2].append(np.stack([ahead, place / max(span, 1e-300) / FINE], axis=1))
+    return [np.concatenate(each) for each in parts]
+
+
+def comes_back(left: Array, mine: np.ndarray, states: list[Array]) -> bool:
+    """Whether what is left in a stretch, `mine`, is there again whenever the machine is in the same state: the mean of
+    the nearest states outside takes RECURS of its energy away."""
+    inside, outside = np.flatnonzero(mine), np.flatnonzero(~mine)
+    if not len(inside) or len(outside) <= NEIGHBOURS:
+        return False
+    energy = float(left[inside] @ left[inside])
+    for state in states:
+        away = np.sum((state[inside][:, None] - state[outside]) ** 2, axis=2)
+        nearest = np.argpartition(away, NEIGHBOURS, axis=1)[:, :NEIGHBOURS]
+        rest = left[inside] - np.mean(left[outside][nearest], axis=1)
+        if float(rest @ rest) < (1.0 - RECURS) * energy:
+            return True
+    return False
 
 
 def widths_of(survey: Survey) -> Array:
@@ -79,36 +120,40 @@ def widths_of(survey: Survey) -> Array:
 
 
 def robust_left(survey: Survey) -> Array:
-    """(samples,) the residual with the base parameters fitted so that single stretches do not bend them. P. J. Huber,
+    """(inputs,) the residual with the base parameters fitted so that single stretches do not bend them. P. J. Huber,
     Robust Statistics, 1981, 7.3: weights fall with the residual beyond HUBER scales."""
-    root = math.sqrt(survey.share)
-    weights, left = np.ones(len(survey.residual)), survey.residual
-    hold = np.eye(survey.base.shape[1])
+    y, base = survey.residual[: survey.inputs], survey.base[: survey.inputs]
+    spread = survey.errors.white[: survey.inputs] / survey.noise  # of a row as if it stood for one independent value
+    weights, left = np.ones(len(y)), y
+    hold = np.eye(base.shape[1])
     for _ in range(ROUNDS):
         scale = max(1.4826 * float(np.median(np.abs(left))), survey.noise)
         weights = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-300))
-        a = survey.base * (root / scale)
+        a = base / (spread * scale)[:, None]
         gram = a.T @ (a * weights[:, None]) + hold
-        z = np.linalg.solve(gram, a.T @ (weights * survey.residual) * (root / scale))
-        left = survey.residual - survey.base @ z
+        z = np.linalg.solve(gram, a.T @ (weights * y / (spread * scale)))
+        left = y - base @ z
     return np.asarray(left, dtype=float)
 
 
-def _strongest(left: Array, times: list[Array], begins: Array, widths: Array) -> Pulse | None:
-    """The smooth pulse that takes most of the squares."""
+def _strongest(survey: Survey, left: Array, times: list[Array], begins: Array, widths: Array) -> Pulse | None:
+    """The smooth pulse, of a force or of the speed that is shown, that takes most of the squares."""
     best, most = None, 0.0
     for j, t in enumerate(times):
         mine = left[begins[j] : begins[j + 1]]
         if len(t) < 4:
             continue
+        rate = np.interp(t, survey.runs[j].time, survey.runs[j].turn_rate)
         for width in widths:
-            away = (t[:, None] - t) / width
-            shape = np.where(np.abs(away) < 0.5, np.cos(math.pi * away) ** 2, 0.0)
-            gain = (shape.T @ mine) ** 2 / np.maximum(np.sum(shape**2, axis=0), 1e-12)
-            k = int(np.argmax(gain))
-            if gain[k] > most:
-                most = float(gain[k])
-                best = Pulse(j, float(t[k] - (0.5 + BESIDE) * width), float(t[k] + (0.5 + BESIDE) * width))
+            middle = np.arange(t[0], t[-1], STEP * width)
+            away = (t[:, None] - middle) / width
+            bump = np.where(np.abs(away) < 0.5, np.cos(math.pi * away) ** 2, 0.0)
+            for shape in (bump, np.gradient(bump * rate[:, None], t, axis=0)):
+                gain = (shape.T @ mine) ** 2 / np.maximum(np.sum(shape**2, axis=0), 1e-12)
+                k = int(np.argmax(gain))
+                if gain[k] > most:
+                    most, half = float(gain[k]), (0.5 + BESIDE) * width
+                    best = Pulse(j, float(middle[k] - half), float(middle[k] + half))
     return best
 
 
@@ -140,11 +185,8 @@ def torque_columns(survey: Survey, pulses: list[Pulse] | tuple[Pulse, ...]) -> A
     return _scaled(survey, at_rows(survey, _hats(survey, pulses)), 0.0)
 
 
-def _scaled(survey: Survey, rows: Array, pull: float) -> Array:
-    rows = rows / math.sqrt(max(float(np.mean(np.sum(rows**2, axis=1))), 1e-300))
-    if survey.felt:
-        rows = np.vstack([rows, pull * survey.felt * 0.5 / survey.lever * rows])
-    return rows
+def _scaled(survey: Survey, rows: Array, pull: float, sensed: bool = False) -> Array:
+    return survey.shown(rows / math.sqrt(max(float(np.mean(np.sum(rows**2, axis=1))), 1e-300)), pull, sensed)
 
 
 def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
@@ -154,21 +196,27 @@ def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
     def rows(of: str) -> Array:
         return at_rows(survey, [x * _carrier(c, of)[:, None] for c, x in zip(survey.runs, shapes, strict=True)])
 
-    free = rows("free")
+    def port(subsystem: str, of: str, pull: float, weight: float, positive: bool = False) -> Port:
+        columns = _scaled(survey, rows(of), pull, subsystem == SENSOR)
+        return Port(subsystem, "event", "its moment", columns, weight, positive)
+
+    slipped = [np.gradient(x * c.turn_rate[:, None], c.time, axis=0) for c, x in zip(survey.runs, shapes, strict=True)]
+    slip = Port("speed_sensor", "event", "its moment", _scaled(survey, at_rows(survey, slipped), 0.0), 1.0)
     if not survey.hoist:
-        yield Port("axis", "event", "its moment", _scaled(survey, free, 0.0), 0.4)
-        yield Port("axis", "event", "its moment", _scaled(survey, rows("way"), 0.0), 0.4, True)
-        yield Port("torque_sensor", "event", "its moment", _scaled(survey, free, 0.0), 0.3)
+        yield port("axis", "free", 0.0, 0.5)
+        yield port("axis", "way", 0.0, 0.5, True)
+        yield port(SENSOR, "free", 0.0, 1.0)
+        yield slip
         return
-    rubbing, heavy = rows("way"), rows("mass")
-    yield Port("guide", "event", "its moment", _scaled(survey, rubbing, 1.0), 1.0, True)
-    yield Port("brake", "event", "its moment", _scaled(survey, rubbing, 0.0), 0.6, True)
-    yield Port("sheave", "event", "its moment", _scaled(survey, rubbing, -1.0), 0.3, True)
-    yield Port("motor", "event", "its moment", _scaled(survey, free, 0.0), 0.6)
-    yield Port("drum", "event", "its moment", _scaled(survey, free, 0.0), 0.4)
-    yield Port("torque_sensor", "event", "its moment", _scaled(survey, free, 0.0), 0.6)
-    yield Port("payload", "event", "its moment", _scaled(survey, free, 1.0), 0.7)
-    yield Port("platform", "event", "its moment", _scaled(survey, heavy, 1.0), 0.7)
+    yield port("guide", "way", 1.0, 1.0, True)
+    yield port("brake", "way", 0.0, 0.6, True)
+    yield port("sheave", "way", -1.0, 0.3, True)
+    yield port("motor", "free", 0.0, 0.6)
+    yield port("drum", "free", 0.0, 0.4)
+    yield port(SENSOR, "free", 0.0, 0.6)
+    yield port("payload", "free", 1.0, 0.7)
+    yield port("platform", "mass", 1.0, 0.7)
+    yield slip
 
 
 def _carrier(c: Course, of: str) -> Array:

@@ -17,6 +17,7 @@ from workbench.diagnose.location.survey import Course, Survey, at_rows
 from workbench.run import Array
 
 TURN = 2.0 * math.pi
+SENSOR = "torque_sensor"  # of the input
 Of = Callable[[Course], Array]
 
 
@@ -67,9 +68,7 @@ class Ports:
         size = math.sqrt(float(np.mean(np.sum(rows**2, axis=1))))
         if not size > 0.0:
             return None
-        rows = rows / size
-        if self.survey.felt:
-            rows = np.vstack([rows, pull * self.survey.felt * 0.5 / self.survey.lever * rows])
+        rows = self.survey.shown(rows / size, pull, subsystem == SENSOR)
         return Port(subsystem, regime, over, rows, weight, positive)
 
     def all(self) -> Iterator[Port]:
@@ -334,7 +333,7 @@ class Ports:
         yield m("speed_sensor", "acceleration", "the torque's change", lambda c: slope(c.torque, c), 0.0, 1.0, True)
 
 
-def _since_reversal(c: Course) -> Array:
+def since_reversal(c: Course) -> Array:
     """(n,) how far it went since it last turned round."""
     gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(c.position)))])
     turned = np.concatenate([[True], np.diff(c.speed > 0.0)])
@@ -346,7 +345,7 @@ def _late(tau_s: float) -> Of:
 
 
 def _fresh(distance: float) -> Of:
-    return lambda c: c.way * np.exp(-_since_reversal(c) / distance)
+    return lambda c: c.way * np.exp(-since_reversal(c) / distance)
 
 
 def _swing(w: float, damping: float) -> Of:

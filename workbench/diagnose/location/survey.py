@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Setting, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.location.loop import Loop, loop_of
 from workbench.kinds import kind_of
 from workbench.run import Array
 from workbench.simulate.driven import changed
@@ -52,19 +54,21 @@ class Survey:
     """residual: (samples,) measured minus predicted at the nominal machine, linearly. base: (samples, m) what the base
     parameters add to the prediction, each by one standard deviation of its tolerance.
 
-    noise: rms of a row; share: how many independent values one stands for. runs: the courses. inputs: rows of the
-    input; behind them those of the dead line's tension, on the input's scale: a force there counts `felt` times.
+    noise: rms of a row; errors: noise and discrepancy, as the rows are weighed. runs: the courses. inputs: rows of the
+    input; behind them those of the dead line's tension, on the input's scale, where a force counts `felt` times; then,
+    with `loop`, those of the drive's loop, where only an error of the input's sensor shows.
     lever: input over force at the carriage, of a stiff machine. turns: name -> rad of it per rad of the motor.
     """
 
     residual: Array
     base: Array
     noise: float
-    share: float
+    errors: ErrorModel
     runs: tuple[Course, ...]
     run_of_row: np.ndarray
     inputs: int
     felt: float
+    loop: bool
     lever: float
     gravity: float
     band_hz: float
@@ -79,10 +83,23 @@ class Survey:
     @property
     def left(self) -> Array:
         """(samples,) the residual with the base parameters at their best within their tolerances."""
-        root = np.sqrt(self.share) / self.noise
-        a = np.vstack([root * self.base, np.eye(self.base.shape[1])])
-        y = np.concatenate([root * self.residual, np.zeros(self.base.shape[1])])
-        return np.asarray(self.residual - self.base @ np.linalg.lstsq(a, y, rcond=None)[0], dtype=float)
+        white = self.errors.whiten(np.column_stack([self.base, self.residual]))
+        a, y = white[:, :-1], white[:, -1]
+        z = np.linalg.solve(a.T @ a + np.eye(a.shape[1]), a.T @ y)
+        return np.asarray(self.residual - self.base @ z, dtype=float)
+
+    def shown(self, rows: Array, pull: float, sensed: bool) -> Array:
+        """(inputs, k) of an input -> (samples, k): as it shows in all that is logged.
+
+        pull: of the dead line's tension, +1 for a force on the carriage. sensed: whether the input's sensor alone
+        has it.
+        """
+        parts = [rows]
+        if self.felt:
+            parts.append(pull * self.felt * 0.5 / self.lever * rows)
+        if self.loop:
+            parts.append(rows * float(sensed))
+        return np.vstack(parts)
 
 
 def survey_of(problem: Problem, fit: Fitted) -> Survey:
@@ -99,21 +116,39 @@ def survey_of(problem: Problem, fit: Fitted) -> Survey:
     if problem.has_tension:
         felt = problem.noise / problem.tension_noise
     setting = fit.setting
+    residual, base, errors = fit.residual - fit.jacobian @ back, -fit.jacobian * usual, problem.errors
+    loop = loop_of(problem)
+    if loop is not None:
+        residual, base, errors = _with_loop(loop, residual, base, errors)
     return Survey(
-        residual=fit.residual - fit.jacobian @ back,
-        base=-fit.jacobian * usual,
+        residual=residual,
+        base=base,
         noise=problem.noise,
-        share=problem.share,
+        errors=errors,
         runs=tuple(courses_of(problem, setting)),
         run_of_row=np.asarray(problem.run_of_row),
         inputs=problem.inputs,
         felt=felt,
+        loop=loop is not None,
         lever=lever,
         gravity=kind.gravity(machine),
         band_hz=problem.band_hz,
         hoist=not kind.whole,
         turns=turns,
     )
+
+
+def _with_loop(loop: Loop, residual: Array, base: Array, errors: ErrorModel) -> tuple[Array, Array, ErrorModel]:
+    """The loop's rows behind the others: its law is open there, the machine's base parameters show nothing."""
+    n, k = len(loop.residual), loop.columns.shape[1]
+    below = np.hstack([np.zeros((n, base.shape[1])), loop.columns])
+    base = np.vstack([np.hstack([base, np.zeros((len(base), k))]), below])
+    errors = ErrorModel(
+        np.concatenate([errors.white, np.full(n, loop.noise)]),
+        np.concatenate([errors.discrepancy, errors.discrepancy[:n]]),
+        np.concatenate([errors.carry, errors.carry[:n]]),
+    )
+    return np.concatenate([residual, loop.residual]), base, errors
 
 
 def courses_of(problem: Problem, setting: Setting) -> list[Course]:

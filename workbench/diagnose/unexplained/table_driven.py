@@ -10,7 +10,7 @@ import numpy as np
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.held_out import HeldOut
-from workbench.diagnose.hypotheses.knobs import bounds_of, setting_of
+from workbench.diagnose.hypotheses.knobs import Setting, bounds_of, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.unexplained.records import Curve
@@ -19,7 +19,6 @@ from workbench.diagnose.unexplained.tables import columns_of, gain_of, lever_of,
 from workbench.kinds import Table
 from workbench.machine import Axis, Hoist, with_correction
 from workbench.run import Array
-from workbench.simulate.driven import Bench
 
 ROUNDS = 4  # driven simulations with the table, at most
 WORTH_ANOTHER = 0.97  # of the rms before: a round that gains less is the last
@@ -109,11 +108,9 @@ class Tables:
         fit, columns, best = tried.fit, tried.columns, None
         for _ in range(ROUNDS):
             fitted = replace(self.base, z=np.clip(fit.z, lowest, highest))
-            residual = self._residual(fitted, tried.curve(fit.levels))
-            rms = float(np.sqrt(np.mean(residual**2)))
+            rows = self._residual(fitted.setting, tried.curve(fit.levels))
+            rms = float(np.sqrt(np.mean(rows[: problem.inputs] ** 2)))
             enough = best is not None and rms > WORTH_ANOTHER * best.rms
-            # The tension's rows stay as the linear fit has them: only the input is driven anew.
-            rows = np.concatenate([residual, fitter.left(columns, fit)[problem.inputs :]])
             if best is None or rms < best.rms:
                 best = Driven(tried, fit, replace(fitted, residual=rows), rms)
             if enough:
@@ -133,17 +130,18 @@ class Tables:
         for fold, other in enumerate(driven.last.others):
             fitted = replace(self.base, z=np.clip(other[:base], lowest, highest))
             curve = driven.tried.curve(other[base:])
-            rows = np.flatnonzero(self.fitter.groups[: problem.inputs] == fold)
-            residual[rows] = self._residual(fitted, curve)[rows]
+            rows = self.fitter.groups == fold
+            residual[rows] = self._residual(fitted.setting, curve)[rows]
             settings.append(fitted.setting)
             machines.append(with_table(refitted_machine(problem, self.keys, fitted), curve))
         return HeldOut(residual, self.fitter.groups, tuple(settings)), tuple(machines)
 
-    def _residual(self, fitted: Fitted, curve: Curve) -> Array:
-        """(inputs,) measured minus predicted, of a machine as a file says it."""
-        machine = with_table(refitted_machine(self.problem, self.keys, fitted), curve)
-        balances = Bench(machine, self.problem.runs, self.problem.band_hz).balances()
-        return np.concatenate([each.residual[rows] for each, rows in zip(balances, self.problem.rows, strict=True)])
+    def _residual(self, setting: Setting, curve: Curve) -> Array:
+        """(samples,) measured minus predicted at a setting of base parameters and traces, with the table beside."""
+        problem = self.problem
+        with_it = Problem(with_table(problem.machine, curve), problem.runs, problem.band_hz)
+        with_it.rows, with_it.noise = problem.rows, problem.noise  # the tension's rows are scaled by the noise
+        return with_it.residuals([setting])[0]
 
 
 def _rounded(value: float, digits: int) -> float:

@@ -53,7 +53,6 @@ class TableFitter:
 
     def __init__(self, problem: Problem, fitted: Fitted) -> None:
         self.problem, self.fitted = problem, fitted
-        self.weight = float(np.sqrt(problem.share)) / problem.noise
         _, _, self.std = bounds_of(fitted.knobs)
         self.groups = folds_by_run(problem)
         self.count = int(self.groups.max()) + 1
@@ -114,14 +113,10 @@ class TableFitter:
         return next(fit for fit in found if fit.after.sum() <= NEARLY * least)
 
     def _normal(self, x: Array, residual: Array) -> tuple[Array, Array]:
-        """(groups, k, k) and (groups, k), weighted."""
-        k = x.shape[1]
-        normal, right = np.zeros((self.count, k, k)), np.zeros((self.count, k))
-        for g in range(self.count):
-            rows = self.groups == g
-            normal[g] = self.weight**2 * x[rows].T @ x[rows]
-            right[g] = self.weight**2 * x[rows].T @ residual[rows]
-        return normal, right
+        """(groups, k, k) and (groups, k), of whitened rows."""
+        white = self.problem.errors.whiten(np.column_stack([x, residual]))
+        parts = [white[self.groups == g] for g in range(self.count)]
+        return np.array([p[:, :-1].T @ p[:, :-1] for p in parts]), np.array([p[:, :-1].T @ p[:, -1] for p in parts])
 
     def _solved(
         self,
