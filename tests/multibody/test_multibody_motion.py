@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
 from workbench.machine import Hoist, default_hoist, with_values
-from workbench.multibody import Driven, MotionResult, Outcome, Shaft, Switches, move, sampled
+from workbench.multibody import Driven, MotionResult, Outcome, Shaft, Switches, motion, move, sampled
 from workbench.run import Array
 
 MACHINE = default_hoist()
@@ -215,6 +218,35 @@ def test_a_wire_pulls_and_never_pushes():
     assert np.min(run["tension_min_n"]) > -1.0
     fallen = 9.0 - run["position_carriage_m"]
     assert np.all(fallen <= 0.5 * MACHINE.gravity_m_s2 * run.time_s**2 * 1.001 + 1e-9)  # falls, and is not thrown
+
+
+def test_rollers_that_rattle_in_their_play_are_followed_at_the_usual_step():
+    """A heavy carriage with little to lean on, thrown up and down: contact is lost and found again."""
+    arm = {"reach_m": 0.9, "pipe_offset_m": 0.0, "roller_stiffness_n_per_m": 2.7e8}
+    guide = {"coulomb_hoisting_n": 15000.0, "coulomb_lowering_n": 12000.0}
+    values = {f"arm.{name}": value for name, value in arm.items()} | {f"guide.{n}": v for n, v in guide.items()}
+    machine = with_values(MACHINE, {"carriage.mass_kg": 18000.0, **values})
+    drive = torque(lambda t: 400.0 * math.copysign(1.0, math.sin(4.0 * t)))
+    switches = Switches(clearance_m=8e-4, roller_friction=4e-4)
+    result = move(machine, 0.0, 9.0, drive, 4.0, step_s=0.005, record_every=1, switches=switches)
+    normal = np.array([result.run[name] for name in result.run.signals if name.startswith("force_roller")])
+    assert np.min(np.abs(normal)) < 1e-3 * np.max(np.abs(normal))  # some have lost touch
+    assert result.outcome is Outcome.COMPLETED and result.steps == 800
+
+
+def test_a_run_leaves_nothing_of_itself_in_the_engine(monkeypatch: pytest.MonkeyPatch):
+    """The engine held what it called before each step, and with it all records of the run."""
+    made: list[weakref.ref[motion._Motion]] = []
+    begin = motion._Motion.begin
+
+    def noted(self: motion._Motion, *given: Any) -> None:
+        made.append(weakref.ref(self))
+        begin(self, *given)
+
+    monkeypatch.setattr(motion._Motion, "begin", noted)
+    move(MACHINE, 4500.0, 9.0, torque(lambda t: 0.0), 0.1)
+    gc.collect()
+    assert [each() for each in made] == [None]
 
 
 def test_a_motion_that_does_not_converge_ends_with_time_and_state():

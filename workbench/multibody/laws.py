@@ -15,6 +15,7 @@ from workbench.multibody.exudyn_import import engine
 from workbench.multibody.switches import Switches
 
 _SEAL = 1e-3  # of the roller's stiffness, which centres it within its play
+_TOUCH_M = 2e-5  # of contact over which the damping grows: a force that jumps would stop the engine's iteration
 ROLLERS = 4
 
 
@@ -90,9 +91,10 @@ def shaft_law() -> Any:
 def roller_law(machine: Hoist, s: Switches, height_m: float, payload_n: float, clock_s: float) -> Any:
     """One roller in its rail: its normal force along x, and its share of the guide's friction along y.
 
-    N = k δ + c δ' (with play: of what exceeds it); friction = (Coulomb level/4 + μ |N|) (2/π) atan(slope v) + B v/4,
-    the turn at standstill as in Eq. 17 of the paper. height_m: where displacement y is 0; clock_s: the campaign's
-    time at t = 0. Bristles act on the dolly instead of the Coulomb part.
+    N = k δ + c δ' (with play: of what exceeds it, c growing over the first 20 µm of contact);
+    friction = (Coulomb level/4 + μ |N|) (2/π) atan(slope v) + B v/4, the turn at standstill as in Eq. 17 of the
+    paper. height_m: where displacement y is 0; clock_s: the campaign's time at t = 0. Bristles act on the dolly
+    instead of the Coulomb part.
     """
     es, o = engine().symbolic, _symbolic()
     level_of = guide_level(o, machine, s, payload_n)
@@ -104,7 +106,7 @@ def roller_law(machine: Hoist, s: Switches, height_m: float, payload_n: float, c
         if s.clearance_m:
             play = offset[0]  # clearance_m, once the machine hangs
             beyond = es.max(gap - play, es.Real(0.0)) + es.min(gap + play, es.Real(0.0))
-            touches = es.IfThenElse(es.abs(gap) > play, es.Real(1.0), es.Real(_SEAL))
+            touches = _SEAL + es.min(es.Real(1.0), es.abs(beyond) * (1.0 / _TOUCH_M))
             N = k * (beyond + _SEAL * gap) + c * touches * velocity[0]
         along = es.Real(0.0)
         if not s.bristle_m:

@@ -221,6 +221,8 @@ class _Motion:
             done = bool(self.mbs.SolveDynamic(settings))
         except RuntimeError:
             done = False
+        finally:
+            self.mbs.SetPreStepUserFunction(0)  # the engine's hold on this object would outlive the run
         if self.raised is not None:
             raise self.raised
         if done and self.step % self.every == 0:

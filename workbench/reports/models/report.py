@@ -128,8 +128,12 @@ def write_models(simulate: Callable[[], ModelsCompared], title: str, folder: Pat
 
 def save_models_page(compared: ModelsCompared, title: str, path: Path) -> None:
     """The page; it needs no network."""
-    section = Section(sentences=sentences(compared), tables=[table(compared)], figures=figures_of(compared))
-    save_page([section], path, f"Two models of {compared.machine.name} — {title}")
+    save_page([section_of(compared)], path, f"Two models of {compared.machine.name} — {title}")
+
+
+def section_of(compared: ModelsCompared) -> Section:
+    """All of it, as a page shows it."""
+    return Section(sentences=sentences(compared), tables=[table(compared)], figures=figures_of(compared))
 
 
 def figures_of(compared: ModelsCompared) -> list[tuple[Figure, str]]:

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import from_json
 
+from workbench.dashboard.section_file import with_figures
 from workbench.dashboard.widgets import Number
 from workbench.errors import InputError
 from workbench.figures.save import Section
@@ -53,14 +53,7 @@ def read_view(path: Path) -> View:
     """InputError for a file that is gone or damaged."""
     try:
         view = _adapter().validate_json(path.read_bytes())
-        sections = {name: _with_figures(section) for name, section in view.sections.items()}
+        sections = {name: with_figures(section) for name, section in view.sections.items()}
     except (OSError, ValidationError, ValueError, TypeError) as error:
         raise InputError("this diagnosis' result is damaged; diagnose the campaign again", file=path) from error
     return replace(view, sections=sections)
-
-
-def _with_figures(section: Section) -> Section:
-    import plotly.graph_objects as go
-
-    figures: list[tuple[Any, str]] = [(go.Figure(figure), note) for figure, note in section.figures]
-    return replace(section, figures=figures)

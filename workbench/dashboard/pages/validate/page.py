@@ -1,4 +1,4 @@
-"""The page Validate: a campaign's replay against its measurement, and the machine identified from it."""
+"""The page Validate: a campaign's replay against its measurement, the machine identified from it, both models of it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import streamlit as st
 from workbench.dashboard.campaigns import chosen_campaign
 from workbench.dashboard.machines import kept_machines
 from workbench.dashboard.pages.validate.identification import found_for, identification, offer
+from workbench.dashboard.pages.validate.models import both_models
 from workbench.dashboard.pages.validate.replay import replayed
 from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain, table
 from workbench.logs import Campaign
@@ -47,6 +48,7 @@ def show() -> None:
             offer(found)
     st.markdown("##### Replay" if after is None else "##### Replay of the identified machine")
     _figures(campaign, after or result, None if after is None else result)
+    both_models(campaign)
 
 
 def _chosen(campaign: Campaign) -> Campaign:

@@ -1,0 +1,122 @@
+"""Both models on the page Validate: a comparison by a job, its report on the page, its errors."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("streamlit")
+
+from tests.support.dashboard_app import errors, page
+from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
+from workbench.dashboard import campaigns, session
+from workbench.dashboard.jobs import job as jobs
+from workbench.dashboard.jobs import place as jobs_place
+from workbench.dashboard.jobs.progress import Teller
+from workbench.dashboard.jobs.record import make, write
+from workbench.dashboard.jobs.worker import work
+from workbench.dashboard.pages.validate import models
+from workbench.dashboard.pages.validate.models_work import SHOWN, run
+from workbench.dashboard.section_file import read_section
+from workbench.errors import InputError
+from workbench.logs import read_campaign
+from workbench.machine.files import machine_text
+from workbench.multibody.exudyn_import import engine
+from workbench.simulate.models import compare_models
+
+NAME = "lift"
+
+
+@pytest.fixture
+def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The server's own folder; it offers one campaign of one short run. What a worker would do is done at once."""
+    write_campaign(tmp_path / "owner" / NAME, hoist_columns())
+    folder = tmp_path / "server"
+    folder.mkdir()
+    monkeypatch.setattr(session, "app_folder", lambda: folder)
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
+    monkeypatch.setenv(campaigns.VARIABLE, str(tmp_path / "owner"))
+    monkeypatch.setattr(models, "start", at_once)
+    jobs_place._root.cache_clear()
+    yield folder
+    jobs_place._root.cache_clear()
+
+
+def at_once(kind: str, what: jobs.Call, workspace: Path, title: str, inputs: Mapping[str, Path]) -> jobs.Job:
+    """As `start`, in this process."""
+    assert what.function == f"{run.__module__}:{run.__name__}"
+    arguments = dict(what.arguments)
+    job = make(workspace, kind, title, inputs, lambda _: {"call": what.function, "arguments": arguments})
+    status = work({"call": what.function, "arguments": arguments}, job.folder)
+    write(job.file("ended.json"), {"status": status, "at_s": time.time()})
+    return job
+
+
+def words(app: Any) -> str:
+    return " ".join(each.value for each in [*app.markdown, *app.caption]).replace("\\", "")
+
+
+def test_both_models_are_compared_by_a_job_and_shown(server, tmp_path):
+    app = page("Validate").run()
+    assert "rigid bodies, joints, rollers and wire" in words(app)
+    app.button(key="validate models").click().run()
+    assert not app.exception and errors(app) == []
+    (work,) = server.glob("work-*")
+    (job,) = jobs.jobs_of(work, "models")
+    assert jobs.poll(job).state == "done", jobs.poll(job).sentence
+    campaign = read_campaign(tmp_path / "owner" / NAME)
+    expected = compare_models(campaign.machine, campaign.runs)
+    line = app.dataframe[-1].value.iloc[0]
+    assert float(line.iloc[3]) == pytest.approx(expected.runs[0].apart_percent, abs=2e-3)
+    titles = [json.loads(each.proto.spec)["layout"]["title"].get("text", "") for each in app.get("plotly_chart")]
+    assert titles[-3:] == ["Motor speed of both models", "Difference of both models", "Forces of rollers and cylinders"]
+    assert "The paper's models took 3.46 s and 91.53 s" in words(app)
+    assert [each.proto.label for each in app.get("download_button")][-2:] == ["Report", "models.json"]
+    app.run()
+    assert len(jobs.jobs_of(work, "models")) == 1
+
+
+def test_without_the_extra_the_button_says_how_to_get_it(server, monkeypatch):
+    engine.cache_clear()
+    monkeypatch.setitem(sys.modules, "exudyn", None)
+    app = page("Validate").run()
+    app.button(key="validate models").click().run()
+    engine.cache_clear()
+    (said,) = errors(app)
+    assert "pip install '.[multibody]'" in said
+    assert not list(server.glob("work-*"))
+
+
+def test_an_axis_has_one_model_only(server, tmp_path):
+    write_campaign(
+        tmp_path / "owner" / "drive", axis_columns(), machine=AXIS, runs="runs:\n- {name: lift, file: runs/lift.csv}\n"
+    )
+    app = page("Validate").run()
+    app.selectbox(key="validate campaign").set_value("drive").run()
+    assert not app.exception and errors(app) == []
+    assert "validate models" not in [each.key for each in app.button]
+
+
+def test_what_cannot_be_compared_is_said_without_the_servers_folder(server, tmp_path):
+    folder = tmp_path / "owner" / NAME
+    campaign = read_campaign(folder)
+    machine = campaign.machine.model_copy(update={"effects": {"backlash": {"play_rad": 0.01}}})
+    out = tmp_path / "job" / "result"
+    out.parent.mkdir()
+    with pytest.raises(InputError, match="has no effect 'backlash'") as caught:
+        run(out, Teller(tmp_path / "job" / "progress.json"), folder=str(folder), name=NAME, runs=["lift"],
+            machine=machine_text(machine))  # fmt: skip
+    assert str(tmp_path) not in str(caught.value)
+    assert not out.exists()
+
+
+def test_a_damaged_result_is_one_clear_error(tmp_path):
+    (tmp_path / SHOWN).write_text('{"heading": 3}')
+    with pytest.raises(InputError, match="damaged; compute it again"):
+        read_section(tmp_path / SHOWN)
