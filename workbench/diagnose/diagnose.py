@@ -9,7 +9,7 @@ from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.search import Found, Search
+from workbench.diagnose.hypotheses.search import Found, searched
 from workbench.diagnose.isolation.isolability import isolability
 from workbench.diagnose.isolation.next_run import next_run
 from workbench.diagnose.location.gap import gap_of
@@ -74,7 +74,8 @@ def diagnose(
     elif baseline != "tolerances":
         raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="baseline")
 
-    found = Search(problem, effects, say, rivals, keys).run(most_effects)
+    found = searched(problem, effects, most_effects, say, rivals, keys)
+    problem = found.problem
     say(Progress(Stage.JUDGE))
     judged = judge(found)
     rows = candidate_rows(found, judged, keys)

@@ -13,9 +13,9 @@ each by its standard deviation, so that sums of squares of what it returns are g
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 
 import numpy as np
+from scipy.linalg.lapack import dtbtrs
 
 from workbench.run import Array
 
@@ -23,94 +23,67 @@ from workbench.run import Array
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
     """white, discrepancy: (n,) standard deviations, in the unit of the residual. carry: (n,) rho_i, 0 at the
-    beginning of each run; rows are in the order of time within a run."""
+    beginning of each run; rows are in the order of time within a run. size: of the discrepancy, and
+    slowness: of its correlation time, as factors."""
 
     white: Array
     discrepancy: Array
     carry: Array
-    _gains: dict[float, _Gains] = field(default_factory=dict, repr=False, init=False)
+    size: float = 1.0
+    slowness: float = 1.0
+    _gains: dict[tuple[float, float], _Gains] = field(default_factory=dict, repr=False)  # shared by all sizes
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_gains", {})
+    def sized(self, size: float, slowness: float = 1.0) -> ErrorModel:
+        """With its discrepancy and its correlation time taken by other factors."""
+        return replace(self, size=size, slowness=slowness)
 
-    def beside(self, more: Array) -> ErrorModel:
-        """With further discrepancy, (n,), independent of the one that is there."""
-        return replace(self, discrepancy=np.hypot(self.discrepancy, more))
+    def whiten(self, rows: Array) -> Array:
+        """(n,) or (n, k) -> the same shape: independent values of variance 1 where the error model holds."""
+        gains = self._numbers()
+        columns = np.array(rows, dtype=float, order="F").reshape(len(self.white), -1, order="F")
+        # The state before each row, m_i = along_i m_(i-1) + into_i r_(i-1): a matrix of two diagonals.
+        driving = np.zeros_like(columns)
+        np.multiply(gains.into[1:, None], columns[:-1], out=driving[1:])
+        state, _ = dtbtrs(gains.diagonals, driving, uplo="L", diag="U", overwrite_b=1)
+        return np.ascontiguousarray((columns - gains.discrepancy[:, None] * state) * gains.weight[:, None]).reshape(
+            np.shape(rows)
+        )
 
-    def whiten(self, rows: Array, scale: float = 1.0) -> Array:
-        """(n,) or (n, k) -> the same shape: independent values of variance 1 where the error model holds.
-
-        scale: of the discrepancy.
-        """
-        gains = self._at(scale)
-        columns = np.asarray(rows, dtype=float).reshape(len(self.white), -1)
-        lanes, steps = gains.lanes, gains.rows.shape[0]
-        padded = np.concatenate([columns, np.zeros((1, columns.shape[1]))])
-        out = np.zeros_like(padded)
-        state = np.zeros((lanes, columns.shape[1]))
-        for i in range(steps):
-            at = gains.rows[i]
-            state *= gains.carry[i]
-            innovation = padded[at]
-            innovation -= gains.discrepancy[i] * state
-            out[at] = innovation * gains.weight[i]
-            innovation *= gains.gain[i]
-            state += innovation
-        return out[:-1].reshape(np.shape(rows))
-
-    def log_det(self, scale: float = 1.0) -> float:
+    def log_det(self) -> float:
         """ln det of the covariance of all rows."""
-        return self._at(scale).log_det
+        return self._numbers().log_det
 
-    def _at(self, scale: float) -> _Gains:
-        if scale not in self._gains:
-            self._gains[scale] = _gains_of(self.white, scale * self.discrepancy, self.carry)
-        return self._gains[scale]
+    def _numbers(self) -> _Gains:
+        key = (self.size, self.slowness)
+        if key not in self._gains:
+            self._gains[key] = _gains_of(self.white, self.size * self.discrepancy, self.carry ** (1.0 / self.slowness))
+        return self._gains[key]
 
 
 @dataclass(frozen=True, eq=False)
 class _Gains:
-    """The filter's numbers for all runs side by side, (steps, lanes, 1); rows: (steps, lanes), the last row is none."""
+    """The filter's numbers. diagonals: (2, n) of LAPACK's band storage, 1 and -along of the next row; into: (n,) what
+    of the row before enters the state; discrepancy, weight: (n,)."""
 
-    rows: np.ndarray
-    carry: Array
+    diagonals: Array
+    into: Array
     discrepancy: Array
-    gain: Array
     weight: Array
     log_det: float
 
-    @property
-    def lanes(self) -> int:
-        return int(self.rows.shape[1])
-
 
 def _gains_of(white: Array, discrepancy: Array, carry: Array) -> _Gains:
-    rows = _lanes_of(carry.tobytes())
-    none = len(carry)
-    s2 = np.append(white**2, 1.0)[rows]
-    d = np.append(discrepancy, 0.0)[rows]
-    rho = np.append(carry, 0.0)[rows]
-    gain, weight = np.zeros_like(d), np.zeros_like(d)
-    variance = np.zeros(rows.shape[1])
-    total = 0.0
-    for i in range(len(rows)):
-        ahead = rho[i] ** 2 * variance + 1.0 - rho[i] ** 2
-        innovation = d[i] ** 2 * ahead + s2[i]
-        gain[i] = d[i] * ahead / innovation
-        weight[i] = 1.0 / np.sqrt(innovation)
-        variance = (1.0 - gain[i] * d[i]) * ahead
-        total += float(np.sum(np.log(innovation[rows[i] != none])))
-    return _Gains(rows, rho[..., None], d[..., None], gain[..., None], weight[..., None], total)
-
-
-@lru_cache(maxsize=8)
-def _lanes_of(carry: bytes) -> np.ndarray:
-    """(longest run, runs): the row of each run's step; n where a run is over."""
-    rho = np.frombuffer(carry)
-    begins = np.flatnonzero(rho == 0.0)
-    ends = np.append(begins[1:], len(rho))
-    longest = int(np.max(ends - begins, initial=1))
-    rows = np.full((longest, max(len(begins), 1)), len(rho))
-    for lane, (begin, end) in enumerate(zip(begins, ends, strict=True)):
-        rows[: end - begin, lane] = np.arange(begin, end)
-    return rows
+    s2, d, rho = white**2, discrepancy, carry
+    gain, innovation = np.zeros_like(d), np.zeros_like(d)
+    variance = 0.0
+    for i, (noise, size, kept) in enumerate(zip(s2.tolist(), d.tolist(), rho.tolist(), strict=True)):
+        ahead = kept * kept * variance + 1.0 - kept * kept
+        innovation[i] = size * size * ahead + noise
+        gain[i] = size * ahead / innovation[i]
+        variance = (1.0 - gain[i] * size) * ahead
+    into = np.zeros_like(d)
+    into[1:] = rho[1:] * gain[:-1]
+    along = np.zeros_like(d)
+    along[1:] = rho[1:] * (1.0 - gain[:-1] * d[:-1])
+    diagonals = np.vstack([np.ones_like(d), np.append(-along[1:], 0.0)])
+    return _Gains(diagonals, into, d, 1.0 / np.sqrt(innovation), float(np.sum(np.log(innovation))))

@@ -80,8 +80,15 @@ class Problem:
         """The same campaign with further noise, rms in the band, independent of the one it has."""
         beside = copy(self)
         beside.noise = math.hypot(self.noise, noise)
-        beside.errors = beside._errors()
+        beside.errors = beside._errors().sized(self.errors.size, self.errors.slowness)
         return beside
+
+    def with_discrepancy(self, size: float, slowness: float) -> Problem:
+        """The same campaign, weighed with a discrepancy of another size and correlation time: factors on the
+        defaults."""
+        weighed = copy(self)
+        weighed.errors = self.errors.sized(size, slowness)
+        return weighed
 
     @property
     def samples(self) -> int:

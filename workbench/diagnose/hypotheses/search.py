@@ -17,7 +17,7 @@ from workbench.diagnose.hypotheses.knobs import Knob, Value, within
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.scan import Atom, atoms
-from workbench.diagnose.hypotheses.score import cost
+from workbench.diagnose.hypotheses.score import cost, score_of
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect
 from workbench.run import Array
@@ -36,6 +36,7 @@ PAIR_IN_REACH = 0.9
 IN_REACH = 0.3  # of the best gain: what is followed to its end
 PARTNERS = 3  # of each leading effect, that are refitted with it
 LEADERS = 3
+TOO_SMALL = 1.5  # size and slowness of the discrepancy: what needs more is searched again with it
 SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
@@ -71,6 +72,26 @@ class Promise:
     merit: float
     atom: Atom
     amounts: Array
+
+
+def searched(
+    problem: Problem,
+    effects: Sequence[Effect],
+    most_effects: int = 2,
+    tell: Tell | None = None,
+    rivals: Sequence[Effect] = (),
+    base: Mapping[str, Value] | None = None,
+) -> Found:
+    """The search, weighed with as much discrepancy as the best hypothesis leaves.
+
+    It begins with the default. Where even the best hypothesis leaves more than that, base parameters have been bent to
+    what is no fault of theirs, so all is fitted once more with the size that the best one needs.
+    """
+    found = Search(problem, effects, tell, rivals, base).run(most_effects)
+    best = min((score_of(problem, fit) for fit in (found.base, *found.fits.values())), key=lambda s: s.value)
+    if best.size <= TOO_SMALL and best.slowness <= TOO_SMALL:
+        return found
+    return Search(problem.with_discrepancy(best.size, best.slowness), effects, tell, rivals, base).run(most_effects)
 
 
 class Search:

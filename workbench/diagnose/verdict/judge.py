@@ -21,7 +21,7 @@ from workbench.diagnose.hypotheses.base import traces
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.score import cost, explained, score_of
+from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.verdict.against import against
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, VerdictWord
@@ -55,14 +55,14 @@ def calibration() -> Mapping[str, float]:
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis with what speaks for it. gain: by how much chi^2 and tolerances fall. merit: see above. size: of the
-    discrepancy that it needs, over the default. rival: an effect that no answer may name unasked."""
+    """A hypothesis with what speaks for it. gain: by how much chi^2 and tolerances fall. merit: see above. score: with the
+    size of the discrepancy that it needs. rival: an effect that no answer may name unasked."""
 
     names: Names
     fit: Fitted
     gain: float
     merit: float
-    size: float
+    score: Score
     rival: bool = False
 
 
@@ -88,8 +88,8 @@ class Judged:
     reasons: tuple[Reason, ...]
 
 
-def weigh(found: Found) -> tuple[tuple[Weighed, ...], float]:
-    """All fitted hypotheses, the worthiest first; and the size of the discrepancy that no effect needs.
+def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
+    """All fitted hypotheses, the worthiest first; and the score without any effect.
 
     A pair is worth its better effect and what the other one adds. The second has to add more than the first one's own
     inexactness would: SECOND of what that explains, rms.
@@ -108,13 +108,13 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], float]:
                 continue
             added = beyond_discrepancy(found, first.fit, fit, merit - first.merit)
             prior = first.fit.prior - fit.prior
-            least = SECOND**2 * explained(problem, found.near, first.fit, first.size)
+            least = SECOND**2 * explained(problem, found.near, first.fit, first.score)
             added = prior + beyond(added - prior, least)
             (second,) = set(names) - set(first.names)
             merit = first.merit + beyond_trace(problem, fit, second, added) - calibration()["pair"]
         rival = any(name in found.rivals for name in names)
-        weighed[names] = Weighed(names, fit, found.gain(names), merit, score.size, rival)
-    return tuple(sorted(_simplest(weighed, problem.active.kind), key=lambda w: -w.merit)), none.size
+        weighed[names] = Weighed(names, fit, found.gain(names), merit, score, rival)
+    return tuple(sorted(_simplest(weighed, problem.active.kind), key=lambda w: -w.merit)), none
 
 
 def _simplest(weighed: Mapping[Names, Weighed], kind: str) -> list[Weighed]:
@@ -172,15 +172,15 @@ def beyond_trace(problem: Problem, fit: Fitted, name: str, merit: float) -> floa
 
 def judge(found: Found) -> Judged:
     """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1."""
-    weighed, size = weigh(found)
+    weighed, score = weigh(found)
     best = next((w for w in weighed if not w.rival), None)
     stands = best is not None and best.merit > calibration()["threshold"]
     held = best.fit if best is not None and stands else found.near
     if best is not None and stands:
-        size = best.size
+        score = best.score
     floor = math.hypot(found.problem.noise, discrepancy_rms(found.problem))
     left, share = left_of(found, held, floor)
-    evidence = evidence_of(found, held, size, left, share)
+    evidence = evidence_of(found, held, score, left, share)
     rows = rank(ranked_merits(weighed, best), evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, weighed, best)
@@ -245,7 +245,7 @@ def rank(
     return (first, *rest)
 
 
-def evidence_of(found: Found, held: Fitted, size: float, left: Left, share: float) -> dict[str, float]:
+def evidence_of(found: Found, held: Fitted, score: Score, left: Left, share: float) -> dict[str, float]:
     """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
 
     left: the logarithm of the discrepancy that the best hypothesis needs, over the default, in full where it leaves
@@ -256,10 +256,10 @@ def evidence_of(found: Found, held: Fitted, size: float, left: Left, share: floa
     """
     own = len(found.base.z)
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
-    inexact = SECOND**2 * explained(found.problem, found.base, held, size) if held.effects else 0.0
+    inexact = SECOND**2 * explained(found.problem, found.base, held, score) if held.effects else 0.0
     weight = open_share * relevance(found.problem, left)
     return {
-        "left": weight * max(math.log(size), 0.0),
+        "left": weight * max(math.log(score.size), 0.0),
         "prior": max(stretch(found.problem, held, inexact) - BY_CHANCE[bool(held.effects)], 0.0),
         "bound": float(_on_bound(held, own)),
         "against": max(against(found.problem, held, own) - UNDONE, 0.0),
