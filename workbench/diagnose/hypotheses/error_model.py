@@ -23,19 +23,19 @@ from workbench.run import Array
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
     """white, discrepancy: (n,) standard deviations, in the unit of the residual. carry: (n,) rho_i, 0 at the
-    beginning of each run; rows are in the order of time within a run. size: of the discrepancy, and
-    slowness: of its correlation time, as factors."""
+    beginning of each run; rows are in the order of time within a run. size: of the discrepancy, as a factor."""
 
     white: Array
     discrepancy: Array
     carry: Array
     size: float = 1.0
-    slowness: float = 1.0
-    _gains: dict[tuple[float, float], _Gains] = field(default_factory=dict, repr=False)  # shared by all sizes
+    _gains: dict[float, _Gains] = field(default_factory=dict, repr=False, init=False)
 
-    def sized(self, size: float, slowness: float = 1.0) -> ErrorModel:
-        """With its discrepancy and its correlation time taken by other factors."""
-        return replace(self, size=size, slowness=slowness)
+    def sized(self, size: float) -> ErrorModel:
+        """With its discrepancy taken by another factor."""
+        other = replace(self, size=size)
+        object.__setattr__(other, "_gains", self._gains)  # kept by size: what was computed once serves all
+        return other
 
     def whiten(self, rows: Array) -> Array:
         """(n,) or (n, k) -> the same shape: independent values of variance 1 where the error model holds."""
@@ -54,10 +54,9 @@ class ErrorModel:
         return self._numbers().log_det
 
     def _numbers(self) -> _Gains:
-        key = (self.size, self.slowness)
-        if key not in self._gains:
-            self._gains[key] = _gains_of(self.white, self.size * self.discrepancy, self.carry ** (1.0 / self.slowness))
-        return self._gains[key]
+        if self.size not in self._gains:
+            self._gains[self.size] = _gains_of(self.white, self.size * self.discrepancy, self.carry)
+        return self._gains[self.size]
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,14 +80,13 @@ class Problem:
         """The same campaign with further noise, rms in the band, independent of the one it has."""
         beside = copy(self)
         beside.noise = math.hypot(self.noise, noise)
-        beside.errors = beside._errors().sized(self.errors.size, self.errors.slowness)
+        beside.errors = beside._errors().sized(self.errors.size)
         return beside
 
-    def with_discrepancy(self, size: float, slowness: float) -> Problem:
-        """The same campaign, weighed with a discrepancy of another size and correlation time: factors on the
-        defaults."""
+    def with_discrepancy(self, size: float) -> Problem:
+        """The same campaign, weighed with a discrepancy of another size: a factor on the default."""
         weighed = copy(self)
-        weighed.errors = self.errors.sized(size, slowness)
+        weighed.errors = self.errors.sized(size)
         return weighed
 
     @property

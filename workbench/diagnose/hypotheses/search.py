@@ -33,10 +33,11 @@ TOLERANCES = 3.0  # within which signatures are taken
 TURNED = 1.5  # the same, of the logarithm of what nobody knows: how friction turns over
 DROPPED = 1  # pairs
 PAIR_IN_REACH = 0.9
+STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie different minima
 IN_REACH = 0.3  # of the best gain: what is followed to its end
 PARTNERS = 3  # of each leading effect, that are refitted with it
 LEADERS = 3
-TOO_SMALL = 1.5  # size and slowness of the discrepancy: what needs more is searched again with it
+TOO_SMALL = 1.5  # size of the discrepancy: what needs more is searched again with it
 SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
@@ -89,9 +90,9 @@ def searched(
     """
     found = Search(problem, effects, tell, rivals, base).run(most_effects)
     best = min((score_of(problem, fit) for fit in (found.base, *found.fits.values())), key=lambda s: s.value)
-    if best.size <= TOO_SMALL and best.slowness <= TOO_SMALL:
+    if best.size <= TOO_SMALL:
         return found
-    return Search(problem.with_discrepancy(best.size, best.slowness), effects, tell, rivals, base).run(most_effects)
+    return Search(problem.with_discrepancy(best.size), effects, tell, rivals, base).run(most_effects)
 
 
 class Search:
@@ -135,6 +136,7 @@ class Search:
         self._singles(base, near, signatures)
         if most_effects > 1:
             self._pairs(base, near, [atom for atom in signatures if atom.effect.id in self.effects])
+        self._offer_standstill(base)
         return Found(
             self.problem, base, within, self.fits, self.linear, signatures, self.failures, frozenset(self.rivals)
         )
@@ -192,6 +194,22 @@ class Search:
         for names, fit in done.items():
             if not fit.settled and base.objective - fit.objective >= reach * best:
                 self._try(names, lambda f=fit: self._again(f))  # type: ignore[misc]
+
+    def _offer_standstill(self, base: Fitted) -> None:
+        """Friction near standstill has more than one local minimum: what the best fit found there, all others in its
+        reach try as well, for none may win by luck."""
+        if not self.fits:
+            return
+        donor = min(self.fits.values(), key=lambda fit: fit.objective)
+        turns = np.array([getattr(k, "logarithmic", False) for k in self.held for _ in k.lowest], dtype=bool)
+        best = base.objective - donor.objective
+        for names, fit in list(self.fits.items()):
+            apart = np.abs(fit.z[: self.count] - donor.z[: self.count])[turns]
+            if base.objective - fit.objective < PAIR_IN_REACH * best or not np.any(apart > STUCK):
+                continue
+            z = fit.z.copy()
+            z[: self.count][turns] = donor.z[: self.count][turns]
+            self._try(names, lambda f=fit, z=z: self._again(replace(f, z=z)))  # type: ignore[misc]
 
     def _again(self, fit: Fitted) -> Fitted:
         return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, LAST_ROUND, self.count)

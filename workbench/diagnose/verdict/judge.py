@@ -25,6 +25,7 @@ from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.verdict.against import against
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, VerdictWord
+from workbench.diagnose.verdict.repeats import repeated_share
 from workbench.diagnose.verdict.stretch import stretch
 from workbench.effects import find
 from workbench.kinds import kind_of
@@ -42,6 +43,7 @@ MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it 
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
 FREER = 10.0  # merit by which a law of more freedom has to be better than a simpler one
 OWN = 0.02  # of the largest input: what an axis may leave itself; the EMPS axis leaves 0.008 to 0.016
+OWN_AGAIN = 0.01  # of that, what comes again with place or speed; the EMPS axis leaves 0.009
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
@@ -55,8 +57,8 @@ def calibration() -> Mapping[str, float]:
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis with what speaks for it. gain: by how much chi^2 and tolerances fall. merit: see above. score: with the
-    size of the discrepancy that it needs. rival: an effect that no answer may name unasked."""
+    """A hypothesis with what speaks for it. gain: by how much chi^2 and tolerances fall. merit: see above. score: with
+    the size of the discrepancy that it needs. rival: an effect that no answer may name unasked."""
 
     names: Names
     fit: Fitted
@@ -92,46 +94,62 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
     """All fitted hypotheses, the worthiest first; and the score without any effect.
 
     A pair is worth its better effect and what the other one adds. The second has to add more than the first one's own
-    inexactness would: SECOND of what that explains, rms.
+    inexactness would (`inexact`).
     """
     problem, none = found.problem, score_of(found.problem, found.base)
-    weighed: dict[Names, Weighed] = {}
-    for names in sorted(found.fits, key=len):
-        fit = found.fits[names]
+    kind = problem.active.kind
+
+    def weighed(names: Names, score: Score, merit: float) -> Weighed:
+        rival = any(name in found.rivals for name in names)
+        return Weighed(names, found.fits[names], found.gain(names), merit, score, rival)
+
+    singles: dict[Names, Weighed] = {}
+    pairs: dict[Names, Weighed] = {}
+    raw: dict[Names, float] = {}
+    for names, fit in found.fits.items():
+        if len(names) != 1:
+            continue
+        score = score_of(problem, fit)
+        raw[names] = none.value - score.value - cost(problem, len(fit.z) - len(found.base.z))
+        merit = beyond_trace(problem, fit, names[0], beyond_discrepancy(found, found.base, fit, raw[names]))
+        singles[names] = weighed(names, score, merit)
+    singles = {names: _not_freer(found, w, singles, kind) for names, w in singles.items()}
+    for names, fit in found.fits.items():
+        if len(names) != 2:
+            continue
+        first = max((singles[(name,)] for name in names if (name,) in singles), key=lambda w: w.merit, default=None)
+        if first is None:
+            continue
         score = score_of(problem, fit)
         merit = none.value - score.value - cost(problem, len(fit.z) - len(found.base.z))
-        if len(names) == 1:
-            merit = beyond_trace(problem, fit, names[0], beyond_discrepancy(found, found.base, fit, merit))
-        else:
-            first = max((weighed[(name,)] for name in names if (name,) in weighed), key=lambda w: w.merit, default=None)
-            if first is None:
-                continue
-            added = beyond_discrepancy(found, first.fit, fit, merit - first.merit)
-            prior = first.fit.prior - fit.prior
-            least = SECOND**2 * explained(problem, found.near, first.fit, first.score)
-            added = prior + beyond(added - prior, least)
-            (second,) = set(names) - set(first.names)
-            merit = first.merit + beyond_trace(problem, fit, second, added) - calibration()["pair"]
-        rival = any(name in found.rivals for name in names)
-        weighed[names] = Weighed(names, fit, found.gain(names), merit, score, rival)
-    return tuple(sorted(_simplest(weighed, problem.active.kind), key=lambda w: -w.merit)), none
+        added = beyond_discrepancy(found, first.fit, fit, merit - raw[first.names])
+        prior = first.fit.prior - fit.prior
+        added = prior + beyond(added - prior, inexact(found, first))
+        (second,) = set(names) - set(first.names)
+        merit = first.merit + beyond_trace(problem, fit, second, added) - calibration()["pair"]
+        pairs[names] = weighed(names, score, merit)
+    pairs = {names: _not_freer(found, w, pairs, kind) for names, w in pairs.items()}
+    return tuple(sorted([*singles.values(), *pairs.values()], key=lambda w: -w.merit)), none
 
 
-def _simplest(weighed: Mapping[Names, Weighed], kind: str) -> list[Weighed]:
-    """A law of more freedom has to be better than the simpler law of the same place and regime by FREER."""
+def inexact(found: Found, weighed: Weighed) -> float:
+    """What another cause could be worth that only mends the inexact law of the one weighed: SECOND of what that
+    explains, rms."""
+    return SECOND**2 * explained(found.problem, found.near, weighed.fit, weighed.score)
 
-    def freer(names: Names) -> bool:
-        others = [
-            other for other in weighed if len(other) == len(names) and len(set(names) & set(other)) == len(names) - 1
-        ]
-        return any(
-            same_but_freer(mine, theirs, kind)
-            for other in others
-            for mine in set(names) - set(other)
-            for theirs in set(other) - set(names)
-        )
 
-    return [replace(w, merit=w.merit - FREER) if freer(names) else w for names, w in weighed.items()]
+def _not_freer(found: Found, mine: Weighed, beside: Mapping[Names, Weighed], kind: str) -> Weighed:
+    """A law of more freedom has to be better than the simpler law of the same place and regime by FREER, and by more
+    than that law's inexactness."""
+    simpler = [
+        other
+        for names, other in beside.items()
+        if len(set(mine.names) - set(names)) == 1
+        and all(same_but_freer(a, b, kind) for a in set(mine.names) - set(names) for b in set(names) - set(mine.names))
+    ]
+    if not simpler:
+        return mine
+    return replace(mine, merit=mine.merit - FREER - max(inexact(found, other) for other in simpler))
 
 
 def beyond(data: float, least: float) -> float:
@@ -152,7 +170,7 @@ def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, merit: float
     added = set(after.effects) - set(before.effects)
     slow = all(find(name, problem.active.kind).regime == "low_speed" for name in added)
     taken = before.rms(problem.inputs) ** 2 - after.rms(problem.inputs) ** 2
-    least = (SYSTEMATIC[slow] * discrepancy_rms(problem)) ** 2
+    least = (SYSTEMATIC[slow] * max(problem.errors.size, 1.0) * discrepancy_rms(problem)) ** 2
     prior = before.prior - after.prior
     data = merit - prior
     if data <= 0.0:
@@ -181,19 +199,25 @@ def judge(found: Found) -> Judged:
     floor = math.hypot(found.problem.noise, discrepancy_rms(found.problem))
     left, share = left_of(found, held, floor)
     evidence = evidence_of(found, held, score, left, share)
-    rows = rank(ranked_merits(weighed, best), evidence, calibration())
+    veto = veto_of(found, best)
+    rows = rank(ranked_merits(weighed, veto), evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
-    reasons = _reasons(left, evidence, weighed, best)
+    reasons = _reasons(left, evidence, weighed, best, veto)
     answer = rows[0]
     return Judged(
         answer.verdict, answer.effects, rows, weighed, best, held, left, share, evidence, floor, unknown, reasons
     )
 
 
-def ranked_merits(weighed: Sequence[Weighed], best: Weighed | None) -> list[tuple[Names, float]]:
+def ranked_merits(weighed: Sequence[Weighed], veto: float) -> list[tuple[Names, float]]:
     """Merits as they are ranked. An unlisted effect that is about as good as a listed one is alike, and no veto."""
-    own = best.merit if best is not None else -math.inf
-    return [(() if w.rival else w.names, w.merit) for w in weighed if not w.rival or w.merit > own + DECISIVE]
+    return [(() if w.rival else w.names, w.merit) for w in weighed if not w.rival or w.merit > veto]
+
+
+def veto_of(found: Found, best: Weighed | None) -> float:
+    """The merit from which on an unlisted effect counts for an unknown cause: decisively better than the best listed
+    one, by more than that one's inexact law can be worth."""
+    return best.merit + DECISIVE + inexact(found, best) if best is not None else -math.inf
 
 
 def discrepancy_rms(problem: Problem) -> float:
@@ -256,30 +280,31 @@ def evidence_of(found: Found, held: Fitted, score: Score, left: Left, share: flo
     """
     own = len(found.base.z)
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
-    inexact = SECOND**2 * explained(found.problem, found.base, held, score) if held.effects else 0.0
-    weight = open_share * relevance(found.problem, left)
+    bent = SECOND**2 * explained(found.problem, found.base, held, score) if held.effects else 0.0
+    weight = open_share * relevance(found.problem, held, left)
     return {
         "left": weight * max(math.log(score.size), 0.0),
-        "prior": max(stretch(found.problem, held, inexact) - BY_CHANCE[bool(held.effects)], 0.0),
+        "prior": max(stretch(found.problem, held, bent) - BY_CHANCE[bool(held.effects)], 0.0),
         "bound": float(_on_bound(held, own)),
         "against": max(against(found.problem, held, own) - UNDONE, 0.0),
     }
 
 
-def relevance(problem: Problem, left: Left) -> float:
+def relevance(problem: Problem, held: Fitted, left: Left) -> float:
     """How much of what is left speaks for a cause, 0 to 1. An axis has ripple and resonances of its own: there only
-    what is beyond OWN of the largest input does."""
+    what is beyond OWN of the largest input does, or what comes again with place or speed beyond OWN_AGAIN."""
     if kind_of(problem.machine).floor == "sensors":
         return min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
     largest = max(float(np.max(np.abs(u))) for u in problem.bench.measured)
-    return min(max(left.rms / (OWN * largest) - 1.0, 0.0), 1.0)
+    again = left.rms * math.sqrt(repeated_share(problem, held.residual))
+    return min(max(left.rms / (OWN * largest) - 1.0, again / (OWN_AGAIN * largest) - 1.0, 0.0), 1.0)
 
 
 def _reasons(
-    left: Left, evidence: Mapping[str, float], weighed: Sequence[Weighed], best: Weighed | None
+    left: Left, evidence: Mapping[str, float], weighed: Sequence[Weighed], best: Weighed | None, veto: float
 ) -> tuple[Reason, ...]:
     reasons = []
-    if weighed and weighed[0].rival and (best is None or weighed[0].merit > best.merit + DECISIVE):
+    if weighed and weighed[0].rival and weighed[0].merit > veto:
         reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=weighed[0].names))
     if evidence["left"] > 0.5:
         reasons.append(Reason(ReasonKind.LEAVES_MUCH, value=left.rms, percent=left.percent_of_input))
