@@ -44,6 +44,7 @@ RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion o
 FREER = 10.0  # merit by which a law of more freedom has to be better than a simpler one
 OWN = 0.02  # of the largest input: what an axis may leave itself; the EMPS axis leaves 0.008 to 0.016
 OWN_AGAIN = 0.01  # of that, what comes again with place or speed; the EMPS axis leaves 0.009
+AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
@@ -105,14 +106,13 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
 
     singles: dict[Names, Weighed] = {}
     pairs: dict[Names, Weighed] = {}
-    raw: dict[Names, float] = {}
+    scores = {names: score_of(problem, fit) for names, fit in found.fits.items()}
     for names, fit in found.fits.items():
         if len(names) != 1:
             continue
-        score = score_of(problem, fit)
-        raw[names] = none.value - score.value - cost(problem, len(fit.z) - len(found.base.z))
-        merit = beyond_trace(problem, fit, names[0], beyond_discrepancy(found, found.base, fit, raw[names]))
-        singles[names] = weighed(names, score, merit)
+        gain = none.value - scores[names].value
+        merit = beyond_discrepancy(found, found.base, fit, gain) - cost(problem, len(fit.z) - len(found.base.z))
+        singles[names] = weighed(names, scores[names], beyond_trace(problem, fit, names[0], merit))
     singles = {names: _not_freer(found, w, singles, kind) for names, w in singles.items()}
     for names, fit in found.fits.items():
         if len(names) != 2:
@@ -120,14 +120,12 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
         first = max((singles[(name,)] for name in names if (name,) in singles), key=lambda w: w.merit, default=None)
         if first is None:
             continue
-        score = score_of(problem, fit)
-        merit = none.value - score.value - cost(problem, len(fit.z) - len(found.base.z))
-        added = beyond_discrepancy(found, first.fit, fit, merit - raw[first.names])
+        gain = beyond_discrepancy(found, first.fit, fit, first.score.value - scores[names].value)
         prior = first.fit.prior - fit.prior
-        added = prior + beyond(added - prior, inexact(found, first))
+        added = prior + beyond(gain - prior, inexact(found, first)) - cost(problem, len(fit.z) - len(first.fit.z))
         (second,) = set(names) - set(first.names)
         merit = first.merit + beyond_trace(problem, fit, second, added) - calibration()["pair"]
-        pairs[names] = weighed(names, score, merit)
+        pairs[names] = weighed(names, scores[names], merit)
     pairs = {names: _not_freer(found, w, pairs, kind) for names, w in pairs.items()}
     return tuple(sorted([*singles.values(), *pairs.values()], key=lambda w: -w.merit)), none
 
@@ -139,17 +137,17 @@ def inexact(found: Found, weighed: Weighed) -> float:
 
 
 def _not_freer(found: Found, mine: Weighed, beside: Mapping[Names, Weighed], kind: str) -> Weighed:
-    """A law of more freedom has to be better than the simpler law of the same place and regime by FREER, and by more
-    than that law's inexactness."""
+    """A law of more freedom has to be better than the simpler law of the same place and regime: by FREER, and by what
+    that law's inexactness is worth. What it lacks of that is taken off."""
     simpler = [
         other
         for names, other in beside.items()
         if len(set(mine.names) - set(names)) == 1
         and all(same_but_freer(a, b, kind) for a in set(mine.names) - set(names) for b in set(names) - set(mine.names))
     ]
-    if not simpler:
-        return mine
-    return replace(mine, merit=mine.merit - FREER - max(inexact(found, other) for other in simpler))
+    asked = [(other, FREER + inexact(found, other)) for other in simpler]
+    lacking = [min(max(least - (mine.merit - other.merit), 0.0), least) for other, least in asked]
+    return replace(mine, merit=mine.merit - max(lacking, default=0.0))
 
 
 def beyond(data: float, least: float) -> float:
@@ -157,24 +155,25 @@ def beyond(data: float, least: float) -> float:
     return max(data - least, 0.0) if data > 0.0 else data
 
 
-def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, merit: float) -> float:
-    """A merit without what the machine's own discrepancy could be worth, were it of this effect's form.
+def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, gain: float) -> float:
+    """By how much the score falls, without what the machine's own discrepancy could be worth, were it of this effect's
+    form.
 
     The discrepancy is taken for random in the likelihood. It need not be: a law of friction that is not the machine's
-    leaves what some effect describes. So of the merit that the data give, the share is taken off that an effect as
-    large as SYSTEMATIC of the discrepancy would have, rms. Tolerances need no such discount.
+    leaves what some effect describes. So of what the data give, the share is taken off that an effect as large as
+    SYSTEMATIC of the discrepancy would have, rms. Tolerances need no such discount.
     """
     problem = found.problem
     if not after.effects:
-        return merit
+        return gain
     added = set(after.effects) - set(before.effects)
     slow = all(find(name, problem.active.kind).regime == "low_speed" for name in added)
     taken = before.rms(problem.inputs) ** 2 - after.rms(problem.inputs) ** 2
     least = (SYSTEMATIC[slow] * max(problem.errors.size, 1.0) * discrepancy_rms(problem)) ** 2
     prior = before.prior - after.prior
-    data = merit - prior
+    data = gain - prior
     if data <= 0.0:
-        return merit
+        return gain
     return prior + data * max(1.0 - least / max(taken, 1e-300), 0.0)
 
 
@@ -281,23 +280,27 @@ def evidence_of(found: Found, held: Fitted, score: Score, left: Left, share: flo
     own = len(found.base.z)
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
     bent = SECOND**2 * explained(found.problem, found.base, held, score) if held.effects else 0.0
-    weight = open_share * relevance(found.problem, held, left)
     return {
-        "left": weight * max(math.log(score.size), 0.0),
+        "left": open_share * unexplained(found.problem, held, left, score.size),
         "prior": max(stretch(found.problem, held, bent) - BY_CHANCE[bool(held.effects)], 0.0),
         "bound": float(_on_bound(held, own)),
         "against": max(against(found.problem, held, own) - UNDONE, 0.0),
     }
 
 
-def relevance(problem: Problem, held: Fitted, left: Left) -> float:
-    """How much of what is left speaks for a cause, 0 to 1. An axis has ripple and resonances of its own: there only
-    what is beyond OWN of the largest input does, or what comes again with place or speed beyond OWN_AGAIN."""
+def unexplained(problem: Problem, held: Fitted, left: Left, size: float) -> float:
+    """How much what is left speaks for a cause: the logarithm of the discrepancy's size, as far as it matters.
+
+    An axis has ripple and resonances of its own. There only what is beyond OWN of the largest input counts, or what
+    comes again with place or speed beyond OWN_AGAIN, which no size of a random discrepancy says.
+    """
+    excess = max(math.log(size), 0.0)
     if kind_of(problem.machine).floor == "sensors":
-        return min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
+        return excess * min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
     largest = max(float(np.max(np.abs(u))) for u in problem.bench.measured)
     again = left.rms * math.sqrt(repeated_share(problem, held.residual))
-    return min(max(left.rms / (OWN * largest) - 1.0, again / (OWN_AGAIN * largest) - 1.0, 0.0), 1.0)
+    beyond_own = min(max(left.rms / (OWN * largest) - 1.0, 0.0), 1.0)
+    return max(excess * beyond_own, AGAIN * min(max(again / (OWN_AGAIN * largest) - 1.0, 0.0), 1.0))
 
 
 def _reasons(

@@ -10,6 +10,7 @@ import numpy as np
 
 from workbench.diagnose.hypotheses.held_out import folds_by_run
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.kinds import kind_of
 from workbench.run import Array
 
 BINS = 24  # of each variable, each way
@@ -20,9 +21,12 @@ def repeated_share(problem: Problem, residual: Array) -> float:
     position, or at the same speed, takes off it. Each way has means of its own."""
     rows = residual[: problem.inputs]
     folds = folds_by_run(problem)[: problem.inputs]
-    motions = list(zip(problem.bench.motions, problem.rows, strict=True))
-    speed = np.concatenate([motion.speed[at] for motion, at in motions])
-    place = np.concatenate([motion.position[at] for motion, at in motions])
+    kind = kind_of(problem.machine)
+    motions = list(zip(problem.runs, problem.bench.motions, problem.rows, strict=True))
+    speed = np.concatenate([motion.speed[at] for _, motion, at in motions])
+    place = np.concatenate(
+        [kind.place_of(problem.machine, run.start_position_m, motion.position)[at] for run, motion, at in motions]
+    )
     return max(_foretold(rows, folds, variable, speed > 0.0) for variable in (place, speed))
 
 
@@ -36,4 +40,5 @@ def _foretold(rows: Array, folds: np.ndarray, variable: Array, forward: np.ndarr
         total = np.bincount(cell[~mine], rows[~mine], minlength=2 * BINS)
         mean = total / np.maximum(count, 1)
         left += float(np.sum((rows[mine] - mean[cell[mine]]) ** 2))
-    return min(max(1.0 - left / max(float(rows @ rows), 1e-300), 0.0), 1.0)
+    energy = float(rows @ rows)
+    return min(max(1.0 - left / energy, 0.0), 1.0) if energy > 0.0 else 0.0

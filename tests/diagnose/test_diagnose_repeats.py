@@ -1,0 +1,47 @@
+"""What comes again with place or speed is told from what each run has of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.support.noisy_runs import hoist_runs
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.verdict.repeats import repeated_share
+from workbench.kinds import kind_of
+from workbench.machine import default_hoist
+from workbench.run import Array
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    """Three runs over the same stretch, the last two of one payload."""
+    return Problem(default_hoist(), hoist_runs(default_hoist()))
+
+
+def of_rows(problem: Problem, name: str) -> Array:
+    parts = [getattr(m, name)[rows] for m, rows in zip(problem.bench.motions, problem.rows, strict=True)]
+    return np.concatenate(parts)
+
+
+def test_friction_that_goes_with_the_speed_comes_again(problem: Problem):
+    speed = of_rows(problem, "speed")
+    assert repeated_share(problem, np.sign(speed)) > 0.8
+
+
+def test_what_goes_with_the_place_comes_again_on_another_run_over_it(problem: Problem):
+    kind = kind_of(problem.machine)
+    runs = zip(problem.runs, problem.bench.motions, problem.rows, strict=True)
+    place = np.concatenate(
+        [kind.place_of(problem.machine, run.start_position_m, m.position)[rows] for run, m, rows in runs]
+    )
+    bump = np.exp(-((place - np.median(place)) ** 2))
+    assert repeated_share(problem, bump) > 0.4
+
+
+def test_noise_does_not(problem: Problem):
+    assert repeated_share(problem, np.random.default_rng(1).normal(size=problem.samples)) < 0.05
+
+
+def test_nothing_left_is_no_share(problem: Problem):
+    assert repeated_share(problem, np.zeros(problem.samples)) == pytest.approx(0.0)
