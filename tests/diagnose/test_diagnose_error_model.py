@@ -26,7 +26,7 @@ def dense(errors: ErrorModel) -> np.ndarray:
         for j in range(i, n):
             if j > i:
                 along *= errors.carry[j]
-            both = errors.size**2 * errors.discrepancy[i] * errors.discrepancy[j] * along
+            both = errors.discrepancy[i] * errors.discrepancy[j] * along
             covariance[i, j] += both
             covariance[j, i] += both if j > i else 0.0
     return covariance
@@ -41,13 +41,14 @@ def models(draw: st.DrawFn) -> ErrorModel:
     random = np.random.default_rng(seed)
     carry = random.uniform(0.01, 0.999, n)
     carry[np.cumsum([0, *lengths[:-1]])] = 0.0
-    return ErrorModel(random.uniform(0.1, 2.0, n), random.uniform(0.0, 5.0, n), carry)
+    moving, standstill = random.uniform(0.0, 5.0, (2, n))
+    return ErrorModel(random.uniform(0.1, 2.0, n), moving, standstill, carry)
 
 
-@given(models(), st.sampled_from([0.5, 1.0, 4.0, 64.0]))
+@given(models(), st.sampled_from([0.5, 1.0, 4.0, 64.0]), st.sampled_from([1.0, 8.0]))
 @settings(max_examples=60, deadline=None)
-def test_whitened_rows_are_independent_and_of_variance_one(default: ErrorModel, size: float):
-    errors = default.sized(size)
+def test_whitened_rows_are_independent_and_of_variance_one(default: ErrorModel, size: float, near: float):
+    errors = default.sized((size, near))
     n = len(errors.white)
     whitening = errors.whiten(np.eye(n))
     assert whitening @ dense(errors) @ whitening.T == pytest.approx(np.eye(n), abs=1e-8)
@@ -62,7 +63,7 @@ def test_a_vector_is_whitened_as_a_column_is(errors: ErrorModel):
 
 
 def test_without_discrepancy_rows_are_divided_by_their_noise():
-    errors = ErrorModel(np.array([0.5, 2.0, 4.0]), np.zeros(3), np.array([0.0, 0.9, 0.9]))
+    errors = ErrorModel(np.array([0.5, 2.0, 4.0]), np.zeros(3), np.zeros(3), np.array([0.0, 0.9, 0.9]))
     assert errors.whiten(np.array([1.0, 1.0, 1.0])) == pytest.approx([2.0, 0.5, 0.25])
     assert errors.log_det() == pytest.approx(2.0 * math.log(0.5 * 2.0 * 4.0))
 
@@ -71,7 +72,7 @@ def test_a_constant_residual_of_a_long_correlation_counts_as_few_values():
     """One bias held through a run is one observation of the discrepancy, however many samples show it."""
     carry = np.full(400, 0.999)
     carry[0] = 0.0
-    errors = ErrorModel(np.full(400, 0.01), np.ones(400), carry)
+    errors = ErrorModel(np.full(400, 0.01), np.ones(400), np.zeros(400), carry)
     white = errors.whiten(np.ones(400))
     assert float(white @ white) < 5.0
 
@@ -83,7 +84,7 @@ def problem() -> Problem:
 
 
 def test_the_discrepancy_of_a_hoist_grows_with_the_torque_and_near_standstill(problem: Problem):
-    d = discrepancy_of(problem.bench, problem.rows)
+    d = np.hypot(*discrepancy_of(problem.bench, problem.rows))
     speed = np.concatenate([np.abs(m.speed[r]) for m, r in zip(problem.bench.motions, problem.rows, strict=True)])
     torque = np.concatenate([np.abs(u[r]) for u, r in zip(problem.bench.measured, problem.rows, strict=True)])
     assert np.all(d >= kind_of(problem.machine).discrepancy.load * torque - 1e-9)

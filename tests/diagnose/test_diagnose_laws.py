@@ -311,7 +311,7 @@ def test_a_signature_that_raises_takes_no_other_with_it(monkeypatch: pytest.Monk
         return np.asarray(s.value)
 
     monkeypatch.setitem(vars(wanted[0]), "function", late)
-    found = search.Search(problem, wanted).run(1)
+    found = search.Search(problem, wanted).singles()
     assert found.failures == {("torque_filter",): "ValueError: not of this axis"}
     assert set(found.linear) == {("inertia_error",), ("friction_viscous",)}
     assert ("inertia_error",) in found.fits

@@ -25,7 +25,8 @@ from workbench.machine import default_hoist
 
 ROWS = 400
 SIGMA, SHARE = 0.7, 0.8
-WHITE = ErrorModel(np.full(ROWS, SIGMA / math.sqrt(SHARE)), np.zeros(ROWS), np.append(0.0, np.ones(ROWS - 1)))
+NONE = np.zeros(ROWS)
+WHITE = ErrorModel(np.full(ROWS, SIGMA / math.sqrt(SHARE)), NONE, NONE, np.append(0.0, np.ones(ROWS - 1)))
 LINEAR = cast(Problem, SimpleNamespace(errors=WHITE))
 KNOWN = (20.0, 5.0, 1.0, 0.3, 0.05, 0.0, 8.0)  # how well the rows know each; the last is an effect's, without tolerance
 

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from tests.support.fitted_runs import fitted_to, made_by, rms
 from tests.support.noisy_runs import hoist_runs
 from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.estimates import covariance, estimates
 from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_payload, folds_by_run, held_out
@@ -41,9 +40,9 @@ NUMBERS = {**calibration(), "threshold": 6.0, "temperature": 2.0, "unknown_bias"
 def test_a_score_without_discrepancy_to_speak_of_is_chi_squared_and_priors(tight: tuple[Problem, Fitted]):
     problem, fit = tight
     quiet = copy(problem)
-    quiet.errors = replace(problem.errors, discrepancy=np.full(problem.samples, 1e-9))
+    quiet.errors = replace(problem.errors, moving=np.full(problem.samples, 1e-9), standstill=np.zeros(problem.samples))
     score = score_of(quiet, fit)
-    assert score.size == 1.0
+    assert score.sizes == (1.0, 1.0)
     white = fit.residual / problem.errors.white
     assert score.value == pytest.approx(float(white @ white) + fit.prior + quiet.errors.log_det(), rel=1e-6)
 
@@ -51,8 +50,8 @@ def test_a_score_without_discrepancy_to_speak_of_is_chi_squared_and_priors(tight
 def test_what_is_left_beyond_the_noise_asks_for_a_larger_discrepancy(tight: tuple[Problem, Fitted]):
     problem, fit = tight
     slow = 10.0 * problem.errors.discrepancy * np.sin(np.arange(problem.samples) / 40.0)
-    assert score_of(problem, replace(fit, residual=fit.residual + slow)).size >= 4.0
-    assert score_of(problem, fit).size <= 2.0
+    assert score_of(problem, replace(fit, residual=fit.residual + slow)).sizes[0] >= 4.0
+    assert score_of(problem, fit).sizes[0] <= 2.0
 
 
 def test_each_parameter_costs_the_logarithm_of_the_samples_as_far_as_they_are_hundreds(tight: tuple[Problem, Fitted]):
@@ -146,7 +145,8 @@ def test_standard_errors_are_the_scatter_of_many_campaigns():
             for run in clean.runs
         ]
         problem = Problem(hoist.machine, runs, hoist.band_hz)
-        problem.errors = replace(problem.errors, discrepancy=np.zeros(problem.samples))  # these runs have none
+        none = np.zeros(problem.samples)
+        problem.errors = replace(problem.errors, moving=none, standstill=none)  # these runs have no discrepancy
         z = np.concatenate([np.zeros(len(base)), start])
         fit = fit_knobs(problem, (effect.id,), knobs, z, 30)
         (each,) = estimates(problem, fit, interval=1.0)[effect.id]
@@ -160,7 +160,9 @@ def test_standard_errors_are_the_scatter_of_many_campaigns():
 def test_half_the_noise_halves_the_error_of_what_no_tolerance_holds(tight: tuple[Problem, Fitted]):
     problem, fit = tight
     quiet = copy(problem)
-    quiet.errors = ErrorModel(0.5 * problem.errors.white, 0.5 * problem.errors.discrepancy, problem.errors.carry)
+    quiet.errors = replace(
+        problem.errors, **{k: 0.5 * getattr(problem.errors, k) for k in ("white", "moving", "standstill")}
+    )
     at = len(fit.z) - 2  # the centre of the stretch: nothing else is like it
     before, after = (math.sqrt(covariance(p, replace(fit, chi2=0.0), 1.0)[at, at]) for p in (problem, quiet))
     assert after == pytest.approx(0.5 * before, rel=0.02)

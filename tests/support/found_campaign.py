@@ -16,7 +16,7 @@ def found_in(folder: Path, effects: Sequence[str]) -> tuple[Campaign, Found]:
     campaign = read_campaign(folder)
     problem = Problem(campaign.machine, campaign.runs)
     kind = problem.active.kind
-    return campaign, Search(problem, [find(each, kind) for each in effects]).run(1)
+    return campaign, Search(problem, [find(each, kind) for each in effects]).singles()
 
 
 def simulated_found(

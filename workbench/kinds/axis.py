@@ -180,7 +180,7 @@ def axis_kind(
             Trace("torque_ripple", lambda m, sizes: 0.003 * sizes.force, fitted=False),
             Trace("presliding", lambda m, sizes: 0.001 * sizes.length, fitted=False),
         ),
-        "discrepancy": Discrepancy(load=0.004, inertia=0.004, standstill=0.3, slow=0.1, time_s=0.06, of_largest=True),
+        "discrepancy": Discrepancy(load=0.004, inertia=0.004, standstill=0.05, slow=0.05, time_s=0.06, of_largest=True),
         "whole": "axis",
         "sized_by_runs": {
             **{name: "input" for name in (*levels, key["gain"], key["offset"]) if name},

@@ -1,7 +1,8 @@
 """How large a machine's discrepancy is: the share of torque that a lumped model of it may miss and still be right.
 
 `Kind.discrepancy` has the defaults: round numbers, set on simulated machines without a gap that are larger than their
-sensors' noise hides. A campaign's own size is estimated beside them, as one factor with a log-normal prior (`SPREAD`).
+sensors' noise hides. A campaign's own sizes are estimated beside them, as factors with log-normal priors (`SPREAD`): of
+the whole, and of the part near standstill, where no law of friction is exact.
 """
 
 from __future__ import annotations
@@ -20,21 +21,21 @@ SPREAD = 0.7  # standard deviation of the logarithm of a campaign's own size ove
 LEAST_LEVEL = 0.02  # of the largest input: a friction level, for a machine.yaml may know of none
 
 
-def discrepancy_of(bench: Bench, rows: list[np.ndarray]) -> Array:
-    """(all rows,) of the input, in its unit."""
+def discrepancy_of(bench: Bench, rows: list[np.ndarray]) -> tuple[Array, Array]:
+    """(all rows,) each, of the input, in its unit: at any speed, and near standstill."""
     kind = kind_of(bench.machine)
     share = kind.discrepancy
     friction = friction_level(bench)
     largest = max(float(np.max(np.abs(u))) for u in bench.measured)
-    parts = []
+    moving, standstill = [], []
     for run, motion, measured, at in zip(bench.runs, bench.motions, bench.measured, rows, strict=True):
         speed = lowpass(run.time_s, motion.speed, bench.band_hz)
         inertia = kind.rigid(bench.machine, run.payload_kg).inertia
         load = share.load * (np.full(len(speed), largest) if share.of_largest else np.abs(measured))
         accelerating = share.inertia * inertia * np.gradient(speed, run.time_s)
-        near = share.standstill * friction * np.exp(-np.abs(speed) / (share.slow * bench.scale))
-        parts.append(np.sqrt(load**2 + accelerating**2 + near**2)[at])
-    return np.concatenate(parts)
+        moving.append(np.hypot(load, accelerating)[at])
+        standstill.append((share.standstill * friction * np.exp(-np.abs(speed) / (share.slow * bench.scale)))[at])
+    return np.concatenate(moving), np.concatenate(standstill)
 
 
 def friction_level(bench: Bench) -> float:
@@ -59,7 +60,10 @@ def error_model(bench: Bench, rows: list[np.ndarray], noise: float, share: float
 
     tension: None, or the discrepancy of the dead line's tension in the unit of its rows, which follow the input's.
     """
-    d, rho = discrepancy_of(bench, rows), carries(bench, rows)
+    moving, standstill = discrepancy_of(bench, rows)
+    rho = carries(bench, rows)
     if tension is not None:
-        d, rho = np.concatenate([d, np.full(len(d), tension)]), np.concatenate([rho, rho])
-    return ErrorModel(np.full(len(d), noise / math.sqrt(share)), d, rho)
+        moving = np.concatenate([moving, np.full(len(moving), tension)])
+        standstill = np.concatenate([standstill, np.zeros(len(standstill))])
+        rho = np.concatenate([rho, rho])
+    return ErrorModel(np.full(len(rho), noise / math.sqrt(share)), moving, standstill, rho)

@@ -19,21 +19,30 @@ from scipy.linalg.lapack import dtbtrs
 
 from workbench.run import Array
 
+Sizes = tuple[float, float]
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    """white, discrepancy: (n,) standard deviations, in the unit of the residual. carry: (n,) rho_i, 0 at the
-    beginning of each run; rows are in the order of time within a run. size: of the discrepancy, as a factor."""
+    """white, moving, standstill: (n,) standard deviations, in the unit of the residual: of the noise, and of the two
+    parts of the discrepancy at their default sizes. carry: (n,) rho_i, 0 at the beginning of each run; rows are in the
+    order of time within a run. sizes: of the discrepancy as a whole, and of its part near standstill beside it."""
 
     white: Array
-    discrepancy: Array
+    moving: Array
+    standstill: Array
     carry: Array
-    size: float = 1.0
-    _gains: dict[float, _Gains] = field(default_factory=dict, repr=False, init=False)
+    sizes: Sizes = (1.0, 1.0)
+    _gains: dict[Sizes, _Gains] = field(default_factory=dict, repr=False, init=False)
 
-    def sized(self, size: float) -> ErrorModel:
-        """With its discrepancy taken by another factor."""
-        other = replace(self, size=size)
+    @property
+    def discrepancy(self) -> Array:
+        """(n,) d_i."""
+        return self.sizes[0] * np.hypot(self.moving, self.sizes[1] * self.standstill)
+
+    def sized(self, sizes: Sizes) -> ErrorModel:
+        """With other sizes of its discrepancy."""
+        other = replace(self, sizes=sizes)
         object.__setattr__(other, "_gains", self._gains)  # kept by size: what was computed once serves all
         return other
 
@@ -54,9 +63,9 @@ class ErrorModel:
         return self._numbers().log_det
 
     def _numbers(self) -> _Gains:
-        if self.size not in self._gains:
-            self._gains[self.size] = _gains_of(self.white, self.size * self.discrepancy, self.carry)
-        return self._gains[self.size]
+        if self.sizes not in self._gains:
+            self._gains[self.sizes] = _gains_of(self.white, self.discrepancy, self.carry)
+        return self._gains[self.sizes]
 
 
 @dataclass(frozen=True, eq=False)

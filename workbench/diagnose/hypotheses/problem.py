@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from workbench.diagnose.hypotheses.discrepancy import error_model
-from workbench.diagnose.hypotheses.error_model import ErrorModel
+from workbench.diagnose.hypotheses.error_model import ErrorModel, Sizes
 from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Setting, Value, setting_of
 from workbench.effects import find, logged_input, ranges_of, searchable
 from workbench.kinds import kind_of
@@ -80,13 +80,13 @@ class Problem:
         """The same campaign with further noise, rms in the band, independent of the one it has."""
         beside = copy(self)
         beside.noise = math.hypot(self.noise, noise)
-        beside.errors = beside._errors().sized(self.errors.size)
+        beside.errors = beside._errors().sized(self.errors.sizes)
         return beside
 
-    def with_discrepancy(self, size: float) -> Problem:
-        """The same campaign, weighed with a discrepancy of another size: a factor on the default."""
+    def with_discrepancy(self, sizes: Sizes) -> Problem:
+        """The same campaign, weighed with a discrepancy of other sizes (see `ErrorModel`)."""
         weighed = copy(self)
-        weighed.errors = self.errors.sized(size)
+        weighed.errors = self.errors.sized(sizes)
         return weighed
 
     @property

@@ -1,9 +1,11 @@
-"""How well a fit explains the data: its likelihood, with the size of the discrepancy at its best, less its cost.
+"""How well a fit explains the data: its likelihood, with the sizes of the discrepancy at their best, less its cost.
 
-    score = |whitened residual|^2 + ln det C(g) + (ln g / SPREAD)^2 + |base parameters in tolerances|^2
+    score = |whitened residual|^2 + ln det C(g, h) + (ln g / SPREAD)^2 + (ln h / SPREAD)^2
+            + |base parameters in tolerances|^2
 
-g is the campaign's own size of the discrepancy (see `discrepancy`), at its best between a half and a thousand times the
-default. Each parameter costs ln(n) (G. Schwarz, Annals of Statistics 6, 1978), n independent samples, MOST at most.
+g is the campaign's own size of the discrepancy (see `discrepancy`) over the default, h that of its part near standstill
+beside it, at their best within bounds. Each parameter costs ln(n) (G. Schwarz, Annals of Statistics 6, 1978), n
+independent samples, MOST at most.
 """
 
 from __future__ import annotations
@@ -14,50 +16,67 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.diagnose.hypotheses.discrepancy import SPREAD
-from workbench.diagnose.hypotheses.error_model import ErrorModel
+from workbench.diagnose.hypotheses.error_model import ErrorModel, Sizes
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.run import Array
 
-STEP = 2.0  # of the discrepancy's size, from one tried to the next
-SMALLEST, LARGEST = 0.5, 1024.0
+STEP = 2.0  # of both sizes, from one tried to the next
+BOUNDS = ((0.5, 1024.0), (1.0, 16.0))
 MOST = 500.0  # independent samples that a parameter pays for
 
 
 @dataclass(frozen=True)
 class Score:
-    """value: minus twice the logarithm of the likelihood, up to a constant, with priors. size: g."""
+    """value: minus twice the logarithm of the likelihood, up to a constant, with priors. sizes: g and h. excess: the
+    discrepancy over the default one, rms."""
 
     value: float
-    size: float
+    sizes: Sizes
+    excess: float
 
 
 def score_of(problem: Problem, fit: Fitted) -> Score:
-    """A fit's score at the best size of the discrepancy, to a factor of STEP."""
-    start = problem.errors.size
-    best = _at(problem.errors, fit.residual)
-    for factor in (STEP, 1.0 / STEP):
-        size = start * factor
-        while SMALLEST <= size <= LARGEST:
-            there = _at(problem.errors.sized(size), fit.residual)
-            if there.value >= best.value:
-                break
-            best, size = there, size * factor
-        if best.size != start:
+    """A fit's score at the best sizes of the discrepancy, to a factor of STEP."""
+    errors = problem.errors
+    tried: dict[Sizes, float] = {}
+
+    def value(sizes: Sizes) -> float:
+        if sizes not in tried:
+            tried[sizes] = _value(errors.sized(sizes), fit.residual)
+        return tried[sizes]
+
+    best = errors.sizes
+    while True:
+        g, h = best
+        around = [(g * STEP, h), (g / STEP, h), (g, h * STEP), (g, h / STEP)]
+        inside = [sizes for sizes in around if _within(sizes)]
+        better = min(inside, key=value)
+        if value(better) >= value(best):
             break
-    return Score(best.value + fit.prior, best.size)
+        best = better
+    excess = _rms(errors.sized(best).discrepancy) / max(_rms(errors.sized((1.0, 1.0)).discrepancy), 1e-300)
+    return Score(value(best) + fit.prior, best, excess)
 
 
 def explained(problem: Problem, before: Fitted, after: Fitted, score: Score) -> float:
     """By how much the whitened sum of squares falls from one fit to another, with the discrepancy of that score."""
-    white = problem.errors.sized(score.size).whiten(np.column_stack([before.residual, after.residual]))
+    white = problem.errors.sized(score.sizes).whiten(np.column_stack([before.residual, after.residual]))
     return max(float(white[:, 0] @ white[:, 0] - white[:, 1] @ white[:, 1]), 0.0)
 
 
-def _at(errors: ErrorModel, residual: Array) -> Score:
+def _value(errors: ErrorModel, residual: Array) -> float:
     white = errors.whiten(residual)
-    value = float(white @ white) + errors.log_det() + (math.log(errors.size) / SPREAD) ** 2
-    return Score(value, errors.size)
+    unlikely = sum((math.log(size) / SPREAD) ** 2 for size in errors.sizes)
+    return float(white @ white) + errors.log_det() + unlikely
+
+
+def _within(sizes: Sizes) -> bool:
+    return all(low <= size <= high for size, (low, high) in zip(sizes, BOUNDS, strict=True))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def independent(problem: Problem) -> float:

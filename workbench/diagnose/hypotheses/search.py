@@ -37,7 +37,7 @@ STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie di
 IN_REACH = 0.3  # of the best gain: what is followed to its end
 PARTNERS = 3  # of each leading effect, that are refitted with it
 LEADERS = 3
-TOO_SMALL = 1.5  # size of the discrepancy: what needs more is searched again with it
+TOO_SMALL = 1.5  # sizes of the discrepancy: what needs more is searched again with them
 SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
@@ -86,13 +86,18 @@ def searched(
     """The search, weighed with as much discrepancy as the best hypothesis leaves.
 
     It begins with the default. Where even the best hypothesis leaves more than that, base parameters have been bent to
-    what is no fault of theirs, so all is fitted once more with the size that the best one needs.
+    what is no fault of theirs, so all is fitted once more with the sizes that the best one needs.
     """
-    found = Search(problem, effects, tell, rivals, base).run(most_effects)
-    best = min((score_of(problem, fit) for fit in (found.base, *found.fits.values())), key=lambda s: s.value)
-    if best.size <= TOO_SMALL:
-        return found
-    return Search(problem.with_discrepancy(best.size), effects, tell, rivals, base).run(most_effects)
+
+    def search(problem: Problem) -> Found:
+        one = Search(problem, effects, tell, rivals, base)
+        found = one.singles()
+        return one.pairs(found) if most_effects > 1 else found
+
+    found = search(problem)
+    scores = (score_of(problem, fit) for fit in (found.base, *found.fits.values()))
+    best = min(scores, key=lambda score: score.value)
+    return found if max(best.sizes) <= TOO_SMALL else search(problem.with_discrepancy(best.sizes))
 
 
 class Search:
@@ -127,19 +132,26 @@ class Search:
         self._tell(Progress(Stage.SEARCH, Task.BASE))
         return fit_knobs(self.problem, (), self.held, np.zeros(self.count), LAST_ROUND)
 
-    def run(self, most_effects: int = 2) -> Found:
+    def singles(self) -> Found:
+        """The base, and every effect alone."""
         base = self.base_fit()
         within = self._near(base)
         near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
         self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
         signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
         self._singles(base, near, signatures)
-        if most_effects > 1:
-            self._pairs(base, near, [atom for atom in signatures if atom.effect.id in self.effects])
         self._offer_standstill(base)
-        return Found(
-            self.problem, base, within, self.fits, self.linear, signatures, self.failures, frozenset(self.rivals)
-        )
+        return self._found(base, within, signatures)
+
+    def pairs(self, found: Found) -> Found:
+        """What `singles` found, and the pairs around the best."""
+        near = replace(found.near, knobs=found.base.knobs)
+        self._pairs(found.base, near, [atom for atom in found.atoms if atom.effect.id in self.effects])
+        self._offer_standstill(found.base)
+        return self._found(found.base, found.near, found.atoms)
+
+    def _found(self, base: Fitted, near: Fitted, atoms: Sequence[Atom]) -> Found:
+        return Found(self.problem, base, near, self.fits, self.linear, atoms, self.failures, frozenset(self.rivals))
 
     def _near(self, base: Fitted) -> Fitted:
         """The base fit within TOLERANCES: where signatures are taken. One that a large effect has torn far off

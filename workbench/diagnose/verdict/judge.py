@@ -45,6 +45,7 @@ FREER = 10.0  # merit by which a law of more freedom has to be better than a sim
 OWN = 0.02  # of the largest input: what an axis may leave itself; the EMPS axis leaves 0.008 to 0.016
 OWN_AGAIN = 0.01  # of that, what comes again with place or speed; the EMPS axis leaves 0.009
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
+SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
@@ -59,7 +60,7 @@ def calibration() -> Mapping[str, float]:
 @dataclass(frozen=True)
 class Weighed:
     """A hypothesis with what speaks for it. gain: by how much chi^2 and tolerances fall. merit: see above. score: with
-    the size of the discrepancy that it needs. rival: an effect that no answer may name unasked."""
+    the sizes of the discrepancy that it needs. rival: an effect that no answer may name unasked."""
 
     names: Names
     fit: Fitted
@@ -169,7 +170,7 @@ def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, gain: float)
     added = set(after.effects) - set(before.effects)
     slow = all(find(name, problem.active.kind).regime == "low_speed" for name in added)
     taken = before.rms(problem.inputs) ** 2 - after.rms(problem.inputs) ** 2
-    least = (SYSTEMATIC[slow] * max(problem.errors.size, 1.0) * discrepancy_rms(problem)) ** 2
+    least = (SYSTEMATIC[slow] * discrepancy_rms(problem)) ** 2
     prior = before.prior - after.prior
     data = gain - prior
     if data <= 0.0:
@@ -195,7 +196,7 @@ def judge(found: Found) -> Judged:
     held = best.fit if best is not None and stands else found.near
     if best is not None and stands:
         score = best.score
-    floor = math.hypot(found.problem.noise, discrepancy_rms(found.problem))
+    floor = math.hypot(found.problem.noise, discrepancy_rms(found.problem.with_discrepancy((1.0, 1.0))))
     left, share = left_of(found, held, floor)
     evidence = evidence_of(found, held, score, left, share)
     veto = veto_of(found, best)
@@ -220,7 +221,7 @@ def veto_of(found: Found, best: Weighed | None) -> float:
 
 
 def discrepancy_rms(problem: Problem) -> float:
-    """The default discrepancy of the input's rows, rms, in the input's unit."""
+    """The discrepancy of the input's rows, rms, in the input's unit."""
     return float(np.sqrt(np.mean(problem.errors.discrepancy[: problem.inputs] ** 2)))
 
 
@@ -281,26 +282,26 @@ def evidence_of(found: Found, held: Fitted, score: Score, left: Left, share: flo
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
     bent = SECOND**2 * explained(found.problem, found.base, held, score) if held.effects else 0.0
     return {
-        "left": open_share * unexplained(found.problem, held, left, score.size),
+        "left": open_share * unexplained(found.problem, held, left, score.excess),
         "prior": max(stretch(found.problem, held, bent) - BY_CHANCE[bool(held.effects)], 0.0),
         "bound": float(_on_bound(held, own)),
         "against": max(against(found.problem, held, own) - UNDONE, 0.0),
     }
 
 
-def unexplained(problem: Problem, held: Fitted, left: Left, size: float) -> float:
-    """How much what is left speaks for a cause: the logarithm of the discrepancy's size, as far as it matters.
+def unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> float:
+    """How much what is left speaks for a cause: the logarithm of the discrepancy's excess, as far as it matters.
 
     An axis has ripple and resonances of its own. There only what is beyond OWN of the largest input counts, or what
-    comes again with place or speed beyond OWN_AGAIN, which no size of a random discrepancy says.
+    comes again with place or speed beyond OWN_AGAIN, which no random discrepancy does.
     """
-    excess = max(math.log(size), 0.0)
+    many = max(math.log(excess), 0.0)
     if kind_of(problem.machine).floor == "sensors":
-        return excess * min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
+        return many * min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
     largest = max(float(np.max(np.abs(u))) for u in problem.bench.measured)
     again = left.rms * math.sqrt(repeated_share(problem, held.residual))
     beyond_own = min(max(left.rms / (OWN * largest) - 1.0, 0.0), 1.0)
-    return max(excess * beyond_own, AGAIN * min(max(again / (OWN_AGAIN * largest) - 1.0, 0.0), 1.0))
+    return max(many * beyond_own, AGAIN * min(max(again / (OWN_AGAIN * largest) - 1.0, 0.0), 1.0))
 
 
 def _reasons(
@@ -333,19 +334,21 @@ def _on_bound(fit: Fitted, base: int) -> bool:
 
 
 def alike(judged: Judged, kind: str, within: float = 12.0) -> tuple[str, ...]:
-    """Single effects of another place or regime that explain the gap about as well as the answer does."""
+    """Single effects that explain the gap about as well as the answer does: of another place or regime with about its
+    merit, and the simpler law of its own, where that leaves little more."""
     if judged.word != "named" or judged.best is None or len(judged.names) != 1:
         return ()
     best = judged.best
+    others = [w for w in judged.weighed if len(w.names) == 1 and w.names != best.names]
     return tuple(
         w.names[0]
-        for w in judged.weighed
-        if len(w.names) == 1
-        and w.names != best.names
-        and w.merit > calibration()["threshold"]
-        and best.merit - w.merit < within
+        for w in others
+        if w.merit > calibration()["threshold"]
         and w.fit.prior - best.fit.prior < STRETCHED
-        and not same_but_freer(w.names[0], best.names[0], kind)
+        and (
+            (best.merit - w.merit < within and not same_but_freer(w.names[0], best.names[0], kind))
+            or (same_but_freer(best.names[0], w.names[0], kind) and w.merit > (1.0 - SIMPLER) * best.merit)
+        )
     )
 
 
