@@ -162,7 +162,8 @@ def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, gain: float)
 
     The discrepancy is taken for random in the likelihood. It need not be: a law of friction that is not the machine's
     leaves what some effect describes. So of what the data give, the share is taken off that an effect as large as
-    SYSTEMATIC of the discrepancy would have, rms. Tolerances need no such discount.
+    SYSTEMATIC of the default discrepancy would have, rms; as large as all of it where a machine has shown more than the
+    default. Tolerances need no such discount.
     """
     problem = found.problem
     if not after.effects:
@@ -170,7 +171,9 @@ def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, gain: float)
     added = set(after.effects) - set(before.effects)
     slow = all(find(name, problem.active.kind).regime == "low_speed" for name in added)
     taken = before.rms(problem.inputs) ** 2 - after.rms(problem.inputs) ** 2
-    least = (SYSTEMATIC[slow] * discrepancy_rms(problem)) ** 2
+    default = SYSTEMATIC[slow] * discrepancy_rms(problem.with_discrepancy((1.0, 1.0)))
+    shown = discrepancy_rms(problem) if max(problem.errors.sizes) > 1.0 else 0.0
+    least = max(default, shown) ** 2
     prior = before.prior - after.prior
     data = gain - prior
     if data <= 0.0:
