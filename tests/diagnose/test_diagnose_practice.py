@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -93,24 +94,20 @@ sensors: {force_offset_n: OFFSET}
 Emps = Callable[..., Diagnosis]
 
 
-@pytest.fixture
-def emps(shared_data: Path, tmp_path: Path) -> Emps:
+@pytest.fixture(scope="module")
+def emps(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Emps:
+    @cache
     def diagnosed(coulomb: float = 20.3935, offset: float = -3.1648, more: str = "") -> Diagnosis:
+        folder = tmp_path_factory.mktemp("emps")
         text = MACHINE.replace("COULOMB", str(coulomb)).replace("OFFSET", str(offset))
-        (tmp_path / "machine.yaml").write_text(text + more)
-        (tmp_path / "runs.yaml").write_text(RUNS)
-        (tmp_path / "runs").symlink_to(shared_data / "emps")
-        return diagnose(read_campaign(tmp_path), most_effects=1, study=False)
+        (folder / "machine.yaml").write_text(text + more)
+        (folder / "runs.yaml").write_text(RUNS)
+        (folder / "runs").symlink_to(shared_data / "emps")
+        return diagnose(read_campaign(folder), most_effects=1, study=False)
 
     return diagnosed
 
 
-# Since the likelihood holds discrepancy, what this axis leaves itself (1.9 % of its largest force, over 0.12 s) is
-# taken for an unknown cause: a fault that is known and not mended yet; see docs/diagnosis.md.
-OPEN = pytest.mark.xfail(reason="the EMPS axis' own structure is called unknown", strict=False)
-
-
-@OPEN
 def test_friction_taken_out_of_a_real_axis_comes_back(emps: Emps):
     found = emps(coulomb=0.0)
     assert found.verdict.effects == ("friction_coulomb",)
@@ -120,13 +117,11 @@ def test_friction_taken_out_of_a_real_axis_comes_back(emps: Emps):
     assert found.shrink.after < 0.25 * found.shrink.before
 
 
-@OPEN
 def test_a_fully_known_real_axis_has_no_gap(emps: Emps):
     found = emps()
     assert (found.verdict.word, found.verdict.effects) == ("no_gap", ()), found.verdict.sentence
 
 
-@OPEN
 @pytest.mark.parametrize("more", ["", "tolerances: {force_offset_n: 0.3, coulomb: 0.02}\n"], ids=["default", "tight"])
 def test_an_offset_withheld_from_a_real_axis_comes_back(emps: Emps, more: str):
     found = emps(offset=0.0, more=more)
@@ -137,7 +132,6 @@ def test_an_offset_withheld_from_a_real_axis_comes_back(emps: Emps, more: str):
     assert "friction_coulomb_asymmetric" in found.verdict.alike  # by nature
 
 
-@OPEN
 def test_what_a_real_axis_leaves_itself_moves_no_base_parameter_off(emps: Emps):
     found = emps()
     far = [

@@ -17,7 +17,7 @@ from workbench.diagnose.hypotheses.knobs import Knob, Value, within
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.scan import Atom, atoms
-from workbench.diagnose.hypotheses.score import cost, score_of
+from workbench.diagnose.hypotheses.score import STEP, cost, score_of
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect
 from workbench.run import Array
@@ -96,8 +96,12 @@ def searched(
 
     found = search(problem)
     scores = (score_of(problem, fit) for fit in (found.base, *found.fits.values()))
-    best = min(scores, key=lambda score: score.value)
-    return found if max(best.sizes) <= TOO_SMALL else search(problem.with_discrepancy(best.sizes))
+    size, standstill = min(scores, key=lambda score: score.value).sizes
+    if max(size, standstill) <= TOO_SMALL:
+        return found
+    if standstill > 1.0:  # a fit has bent itself to what is near standstill, and asks for less than there is
+        standstill *= STEP
+    return search(problem.with_discrepancy((size, standstill)))
 
 
 class Search:
