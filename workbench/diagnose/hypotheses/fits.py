@@ -66,7 +66,7 @@ def fit_knobs(
     whiten = problem.errors.whiten
     careful = np.array([_careful(k) for k in knobs for _ in k.lowest], dtype=bool)
     reach = np.where(careful, 0.5, np.inf)
-    late = np.array([getattr(k, "symbol", "") == LOG_TIMING for k in knobs for _ in k.lowest], dtype=bool)
+    late = np.array([_late(k) for k in knobs for _ in k.lowest], dtype=bool)
     anew = np.flatnonzero(careful | late | (np.arange(len(z)) >= base))
     prior = np.diag(1.0 / std)
     residual, jacobian = problem.evaluate(knobs, z)
@@ -116,6 +116,10 @@ def _objective(white: Array, z: Array, std: Array) -> float:
 
 def _careful(knob: Knob) -> bool:
     return bool(getattr(knob, "logarithmic", False))
+
+
+def _late(knob: Knob) -> bool:
+    return getattr(knob, "symbol", "") == LOG_TIMING
 
 
 @dataclass(frozen=True)
@@ -192,6 +196,23 @@ def start_of(problem: Problem, atom: Atom, amounts: Array) -> tuple[list[Knob], 
             value = r.vanishes_at + scale * float(amount)
             at[r.symbol] = min(max(value, r.lowest), r.highest)
     return effect_knobs(effect, ranges, at)
+
+
+def stepped_aside(problem: Problem, at: Fitted, taken: Array) -> Array:
+    """z where a fit's own parameters are best, linearly, once an effect takes so much (samples,) off the residual.
+
+    What is far from linear stays where it is: how friction turns over, and the log's timing, for friction jumps between
+    samples.
+    """
+    lowest, highest, std = bounds_of(at.knobs)
+    moved = np.array([not (_careful(knob) or _late(knob)) for knob in at.knobs for _ in knob.lowest], dtype=bool)
+    white = problem.errors.whiten(np.column_stack([at.jacobian[:, moved], at.residual - taken]))
+    rows = np.vstack([white[:, :-1], np.diag(1.0 / std[moved])])
+    target = np.concatenate([white[:, -1], at.z[moved] / std[moved]])
+    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    z = at.z.copy()
+    z[moved] -= np.linalg.lstsq(rows / scale, target, rcond=1e-12)[0] / scale
+    return np.clip(z, lowest, highest)
 
 
 def columns_signed(atom: Atom) -> list[bool]:

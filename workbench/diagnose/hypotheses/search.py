@@ -12,7 +12,15 @@ from itertools import combinations
 import numpy as np
 
 from workbench.diagnose.hypotheses.base import base_knobs, trace_knobs
-from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signed, fit_knobs, linear_gain, start_of
+from workbench.diagnose.hypotheses.fits import (
+    Fitted,
+    Projection,
+    columns_signed,
+    fit_knobs,
+    linear_gain,
+    start_of,
+    stepped_aside,
+)
 from workbench.diagnose.hypotheses.knobs import Knob, Value, within
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
@@ -329,12 +337,14 @@ class Search:
     def _fit_with(self, at: Fitted, promise: Promise) -> Fitted:
         more, start = start_of(self.problem, promise.atom, promise.amounts)
         names = (*at.effects, promise.atom.effect.id)
-        knobs, z = [*at.knobs, *more], np.concatenate([at.z, start])
+        beside = stepped_aside(self.problem, at, promise.atom.columns @ promise.amounts)
+        knobs, z = [*at.knobs, *more], np.concatenate([beside, start])
         return fit_knobs(self.problem, names, knobs, z, FIRST_ROUND, self.count)
 
     def _fit_both(self, near: Fitted, a: Atom, b: Atom, amounts: Array) -> Fitted:
         split = a.columns.shape[1]
-        knobs, start = list(near.knobs), list(near.z)
+        taken = a.columns @ amounts[:split] + b.columns @ amounts[split:]
+        knobs, start = list(near.knobs), list(stepped_aside(self.problem, near, taken))
         for atom, part in ((a, amounts[:split]), (b, amounts[split:])):
             more, z = start_of(self.problem, atom, part)
             knobs, start = [*knobs, *more], [*start, *z]

@@ -138,17 +138,26 @@ def inexact(found: Found, weighed: Weighed) -> float:
 
 
 def _not_freer(found: Found, mine: Weighed, beside: Mapping[Names, Weighed], kind: str) -> Weighed:
-    """A law of more freedom has to be better than the simpler law of the same place and regime: by FREER, and by what
-    that law's inexactness is worth. What it lacks of that is taken off."""
+    """A law of more freedom has to be better than the simpler law of the same place and regime by FREER. What it lacks
+    of that is taken off."""
     simpler = [
         other
         for names, other in beside.items()
         if len(set(mine.names) - set(names)) == 1
         and all(same_but_freer(a, b, kind) for a in set(mine.names) - set(names) for b in set(names) - set(mine.names))
     ]
-    asked = [(other, FREER + inexact(found, other)) for other in simpler]
-    lacking = [min(max(least - (mine.merit - other.merit), 0.0), least) for other, least in asked]
-    return replace(mine, merit=mine.merit - max(lacking, default=0.0))
+    if not simpler:
+        return mine
+    ahead = [(mine.merit - other.merit, advantage(found, mine, other)) for other in simpler]
+    lost = max(raw - real + min(max(FREER - real, 0.0), FREER) for raw, real in ahead)
+    return replace(mine, merit=mine.merit - lost)
+
+
+def advantage(found: Found, mine: Weighed, other: Weighed) -> float:
+    """By how much a hypothesis is better than another one that it may only mend: what the tolerances say in full, what
+    the data say beyond the other one's inexactness."""
+    prior = other.fit.prior - mine.fit.prior
+    return prior + beyond(mine.merit - other.merit - prior, inexact(found, other))
 
 
 def beyond(data: float, least: float) -> float:
@@ -202,25 +211,20 @@ def judge(found: Found) -> Judged:
     floor = math.hypot(found.problem.noise, discrepancy_rms(found.problem.with_discrepancy((1.0, 1.0))))
     left, share = left_of(found, held, floor)
     evidence = evidence_of(found, held, score, left, share)
-    veto = veto_of(found, best)
-    rows = rank(ranked_merits(weighed, veto), evidence, calibration())
+    vetoes = [w for w in weighed if w.rival and (best is None or advantage(found, w, best) > DECISIVE)]
+    rows = rank(ranked_merits(weighed, vetoes), evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
-    reasons = _reasons(left, evidence, weighed, best, veto)
+    reasons = _reasons(left, evidence, best, vetoes)
     answer = rows[0]
     return Judged(
         answer.verdict, answer.effects, rows, weighed, best, held, left, share, evidence, floor, unknown, reasons
     )
 
 
-def ranked_merits(weighed: Sequence[Weighed], veto: float) -> list[tuple[Names, float]]:
-    """Merits as they are ranked. An unlisted effect that is about as good as a listed one is alike, and no veto."""
-    return [(() if w.rival else w.names, w.merit) for w in weighed if not w.rival or w.merit > veto]
-
-
-def veto_of(found: Found, best: Weighed | None) -> float:
-    """The merit from which on an unlisted effect counts for an unknown cause: decisively better than the best listed
-    one, by more than that one's inexact law can be worth."""
-    return best.merit + DECISIVE + inexact(found, best) if best is not None else -math.inf
+def ranked_merits(weighed: Sequence[Weighed], vetoes: Sequence[Weighed]) -> list[tuple[Names, float]]:
+    """Merits as they are ranked. An unlisted effect that is about as good as the best listed one is alike, and no
+    veto."""
+    return [(() if w.rival else w.names, w.merit) for w in weighed if not w.rival or w in vetoes]
 
 
 def discrepancy_rms(problem: Problem) -> float:
@@ -308,11 +312,11 @@ def unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> fl
 
 
 def _reasons(
-    left: Left, evidence: Mapping[str, float], weighed: Sequence[Weighed], best: Weighed | None, veto: float
+    left: Left, evidence: Mapping[str, float], best: Weighed | None, vetoes: Sequence[Weighed]
 ) -> tuple[Reason, ...]:
     reasons = []
-    if weighed and weighed[0].rival and weighed[0].merit > veto:
-        reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=weighed[0].names))
+    if vetoes and (best is None or vetoes[0].merit > best.merit):
+        reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=vetoes[0].names))
     if evidence["left"] > 0.5:
         reasons.append(Reason(ReasonKind.LEAVES_MUCH, value=left.rms, percent=left.percent_of_input))
     if evidence["prior"] > 1.5:
