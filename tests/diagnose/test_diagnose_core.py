@@ -390,7 +390,7 @@ class Straight:
     @property
     def errors(self) -> ErrorModel:
         n = len(self.measured)
-        return ErrorModel(np.full(n, 0.2 * math.sqrt(2.0)), np.zeros(n), np.append(0.0, np.ones(n - 1)))
+        return ErrorModel(np.full(n, 0.2 * math.sqrt(2.0)), np.zeros(n), np.zeros(n), np.append(0.0, np.ones(n - 1)))
 
     def evaluate(self, knobs: Sequence[Knob], z: Array, only: Sequence[int] | None = None) -> tuple[Array, Array]:
         self.calls += 1
@@ -433,7 +433,8 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     ranges = ranges_of(effect, hoist.machine, hoist.runs)
     true = dict(zip([r.symbol for r in ranges], (4000.0, 8.2, 0.45), strict=True))
     problem = made_by(hoist, {**setting_of(knobs, truth), **true})
-    problem.errors = replace(problem.errors, white=np.full(problem.samples, 0.1), discrepancy=np.zeros(problem.samples))
+    none = np.zeros(problem.samples)
+    problem.errors = replace(problem.errors, white=none + 0.1, moving=none, standstill=none)
     begin = dict(zip([r.symbol for r in ranges], (2500.0, 8.6, 0.7), strict=True))
     more, start = effect_knobs(effect, ranges, begin)
     z = np.concatenate([np.zeros(len(knobs)), start])

@@ -20,6 +20,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr, logsumexp
 
 from workbench.diagnose.hypotheses.discrepancy import SPREAD
+from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.location.survey import Survey
 from workbench.run import Array
 
@@ -51,6 +52,11 @@ class _Whitened:
     alone: float
 
 
+def _with(errors: ErrorModel, size: float) -> ErrorModel:
+    """Near standstill the discrepancy is as large beside the rest as the search has left it."""
+    return errors.sized((size, errors.sizes[1]))
+
+
 class Weigher:
     """Marginal likelihoods on one survey."""
 
@@ -67,13 +73,14 @@ class Weigher:
 
     def _at(self, g: float) -> _Whitened:
         s = self.survey
-        white = s.errors.whiten(np.column_stack([s.base, s.residual]), g)
+        errors = _with(s.errors, g)
+        white = errors.whiten(np.column_stack([s.base, s.residual]))
         base, y = white[:, :-1], white[:, -1]
         pull = base.T @ y
         factor = cho_factor(np.eye(len(pull)) + base.T @ base)
         z = cho_solve(factor, pull)
         log = -0.5 * (float(y @ y) - float(pull @ z)) - float(np.sum(np.log(np.diag(factor[0]))))
-        log -= 0.5 * s.errors.log_det(g) + 0.5 * (math.log(g) / SPREAD) ** 2
+        log -= 0.5 * errors.log_det() + 0.5 * (math.log(g) / SPREAD) ** 2
         return _Whitened(g, y, base, factor, z, log)
 
     def nothing(self) -> float:
@@ -90,7 +97,7 @@ class Weigher:
         together = np.hstack(columns)
         tables = np.empty((len(columns), len(self.whitened), SIZES))
         for i, w in enumerate(self.whitened):
-            parts = np.split(self.survey.errors.whiten(together, w.size), ends, axis=1)
+            parts = np.split(_with(self.survey.errors, w.size).whiten(together), ends, axis=1)
             for k, (phi, sign) in enumerate(zip(parts, positive, strict=True)):
                 tables[k, i] = w.alone + self._gain(w, phi, sign)
         return [self._summed(table) for table in tables]
@@ -118,7 +125,7 @@ class Weigher:
     def part(self, columns: Array, at: Evidence) -> Array:
         """(samples,) the posterior mean of what the port adds."""
         w = next(w for w in self.whitened if w.size == at.discrepancy)
-        phi = at.size * self.survey.errors.whiten(columns, at.discrepancy)
+        phi = at.size * _with(self.survey.errors, at.discrepancy).whiten(columns)
         a = np.hstack([w.base, phi])
         amounts = np.linalg.solve(a.T @ a + np.eye(a.shape[1]), a.T @ w.y)[w.base.shape[1] :]
         return np.asarray(at.size * (columns @ amounts), dtype=float)

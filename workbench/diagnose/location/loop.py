@@ -70,7 +70,8 @@ def _integral(t: Array, x: Array) -> Array:
 
 def _robust(columns: Array, y: Array) -> Array:
     """P. J. Huber, Robust Statistics, 1981, 7.3."""
-    weights, z = np.ones(len(y)), np.zeros(columns.shape[1])
+    weights: Array = np.ones(len(y))
+    z: Array = np.zeros(columns.shape[1])
     for _ in range(ROUNDS):
         root = np.sqrt(weights)[:, None]
         z = np.linalg.lstsq(columns * root, y * root[:, 0], rcond=1e-9)[0]

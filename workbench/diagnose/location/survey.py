@@ -145,8 +145,10 @@ def _with_loop(loop: Loop, residual: Array, base: Array, errors: ErrorModel) -> 
     base = np.vstack([np.hstack([base, np.zeros((len(base), k))]), below])
     errors = ErrorModel(
         np.concatenate([errors.white, np.full(n, loop.noise)]),
-        np.concatenate([errors.discrepancy, errors.discrepancy[:n]]),
+        np.concatenate([errors.moving, errors.moving[:n]]),
+        np.concatenate([errors.standstill, errors.standstill[:n]]),
         np.concatenate([errors.carry, errors.carry[:n]]),
+        errors.sizes,
     )
     return np.concatenate([residual, loop.residual]), base, errors
 
