@@ -74,10 +74,10 @@ def _robust(columns: Array, y: Array) -> Array:
     z: Array = np.zeros(columns.shape[1])
     for _ in range(ROUNDS):
         root = np.sqrt(weights)[:, None]
-        z = np.linalg.lstsq(columns * root, y * root[:, 0], rcond=1e-9)[0]
+        z = np.asarray(np.linalg.lstsq(columns * root, y * root[:, 0], rcond=1e-9)[0], dtype=float)
         left = np.abs(y - columns @ z)
         scale = max(1.4826 * float(np.median(left)), 1e-300)
-        weights = np.minimum(1.0, HUBER * scale / np.maximum(left, 1e-300))
+        weights = np.asarray(np.minimum(1.0, HUBER * scale / np.maximum(left, 1e-300)), dtype=float)
     return np.asarray(z, dtype=float)
 
 
