@@ -33,6 +33,7 @@ from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 
 BASELINES = ("tolerances", "nominal")
+HARM = 1.02  # of the held-out residual without a correction: what is left in it by chance differs by less
 
 
 def diagnose(
@@ -77,7 +78,7 @@ def diagnose(
     found = searched(problem, effects, most_effects, say, rivals, keys)
     problem = found.problem
     say(Progress(Stage.JUDGE))
-    judged = judge(found)
+    judged = judged_to_help(found)
     rows = candidate_rows(found, judged, keys)
     say(Progress(Stage.LOCATE))
     gap = gap_of(problem, found, campaign)
@@ -125,6 +126,22 @@ def diagnose(
         judged=judged,
         warnings=tuple(warnings),
     )
+
+
+def judged_to_help(found: Found) -> Judged:
+    """The verdict, with no cause named whose correction does harm to runs that its fit has not seen."""
+    barred: list[Names] = []
+    while True:
+        judged = judge(found, barred)
+        if not judged.names or not harmful(found, judged.names):
+            return judged
+        barred.append(judged.names)
+
+
+def harmful(found: Found, names: Names) -> bool:
+    """Whether a correction makes the held-out residual larger than it is without."""
+    folds, inputs = folds_of(found, names), found.problem.inputs
+    return folds.after.rms(inputs) > HARM * folds.before.rms(inputs)
 
 
 def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effect]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -200,9 +200,13 @@ def beyond_trace(problem: Problem, fit: Fitted, name: str, merit: float) -> floa
     return merit * max(1.0 - (TRACE / max(*sizes, TRACE)) ** 2, 0.0)
 
 
-def judge(found: Found) -> Judged:
-    """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1."""
+def judge(found: Found, barred: Collection[Names] = ()) -> Judged:
+    """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1.
+
+    barred: hypotheses that are not to be named, whatever their merit.
+    """
     weighed, score = weigh(found)
+    weighed = tuple(w for w in weighed if w.names not in barred)
     best = next((w for w in weighed if not w.rival), None)
     stands = best is not None and best.merit > calibration()["threshold"]
     held = best.fit if best is not None and stands else found.near
