@@ -70,14 +70,15 @@ def _integral(t: Array, x: Array) -> Array:
 
 def _robust(columns: Array, y: Array) -> Array:
     """P. J. Huber, Robust Statistics, 1981, 7.3."""
-    weights, z = np.ones(len(y)), np.zeros(columns.shape[1])
+    weights: Array = np.ones(len(y))
+    z: Array = np.zeros(columns.shape[1])
     for _ in range(ROUNDS):
         root = np.sqrt(weights)[:, None]
-        z = np.linalg.lstsq(columns * root, y * root[:, 0], rcond=1e-9)[0]
+        z = np.asarray(np.linalg.lstsq(columns * root, y * root[:, 0], rcond=1e-9)[0], dtype=float)
         left = np.abs(y - columns @ z)
         scale = max(1.4826 * float(np.median(left)), 1e-300)
-        weights = np.minimum(1.0, HUBER * scale / np.maximum(left, 1e-300))
-    return np.asarray(z, dtype=float)
+        weights = np.asarray(np.minimum(1.0, HUBER * scale / np.maximum(left, 1e-300)), dtype=float)
+    return z
 
 
 def _independent(problem: Problem, residual: Array) -> float:
