@@ -14,16 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.diagnose.location.evidence import Evidence, Weigher
-from workbench.diagnose.location.ports import SENSOR, Port, since_reversal
+from workbench.diagnose.location.ports import SENSOR, Port
+from workbench.diagnose.location.recurrence import comes_back, states_of
 from workbench.diagnose.location.survey import Course, Survey, at_rows
 from workbench.run import Array
 
 SHORTEST_S, LONGEST_S, WIDTHS = 0.3, 5.0, 7  # of a pulse, from beginning to end
 MOST, TRIED = 4, 16  # pulses
 STEP = 0.125  # of a pulse's width: from one tried to the next
-NEIGHBOURS = 5  # nearest states
-RECURS = 0.4  # of a pulse's energy
-FINE = 0.03  # of the range of places: as near they are one
 HUBER = 1.5  # of the robust scale
 ROUNDS = 12  # of the robust fit
 HATS = 5  # in a pulse's window: its shape is free
@@ -77,40 +75,6 @@ def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
             break
         best = Pulses(tuple(found), evidence, price)
     return best
-
-
-def states_of(survey: Survey) -> list[Array]:
-    """Each (inputs, k): what may make a force come back, every column of the order of one. Speed with acceleration;
-    the way since the last reversal; the place: each with the direction."""
-    parts: list[list[Array]] = [[], [], []]
-    fastest = max(float(np.max(np.abs(c.speed))) for c in survey.runs)
-    hardest = max(float(np.max(np.abs(c.acceleration))) for c in survey.runs)
-    span = max(float(np.max(c.position)) for c in survey.runs) - min(float(np.min(c.position)) for c in survey.runs)
-    for c in survey.runs:
-        speed, hard, gone, place = (
-            np.interp(c.at, c.time, x) for x in (c.speed, c.acceleration, since_reversal(c), c.position)
-        )
-        ahead = np.sign(speed)
-        parts[0].append(np.stack([ahead, speed / fastest, hard / max(hardest, 1e-300)], axis=1))
-        parts[1].append(np.stack([ahead, np.log(gone / span + 1e-4), speed / fastest], axis=1))
-        parts[2].append(np.stack([ahead, place / max(span, 1e-300) / FINE], axis=1))
-    return [np.concatenate(each) for each in parts]
-
-
-def comes_back(left: Array, mine: np.ndarray, states: list[Array]) -> bool:
-    """Whether what is left in a stretch, `mine`, is there again whenever the machine is in the same state: the mean of
-    the nearest states outside takes RECURS of its energy away."""
-    inside, outside = np.flatnonzero(mine), np.flatnonzero(~mine)
-    if not len(inside) or len(outside) <= NEIGHBOURS:
-        return False
-    energy = float(left[inside] @ left[inside])
-    for state in states:
-        away = np.sum((state[inside][:, None] - state[outside]) ** 2, axis=2)
-        nearest = np.argpartition(away, NEIGHBOURS, axis=1)[:, :NEIGHBOURS]
-        rest = left[inside] - np.mean(left[outside][nearest], axis=1)
-        if float(rest @ rest) < (1.0 - RECURS) * energy:
-            return True
-    return False
 
 
 def widths_of(survey: Survey) -> Array:

@@ -28,7 +28,7 @@ SIZES = 8  # of s
 SMALLEST = 0.3  # s, of the noise
 LARGEST = 2.0  # s, of the residual at the nominal machine
 DISCREPANCIES = tuple(2.0**k for k in range(11))  # g
-FEWER = 30.0  # of the logarithm: a g beyond the best without a port that is worse by so much is not tried
+FEWER = 30.0  # of the logarithm: where a step of g is worse by so much, no further one that way is tried
 
 
 @dataclass(frozen=True)
@@ -92,14 +92,22 @@ class Weigher:
         return self.evidences([columns], [positive])[0]
 
     def evidences(self, columns: Sequence[Array], positive: Sequence[bool]) -> list[Evidence]:
-        """As `evidence`, of several ports: they are whitened together."""
-        ends = np.cumsum([c.shape[1] for c in columns])[:-1]
-        together = np.hstack(columns)
-        tables = np.empty((len(columns), len(self.whitened), SIZES))
-        for i, w in enumerate(self.whitened):
+        """As `evidence`, of several ports: they are whitened together.
+
+        From the largest discrepancy down: what a port explains shows as less discrepancy, step by step, so that one
+        for which a step is for the worse is followed no further."""
+        tables = np.full((len(columns), len(self.whitened), SIZES), -np.inf)
+        active = list(range(len(columns)))
+        for i in reversed(range(len(self.whitened))):
+            w = self.whitened[i]
+            ends = np.cumsum([columns[k].shape[1] for k in active])[:-1]
+            together = np.hstack([columns[k] for k in active])
             parts = np.split(_with(self.survey.errors, w.size).whiten(together), ends, axis=1)
-            for k, (phi, sign) in enumerate(zip(parts, positive, strict=True)):
-                tables[k, i] = w.alone + self._gain(w, phi, sign)
+            for k, phi in zip(active, parts, strict=True):
+                tables[k, i] = w.alone + self._gain(w, phi, positive[k])
+            active = [k for k in active if np.max(tables[k, i]) > np.max(tables[k]) - FEWER]
+            if not active:
+                break
         return [self._summed(table) for table in tables]
 
     def _gain(self, w: _Whitened, phi: Array, positive: bool) -> Array:

@@ -23,7 +23,7 @@ from workbench.diagnose.location.survey import Survey, survey_of
 from workbench.run import Array
 
 SHOWN = 0.005  # probability
-TOGETHER = 400  # columns that are whitened at once
+TOGETHER = 1000  # columns that are whitened at once
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.diagnose.location.survey import Course, Survey, at_rows
+from workbench.diagnose.location.survey import Course, Survey, at_rows, since_reversal
 from workbench.run import Array
 
 TURN = 2.0 * math.pi
@@ -331,13 +331,6 @@ class Ports:
         for share in (0.01, 0.02, 0.04, 0.08):
             yield m("torque_sensor", "all", "a dead band", _kept(share * max(most, -least)), 0.0, 0.25, True)
         yield m("speed_sensor", "acceleration", "the torque's change", lambda c: slope(c.torque, c), 0.0, 1.0, True)
-
-
-def since_reversal(c: Course) -> Array:
-    """(n,) how far it went since it last turned round."""
-    gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(c.position)))])
-    turned = np.concatenate([[True], np.diff(c.speed > 0.0)])
-    return np.asarray(gone - np.maximum.accumulate(np.where(turned, gone, 0.0)), dtype=float)
 
 
 def _late(tau_s: float) -> Of:

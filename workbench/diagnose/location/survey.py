@@ -193,6 +193,13 @@ def _since_start(t: Array, speed: Array) -> Array:
     return np.maximum(t - t[begins][which], 0.0)
 
 
+def since_reversal(c: Course) -> Array:
+    """(n,) m (rad): how far it went since it last turned round."""
+    gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(c.position)))])
+    turned = np.concatenate([[True], np.diff(c.speed > 0.0)])
+    return np.asarray(gone - np.maximum.accumulate(np.where(turned, gone, 0.0)), dtype=float)
+
+
 def _of_run(base, setting: Setting, j: int):  # type: ignore[no-untyped-def]
     known = {key: value for key, value in setting.items() if hasattr(base, key)}
     return changed(base, {key: value[j] if isinstance(value, tuple) else value for key, value in known.items()})
