@@ -17,6 +17,7 @@ from workbench.engine import kernels
 from workbench.engine.preamble import PREAMBLE
 from workbench.engine.statics import hang_still
 from workbench.engine.text import parameter_symbols, state_symbols
+from workbench.machine import with_values
 from workbench.plants import HOIST, NO_EFFECTS, PLANTS, Effects
 from workbench.run import Array
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
@@ -169,6 +170,19 @@ def test_with_any_effect_a_load_that_is_held_hangs_still(name):
     moved = np.abs(out[1, 3:6] - out[0, 3:6]) / 0.001
     assert np.all(moved < (0.05 if name == "heave" else 1e-4))
     assert start[2] == pytest.approx([3.0, 18.0], abs=0.0)
+
+
+def test_on_a_very_soft_wire_no_step_towards_rest_ends_in_a_slack_one():
+    """A fit of the wire's stiffness may try such values; Newton's full step would leave the wire slack."""
+    effects = {"wire_stiffness_length": {"share": 1.0}, "drum_eccentricity": {"amplitude_m": 9e-4, "phase_rad": 2.6}}
+    machine = with_values(MACHINES["hoist"], {"wire.youngs_modulus_pa": 5e8})
+    model = PlantModel(HOIST, of(machine, effects))
+    values = [model.values(machine, payload, 0.0) for payload in (0.0, 0.0, 9000.0)]
+    start, hold = model.starts([5.0, 18.0, 9.0], [0.0] * 3, [0.0] * 3, values)
+    t = np.tile([[0.0], [0.001]], 3)
+    scales = model.scales(157.0, values)
+    out = kernels.replay(HOIST, model.table(values), t, np.tile(hold, (2, 1)), start, scales, effects=model.effects)
+    assert np.all(np.abs(out[1, 3:6] - out[0, 3:6]) < 1e-6)
 
 
 def test_a_scenario_that_an_effect_does_not_move_starts_bit_for_bit_as_the_plain_one():

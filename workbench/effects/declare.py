@@ -26,7 +26,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -87,7 +87,7 @@ class Effect:
         return next(rank for rank, name in enumerate(KINDS[kind].family) if name in self.place)
 
     def place_on(self, kind: str) -> str:
-        return str(_of_kind(self.place, kind))
+        return _place(self, kind)
 
     def subsystem(self, kind: str) -> str:
         return str(_of_kind(self.subsystem_of, kind))
@@ -102,7 +102,7 @@ class Effect:
 
     def own(self, p: Any, kind: str) -> SimpleNamespace:
         """e: the effect's parameters, and its memory, out of the plant's."""
-        e = {each.symbol: getattr(p, self.symbol(each, kind)) for each in self.parameters}
+        e = {short: getattr(p, symbol) for short, symbol in _symbols(self, kind)}
         if self.memory is not None and hasattr(p, self.memory_symbol):
             e[self.memory.symbol] = getattr(p, self.memory_symbol)
         return SimpleNamespace(**e)
@@ -216,6 +216,18 @@ def problems(made: Effect) -> list[str]:
     if made.on_sensor and made.inverse is None:
         found.append("an effect on a sensor needs its inverse")
     return found
+
+
+# A fit asks thousands of times for these two.
+@cache
+def _place(effect: Effect, kind: str) -> str:
+    return str(_of_kind(effect.place, kind))
+
+
+@cache
+def _symbols(effect: Effect, kind: str) -> tuple[tuple[str, str], ...]:
+    """Of each parameter: its symbol in the effect's function, and among the plant's parameters."""
+    return tuple((each.symbol, effect.symbol(each, kind)) for each in effect.parameters)
 
 
 def _of_kind(by_kind: Mapping[str, str], kind: str) -> str | None:

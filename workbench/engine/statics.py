@@ -2,7 +2,8 @@
 
 A plant's own `equilibrium` knows the plain machine. Effects may move it: a drum out of round,
 a stiffer wire, more weight. Newton's method on the traced accelerations finds it, for many
-scenarios at once. Where the plain equilibrium is one, it is kept to the last bit.
+scenarios at once; a step that leaves more acceleration than there was is halved. Where the
+plain equilibrium is one, it is kept to the last bit.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from workbench.trace.derive import derivative
 from workbench.trace.emit import Printer
 from workbench.trace.expr import symbol
 
-ROUNDS = 8
+ROUNDS = 20  # a step that has to be halved takes a few more
 AT_REST = 1e-6  # m/s^2 (rad/s^2); rounding of lengths leaves a thousandth of it
 
 
@@ -43,17 +44,25 @@ def hang_still(
     kept = [np.array([m.start(p) for p in values]) for m in effects.memory]
     free = [i for i in range(len(q)) if i != plant.placed]
     t = np.asarray(times, dtype=float)
-    moved_q, moved_u = q.copy(), u.copy()
+    best_q, best_u, least = q, u, np.full(len(u), np.inf)
+    trial_q, trial_u, step = q.copy(), u.copy(), np.zeros((len(free) + 1, len(u)))
     for _ in range(ROUNDS):
-        a, slopes = balance(t, moved_q, moved_u, table, kept)
-        off = np.any(np.abs(a) > AT_REST, axis=0)
+        a, slopes = balance(t, trial_q, trial_u, table, kept)
+        matrix, size = slopes.transpose(2, 0, 1), np.max(np.abs(a), axis=0)
+        # A step too far ends in a slack wire, where no slope tells the way back.
+        better = (size < least) & (np.linalg.det(matrix) != 0.0)
+        best_q, best_u = np.where(better, trial_q, best_q), np.where(better, trial_u, best_u)
+        least = np.where(better, size, least)
+        off = least > AT_REST
         if not off.any():
             break
-        step = np.linalg.solve(slopes.transpose(2, 0, 1)[off], a.T[off][..., None])[..., 0].T
-        moved_u[off] -= step[-1]
+        newton = off & better
+        step[:, newton] = np.linalg.solve(matrix[newton], a.T[newton][..., None])[..., 0].T
+        step[:, off & ~better] *= 0.5
+        trial_u[off] = best_u[off] - step[-1, off]
         for row, i in enumerate(free):
-            moved_q[i, off] -= step[row]
-    return moved_q, moved_u
+            trial_q[i, off] = best_q[i, off] - step[row, off]
+    return best_q, best_u
 
 
 @cache

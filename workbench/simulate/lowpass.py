@@ -22,7 +22,7 @@ def lowpass(time_s: Array, values: Array, band_hz: float) -> Array:
     if 2.0 * band_hz * step >= 1.0:  # nothing to take away below half the sampling rate
         return np.array(values, dtype=float)
     even = np.linspace(time_s[0], time_s[-1], max(1, round((time_s[-1] - time_s[0]) / step)) + 1)
-    regular = len(even) == n and np.allclose(even, time_s, rtol=0.0, atol=0.02 * step)
+    regular = len(even) == n and bool(np.all(np.abs(even - time_s) <= 0.02 * step))
     columns = np.asarray(values, dtype=float).reshape(n, -1)
     if not regular:
         columns = _resampled(even, time_s, columns)
