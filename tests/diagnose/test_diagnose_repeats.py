@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.noisy_runs import hoist_runs
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.verdict.repeats import repeated_share
+from workbench.diagnose.verdict.repeats import repeated_share, sudden_share
 from workbench.kinds import kind_of
 from workbench.machine import default_hoist
 from workbench.run import Array
@@ -45,3 +45,10 @@ def test_noise_does_not(problem: Problem):
 
 def test_nothing_left_is_no_share(problem: Problem):
     assert repeated_share(problem, np.zeros(problem.samples)) == pytest.approx(0.0)
+
+
+def test_a_blow_is_sudden_and_noise_is_not(problem: Problem):
+    noise = np.random.default_rng(1).normal(size=problem.samples)
+    blow = np.where(np.arange(problem.samples) == problem.samples // 3, 100.0, 0.0)
+    assert sudden_share(problem, noise) == 0.0
+    assert sudden_share(problem, noise + blow) > 0.8

@@ -198,14 +198,15 @@ def start_of(problem: Problem, atom: Atom, amounts: Array) -> tuple[list[Knob], 
     return effect_knobs(effect, ranges, at)
 
 
-def stepped_aside(problem: Problem, at: Fitted, taken: Array) -> Array:
+def stepped_aside(problem: Problem, at: Fitted, taken: Array, delay: bool = False) -> Array:
     """z where a fit's own parameters are best, linearly, once an effect takes so much (samples,) off the residual.
 
     What is far from linear stays where it is: how friction turns over, and the log's timing, for friction jumps between
-    samples.
+    samples. delay: the effect is a delay itself, which has to take the timing's place.
     """
     lowest, highest, std = bounds_of(at.knobs)
-    moved = np.array([not (_careful(knob) or _late(knob)) for knob in at.knobs for _ in knob.lowest], dtype=bool)
+    held = [_careful(knob) or (_late(knob) and not delay) for knob in at.knobs]
+    moved = np.array([not h for h, knob in zip(held, at.knobs, strict=True) for _ in knob.lowest], dtype=bool)
     white = problem.errors.whiten(np.column_stack([at.jacobian[:, moved], at.residual - taken]))
     rows = np.vstack([white[:, :-1], np.diag(1.0 / std[moved])])
     target = np.concatenate([white[:, -1], at.z[moved] / std[moved]])

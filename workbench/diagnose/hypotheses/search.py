@@ -337,14 +337,16 @@ class Search:
     def _fit_with(self, at: Fitted, promise: Promise) -> Fitted:
         more, start = start_of(self.problem, promise.atom, promise.amounts)
         names = (*at.effects, promise.atom.effect.id)
-        beside = stepped_aside(self.problem, at, promise.atom.columns @ promise.amounts)
+        delay = self.problem.late in {r.symbol for r in promise.atom.amounts}
+        beside = stepped_aside(self.problem, at, promise.atom.columns @ promise.amounts, delay)
         knobs, z = [*at.knobs, *more], np.concatenate([beside, start])
         return fit_knobs(self.problem, names, knobs, z, FIRST_ROUND, self.count)
 
     def _fit_both(self, near: Fitted, a: Atom, b: Atom, amounts: Array) -> Fitted:
         split = a.columns.shape[1]
         taken = a.columns @ amounts[:split] + b.columns @ amounts[split:]
-        knobs, start = list(near.knobs), list(stepped_aside(self.problem, near, taken))
+        delay = self.problem.late in {r.symbol for atom in (a, b) for r in atom.amounts}
+        knobs, start = list(near.knobs), list(stepped_aside(self.problem, near, taken, delay))
         for atom, part in ((a, amounts[:split]), (b, amounts[split:])):
             more, z = start_of(self.problem, atom, part)
             knobs, start = [*knobs, *more], [*start, *z]

@@ -25,7 +25,7 @@ from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.verdict.against import against
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, VerdictWord
-from workbench.diagnose.verdict.repeats import repeated_share
+from workbench.diagnose.verdict.repeats import repeated_share, sudden_share
 from workbench.diagnose.verdict.stretch import stretch
 from workbench.effects import find
 from workbench.kinds import kind_of
@@ -304,13 +304,14 @@ def unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> fl
     """How much what is left speaks for a cause: the logarithm of the discrepancy's excess, as far as it matters.
 
     An axis has ripple and resonances of its own. There only what is beyond OWN of the largest input counts, or what
-    comes again with place or speed beyond OWN_AGAIN, which no random discrepancy does.
+    comes again with place or speed, or in a few moments, beyond OWN_AGAIN, which no random discrepancy does.
     """
     many = max(math.log(excess), 0.0)
     if kind_of(problem.machine).floor == "sensors":
         return many * min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
     largest = max(float(np.max(np.abs(u))) for u in problem.bench.measured)
-    again = left.rms * math.sqrt(repeated_share(problem, held.residual))
+    structured = max(repeated_share(problem, held.residual), sudden_share(problem, held.residual))
+    again = left.rms * math.sqrt(structured)
     beyond_own = min(max(left.rms / (OWN * largest) - 1.0, 0.0), 1.0)
     return max(many * beyond_own, AGAIN * min(max(again / (OWN_AGAIN * largest) - 1.0, 0.0), 1.0))
 

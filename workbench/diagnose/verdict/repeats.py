@@ -1,7 +1,7 @@
-"""Whether what a fit leaves comes again: the share of it that the place or the speed of another run foretells.
+"""What speaks for a cause in what a fit leaves: the share that comes again, and the share that comes all at once.
 
 A machine of its own leaves something that no lumped model has: a resonance, a controller's cycle, wear that shifts. A
-cause comes again where the machine is in the same state.
+cause comes again where the machine is in the same state; or it is a blow, in a few moments of the runs.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from workbench.kinds import kind_of
 from workbench.run import Array
 
 BINS = 24  # of each variable, each way
+MOMENTS = 0.02  # of the rows
+BY_CHANCE = 0.3  # of the energy, in so many rows: 0.13 of normal noise, some more of what is loud now and then
 
 
 def repeated_share(problem: Problem, residual: Array) -> float:
@@ -42,3 +44,12 @@ def _foretold(rows: Array, folds: np.ndarray, variable: Array, forward: np.ndarr
         left += float(np.sum((rows[mine] - mean[cell[mine]]) ** 2))
     energy = float(rows @ rows)
     return min(max(1.0 - left / energy, 0.0), 1.0) if energy > 0.0 else 0.0
+
+
+def sudden_share(problem: Problem, residual: Array) -> float:
+    """Of the energy of the input's residual (samples,), 0 to 1: what the loudest MOMENTS of its rows hold beyond
+    BY_CHANCE."""
+    energy = np.sort(residual[: problem.inputs] ** 2)
+    loudest = energy[-max(int(MOMENTS * len(energy)), 1) :]
+    share = float(np.sum(loudest)) / max(float(np.sum(energy)), 1e-300)
+    return max((share - BY_CHANCE) / (1.0 - BY_CHANCE), 0.0)
