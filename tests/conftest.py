@@ -23,6 +23,9 @@ ROOT = Path(__file__).resolve().parents[1]
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Matrices here are small, and the workers are what the cores are for: threads of BLAS would only wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 REQUIRE_ALL = os.environ.get("WORKBENCH_REQUIRE_DATA") == "1"
 
 # Many containers set PYTHONDONTWRITEBYTECODE. pytest then rewrites 3,600 asserts at each collection, which takes 5 s.

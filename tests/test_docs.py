@@ -194,9 +194,21 @@ DIAGNOSES: dict[tuple[object, ...], object] = {}
 
 
 @pytest.mark.usefixtures("one_diagnosis")
-def test_the_examples_of_the_api_page_run_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+def test_the_examples_of_the_api_page_and_the_cells_of_the_notebook_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """One test, so that one process makes the diagnosis that both show."""
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
     monkeypatch.chdir(tmp_path)
+    run_api_page()
+    assert (tmp_path / "identified.yaml").is_file()
+    said = capsys.readouterr().out
+    assert "9000kg_ruckig_equal_time" in said and "OperatingPoint(payload_kg=" in said
+    assert "friction_load_dependent" in said
+    run_notebook()
+
+
+def run_api_page() -> None:
     text = (DOCS / "api.md").read_text(encoding="utf-8")
     examples = [body for language, body in FENCE.findall(text) if language == "python"]
     assert len(examples) == 8
@@ -204,17 +216,11 @@ def test_the_examples_of_the_api_page_run_from_top_to_bottom(tmp_path: Path, mon
     names: dict[str, object] = {}
     for body in examples:
         exec(compile(body, "api.md", "exec"), names)
-    assert (tmp_path / "identified.yaml").is_file()
-    said = capsys.readouterr().out
-    assert "9000kg_ruckig_equal_time" in said and "OperatingPoint(payload_kg=" in said
-    assert "friction_load_dependent" in said
 
 
-@pytest.mark.usefixtures("one_diagnosis")
-def test_the_cells_of_the_notebook_run_and_its_outputs_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def run_notebook() -> None:
+    """Every cell, and its outputs are the kept ones."""
     notebook = DOCS / "log_to_decision.ipynb"
-    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
-    monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     site = of_the_site("notebook")
     shown = [site.run_cell(source, names, number) for number, source in enumerate(site.code_cells(notebook), 1)]

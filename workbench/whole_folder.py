@@ -38,7 +38,7 @@ def check_free(folder: Path) -> None:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """A hidden folder to write to, beside `folder`, whose name it takes when the block ends well.
+    """A hidden folder to write to; it is renamed to `folder` when the block ends without an error.
 
     What stops in the middle leaves no results. Enter it before long work: a place that cannot be
     written is known at once. `folder` is free (see `check_free`). InputError where a file cannot be written.

@@ -283,21 +283,23 @@ def test_a_users_effect_from_a_file_takes_part_and_one_that_breaks_down_is_a_row
     assert all(math.isfinite(row.gain) for row in d.candidates)
 
 
-@pytest.mark.parametrize("error", [ZeroDivisionError("a shape of no width"), ValueError("no such place")])
-def test_a_candidate_that_raises_is_a_row_and_not_the_end(error: Exception, monkeypatch: pytest.MonkeyPatch):
+def test_candidates_that_raise_are_rows_and_not_the_end(monkeypatch: pytest.MonkeyPatch):
     runs = runs_of(with_effects(nominal("axis-linear"), {"inertia_error": LINEAR["inertia_error"]}))
+    errors = {"torque_scale": ZeroDivisionError("a shape of no width"), "torque_filter": ValueError("no such place")}
 
     def start(problem: Problem, atom: Atom, amounts: Array) -> tuple[list[Knob], list[float]]:
-        if atom.effect.id == "torque_scale":
-            raise error
+        if atom.effect.id in errors:
+            raise errors[atom.effect.id]
         return start_of(problem, atom, amounts)
 
     monkeypatch.setattr(search, "start_of", start)
     d = diagnosed("axis-linear", runs)
     assert d.verdict.effects == ("inertia_error",)
-    (row,) = (row for row in d.candidates if row.effects == ("torque_scale",))
-    assert row.failure == f"{type(error).__name__}: {error}"
-    assert not row.fitted and row.residual_rms is None
+    rows = {row.effects: row for row in d.candidates}
+    for name, error in errors.items():
+        row = rows[(name,)]
+        assert row.failure == f"{type(error).__name__}: {error}"
+        assert not row.fitted and row.residual_rms is None
 
 
 def test_a_signature_that_raises_takes_no_other_with_it(monkeypatch: pytest.MonkeyPatch):

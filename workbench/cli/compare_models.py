@@ -11,16 +11,16 @@ from workbench.cli.options import effects_option
 
 @click.command(name="compare-models")
 @click.argument("source", metavar="CAMPAIGN|SCENARIO", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to make, for models.json and models.html.")
-@click.option("--runs", help="Names of a campaign's runs to take, with commas between; all without it.")
+@click.option("--out", type=click.Path(path_type=Path), help="New folder for models.json and models.html.")
+@click.option("--runs", help="Names of the campaign's runs to use, separated by commas. Default: all.")
 @click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml, such as an identified one.")
-@click.option("--step", type=float, default=0.004, show_default=True, help="Step of the multi-body model, s.")
+@click.option("--step", type=float, default=0.004, show_default=True, help="Step of the multi-body model in s.")
 @effects_option
 def command(source: Path, out: Path | None, runs: str | None, machine: Path | None, step: float) -> None:
-    """Replay a campaign's torque on both models, or run a scenario's closed loops on both.
+    """Compare the lumped with the multi-body machine on a campaign's torque, or on a scenario's closed loops.
 
-    Prints how far each is from the record, how far they are apart, where they part, and what each costs.
-    Needs the extra 'multibody'.
+    Prints the errors of both models against the measurement or the reference, the difference between the models,
+    where it is largest, and the compute times. Needs the extra 'multibody'.
     """
     from workbench.cli.models_source import comparison_of
     from workbench.cli.show import print_table, print_text

@@ -9,7 +9,7 @@ import click
 
 @click.command(name="report")
 @click.argument("results", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="The page to write; without it report.html in RESULTS.")
+@click.option("--out", type=click.Path(path_type=Path), help="The page to write. Default: report.html in RESULTS.")
 def command(results: Path, out: Path | None) -> None:
     """Write the report of RESULTS, a folder written by `workbench study`: one HTML file that needs no network."""
     from workbench.cli.show import print_text

@@ -1,4 +1,4 @@
-"""Makes the first page quick: loads and, on a new computer, compiles while the browser still starts."""
+"""Makes the first page quick: imports modules and compiles kernels while the browser still starts."""
 
 from __future__ import annotations
 

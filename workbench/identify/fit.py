@@ -97,7 +97,7 @@ def _rms(values: Array) -> float:
 
 
 def _prior(free: Sequence[Free], ties: Sequence[tuple[str, str]]) -> Array:
-    """Rows of the prior: prior @ z are standard normal. A tie holds two values alike within 0.01 %."""
+    """Rows of the prior: prior @ z are standard normal. A tie keeps two values equal within 0.01 %."""
     rows = [row / f.prior_std for row, f in zip(np.eye(len(free)), free, strict=True) if f.prior_std is not None]
     keys = [f.key for f in free]
     for a, b in ties:
@@ -110,7 +110,7 @@ def _prior(free: Sequence[Free], ties: Sequence[tuple[str, str]]) -> Array:
 
 
 def _covariance(jacobian: Array, residual: Array, prior: Array, model: OutputModel) -> Array:
-    """Of z, by the sandwich: residuals that hang together over `lags` samples count as what they are.
+    """Of z, by the sandwich: residuals are taken as correlated over `lags` samples.
 
     W. K. Newey, K. D. West, Econometrica 55 (1987): Bartlett weights, never negative; runs
     are independent.
@@ -133,7 +133,7 @@ def _covariance(jacobian: Array, residual: Array, prior: Array, model: OutputMod
 def _statements(
     free: Sequence[Free], z: Array, std_z: Array, correlation: Array, jacobian: Array, ties: Sequence[tuple[str, str]]
 ) -> list[str]:
-    """In plain sentences, what these data cannot tell."""
+    """Plain sentences about what these data cannot determine."""
     said = [
         f"{a} and {b} cannot be told apart from the constant load by these data: they were held alike" for a, b in ties
     ]
@@ -151,7 +151,7 @@ def _statements(
 
 
 def _groups(correlation: Array, free: Sequence[Free], ties: Sequence[tuple[str, str]]) -> list[list[int]]:
-    """Parameters that hang together: each correlates with another of its group by more than POOR."""
+    """Groups of correlated parameters: each correlates with another of its group by more than POOR."""
     near = np.abs(correlation) > POOR
     keys = [f.key for f in free]
     for a, b in ties:

@@ -1,4 +1,4 @@
-"""Identification of a campaign's machine: levels by iteration, then all free values jointly."""
+"""Identification of a campaign's machine: friction levels by iteration, then all free values in one fit."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ def identify(
 
 
 def _ties(machine: Hoist | Axis, keys: Sequence[str]) -> list[tuple[str, str]]:
-    """Pairs that are held alike, for the runs show two sums of the three values only; see `Kind.ties`."""
+    """Pairs of values that are kept equal, because the runs show only two sums of the three; see `Kind.ties`."""
     return [pair for pair, third in kind_of(machine).ties if all(key in keys for key in (*pair, third))]
 
 
 def record(campaign: Campaign, result: Fit, levels: Levels, band_hz: float, date: str) -> dict[str, object]:
-    """How the machine came about, for its file."""
+    """The record of the identification that goes into the machine's file."""
     return {
         "campaign": campaign.name,
         "runs": [run.name for run in campaign.runs],

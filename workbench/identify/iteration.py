@@ -1,4 +1,4 @@
-"""The paper's own identification: the friction levels by the balance of forces, repeated until they settle."""
+"""The paper's own identification: friction levels from the balance of forces, iterated until they converge."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Levels:
 
 
 def friction_levels(bench: Bench) -> Levels:
-    """Eq. 16 solved for the friction force under the measured torque, then for both levels of Eq. 17; repeated.
+    """Solve Eq. 16 for the friction force under the measured torque, then Eq. 17 for both levels; iterate.
 
     In each round the carriage moves as the measured speed and the levels so far make it
     move; the balance of torque, carried over to the carriage, corrects the friction
@@ -84,7 +84,7 @@ def _friction(kind: Kind, b: Balance, p: SimpleNamespace) -> tuple[Array, Array,
 
 
 def friction_speed(kind: Kind, b: Balance) -> Array:
-    """(n,) the speed at the friction: measured where it is the driven one, else simulated."""
+    """Speed at which friction acts, (n,): measured if it is the driven speed, else simulated."""
     others = (*kind.plant.positions[1:], *kind.plant.speeds[1:])
     if kind.friction.speed in others:
         return b.states[:, others.index(kind.friction.speed)]

@@ -22,7 +22,7 @@ DAMPING = 1e-4  # to begin with, of the diagonal of J'J
 
 @dataclass(frozen=True)
 class Minimum:
-    """z: (m,); residual: (n,), jacobian: (n, m) at z. settled: nothing worth having was left to gain."""
+    """z: (m,); residual: (n,), jacobian: (n, m) at z. settled: the last step would have gained next to nothing."""
 
     z: Array
     residual: Array

@@ -29,7 +29,7 @@ NYQUIST = math.inf  # the whole band
 
 
 class OutputModel(Protocol):
-    """Residuals (samples,) of all runs, for sets of z; `lags` are the samples over which they hang together."""
+    """Residuals (samples,) of all runs, for sets of z; `lags`: the samples over which they are correlated."""
 
     noise: float
     lags: int
@@ -53,7 +53,7 @@ def values_of(bench: Bench, free: Sequence[Free], z: Array) -> tuple[list[Simple
 
 
 class BalanceModel:
-    """Measured minus predicted input while the machine moves, low-passed, thinned to what is new."""
+    """Measured minus predicted input while the machine moves, low-passed and thinned to independent samples."""
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench

@@ -1,4 +1,4 @@
-"""Which values a fit may change: how far, on what scale, and held by which tolerance."""
+"""The values that a fit may change, with scale, lower bound and tolerance."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def _free(machine: Hoist | Axis, runs: Sequence[Run], key: str) -> Free:
 
 
 def _typical(machine: Hoist | Axis, runs: Sequence[Run], key: str) -> float:
-    """A size for values whose nominal may be zero, in their own unit, from the logs where the kind says so."""
+    """A typical size for a value whose nominal may be zero, in its own unit; from the logs if the kind says so."""
     kind = kind_of(machine)
     size = kind.sized_by_runs.get(key, "input" if get_value(machine, key) == 0.0 else 0.0)
     if isinstance(size, float):

@@ -17,7 +17,7 @@ LEAST_PERIODS = 4.0  # of the band in the shortest run
 
 
 def default_band(machine: Hoist | Axis, plant: Plant, values: Sequence[SimpleNamespace], runs: Sequence[Run]) -> float:
-    """What the plant is trusted for, as far as the slowest sampling rate allows.
+    """The highest frequency at which the plant is valid, limited by the slowest sampling rate.
 
     An identified machine is compared in the band it was identified in, so that its figures
     are those of its identification.
@@ -30,7 +30,7 @@ def default_band(machine: Hoist | Axis, plant: Plant, values: Sequence[SimpleNam
 
 
 def check_band(band_hz: float, runs: Sequence[Run]) -> None:
-    """InputError for a band that these runs cannot show."""
+    """InputError if the runs are too short or sampled too slowly for this band."""
     highest = min(0.5 / run.sample_time_s for run in runs)
     lowest = max(LEAST_PERIODS / run.duration_s for run in runs)
     # Steps are differences of rounded times: half the sampling rate may come out a rounding error above itself.

@@ -1,4 +1,4 @@
-"""The torque that a measured motion takes: the plant driven by the measured speed.
+"""Inverse simulation: the torque that a measured motion requires, with the plant driven by the measured speed.
 
 Carriage, wire and sheave are simulated under the measured motor motion, and Eq. 15
 gives the torque. Measured minus predicted, both low-passed alike, is the local
@@ -55,7 +55,7 @@ class Balance:
 
 
 class Bench:
-    """Runs of one machine, made ready for many predictions with changed parameters."""
+    """Runs of one machine, prepared for many predictions with changed parameters."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class Bench:
         self.noise = [noise_rms(r.time_s, u, self.band_hz) for r, u in zip(self.runs, self.inputs, strict=True)]
 
     def predict(self, values: Sequence[Sequence[SimpleNamespace]]) -> list[list[tuple[Array, Array]]]:
-        """The true input each run's motion takes, for sets of parameters; raw, not low-passed.
+        """The true input that each run's motion requires, for sets of parameters; not low-passed.
 
         values: for every set, a run's parameters by symbol. Returns for every set and run
         the input (n,) and the other states (n, states). The sets of a run take the same
@@ -124,7 +124,7 @@ class Bench:
         )
 
     def _motions_behind(self, j: int, sets: Sequence[SimpleNamespace]) -> list[Motion]:
-        """The motion behind run j's log: one for all sets, or one for each where they differ in how late it is."""
+        """The true motion of run j: one for all sets, or one for each if the sets differ in the sensor's delay."""
         base = self.base[j]
         if not any(getattr(p, name) != getattr(base, name) for p in sets for name in self._late):
             return [self.motions[j]]
@@ -171,7 +171,7 @@ def start_point(plant: Plant, run: Run, motion: Motion) -> tuple[float, float]:
 
 
 def speed_scale(machine: Hoist | Axis, runs: Sequence[Run], motions: Sequence[Motion]) -> float:
-    """What speeds are judged against: a motor's nominal speed, an axis' largest measured one."""
+    """The speed that errors refer to: a motor's nominal speed, or an axis' largest measured speed."""
     nominal = kind_of(machine).nominal_speed
     if nominal is not None:
         return nominal(machine)

@@ -103,7 +103,7 @@ def simulate_loop(
 
 
 def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
-    """What cases of one kernel call share; the length of the run is among it."""
+    """The properties that all cases of one kernel call share, such as the length of the run."""
     drive, settings = case.machine.drive, case.controller
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
     late = None if plain else drive.speed_delay_s > 0.0
@@ -180,7 +180,7 @@ def torque_limit_nm(machine: Hoist) -> float:
 
 
 def shares(machine: Hoist) -> tuple[float, float]:
-    """Of the torque, what the harder-worked motor gives: with all motors, and after another one failed."""
+    """The share of the torque that the more loaded motor gives: with all motors, and after one has failed."""
     n = machine.motor.count
     if n == 1:
         return 1.0, 1.0

@@ -43,7 +43,7 @@ def lowpass(time_s: Array, values: Array, band_hz: float) -> Array:
 
 
 def inside(time_s: Array, band_hz: float) -> np.ndarray:
-    """(n,) bool: the samples far enough from both ends for the low-pass not to matter."""
+    """(n,) bool: the samples that the low-pass' end effects do not reach."""
     edge = EDGE_PERIODS / band_hz
     if time_s[-1] - time_s[0] < 4.0 * edge:  # a very short log keeps its middle half
         edge = 0.25 * float(time_s[-1] - time_s[0])

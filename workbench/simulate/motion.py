@@ -43,7 +43,7 @@ def motion_of(run: Run, plant: Plant, band_hz: float) -> Motion:
 
 
 def moving(time_s: Array, speed: Array, scale: float, band_hz: float, threshold: float = 0.01) -> np.ndarray:
-    """(n,) bool: all but where the machine rests, and half a period of the band around.
+    """(n,) bool: False where the machine rests, and within half a period of the band around that.
 
     A machine at rest may stick anywhere within its friction: a held load says nothing
     about friction, and the low-pass smears that. It rests when it is slower than

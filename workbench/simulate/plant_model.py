@@ -1,4 +1,4 @@
-"""A machine's plant with the effects that are at work in it, as the kernels take the two together."""
+"""A machine's plant together with its active effects, as the kernels take them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from workbench.run import Array
 
 @dataclass(frozen=True, eq=False)
 class PlantModel:
-    """plant: plain; active: its effects. Without effects everything is the plain plant's, to the last bit."""
+    """plant: without effects; active: the effects. Without effects the results are bit for bit the plant's own."""
 
     plant: Plant
     active: Active
@@ -68,5 +68,5 @@ def _stacked(*parts: Array | list[list[float]]) -> Array:
 
 
 def plant_model(machine: Hoist | Axis, active: Active | None = None) -> PlantModel:
-    """The machine's plant and its effects, or `active` ones in place of its own. InputError as `effects.of`."""
+    """The machine's plant with its effects, or with `active` in place of them. InputError as `effects.of`."""
     return PlantModel(plant_of(machine), of(machine) if active is None else active)

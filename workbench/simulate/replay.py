@@ -134,7 +134,7 @@ def _starts(bench: Bench) -> tuple[Array, Array]:
 
 
 def _true_input(machine: Hoist | Axis, bench: Bench, j: int) -> Array:
-    """The input (n,) at work in run j, behind its log."""
+    """The true input (n,) of run j, recovered from the logged one."""
     gain, offset = sensor(machine)
     return true_input(bench.model.active, bench.runs[j].time_s, (bench.inputs[j] - offset) / gain)
 
@@ -154,7 +154,7 @@ def simulated_run(plant: Plant, run: Run, states: Array) -> Run:
 
 
 def _restarted(machine: Hoist | Axis, bench: Bench, j: int, balance: Balance) -> Array:
-    """Simulated speed (n,) of run j, set back every 2 s to the measured motion and the states that go with it."""
+    """Simulated speed (n,) of run j, restarted every 2 s from the measured motion and the states that belong to it."""
     run, motion, plant = bench.runs[j], balance.motion, bench.plant
     n = len(run.time_s)
     first = np.searchsorted(run.time_s, np.arange(run.time_s[0], run.time_s[-1], RESTART_S) - 1e-9)
@@ -198,7 +198,7 @@ def _first_position(bench: Bench, j: int) -> float:
 
 
 def _smooth_speed(bench: Bench, j: int) -> Array:
-    """The measured speed as a start value: the mean of five samples around, so one sample's noise does not lead."""
+    """The measured speed as a start value: the mean of five samples, so that the noise of one sample matters less."""
     speed = bench.motions[j].speed
     padded = np.pad(speed, 2, mode="edge")
     return np.convolve(padded, np.full(5, 0.2), mode="valid")

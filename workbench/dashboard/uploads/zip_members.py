@@ -1,4 +1,4 @@
-"""The members of an uploaded zip, unpacked into memory within bounds that its own directory cannot raise."""
+"""The members of an uploaded zip, unpacked into memory within limits that the zip's own directory cannot raise."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _root(members: Mapping[str, zipfile.ZipInfo], zip_name: str, beside: str) ->
 
 
 def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, left: int, zip_name: str) -> bytes:
-    """A member's bytes, counted as they come: what the directory says of its size is the sender's word."""
+    """A member's bytes, counted while they are read: the size in the directory is not trusted."""
     if info.flag_bits & 0x1:
         raise InputError("is encrypted; expected a zip without a password", file=zip_name)
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):

@@ -1,4 +1,4 @@
-"""Two results of the same runs, metric by metric: what moved, which runs moved most, what got too bad."""
+"""Two results of the same runs, metric by metric: changes, runs that changed most, regressions beyond a limit."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def regressions(comparison: Comparison, limits: Sequence[Limit]) -> list[Regress
 
 
 def values_of(row: Row) -> tuple[object, ...]:
-    """What tells a run from the others where its id does not: payload, reference and assigned values."""
+    """The values that identify a run apart from its id: payload, reference and assigned values."""
     return row.payload_kg, row.reference, *sorted((name, str(value)) for name, value in row.assigned.items())
 
 

@@ -1,4 +1,4 @@
-"""How large a metric's change has to be to say something, and its numbers with as many digits."""
+"""The smallest visible change of a metric, and numbers with as many digits as that allows."""
 
 from __future__ import annotations
 

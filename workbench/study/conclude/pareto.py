@@ -1,4 +1,4 @@
-"""What is paid for what: the runs that no other run beats, and the one at which the price turns.
+"""Pareto fronts: the runs that no other run dominates, and the knee of each front.
 
 Both costs are better when smaller. A run is on the front when no other is at least as good in
 both and better in one.
@@ -37,7 +37,7 @@ class Front:
 
 
 def non_dominated(first: Array, second: Array) -> npt.NDArray[np.intp]:
-    """Indices of the points that no other beats, by rising `first`. Of equal points the earliest stands for all.
+    """Indices of the non-dominated points, by rising `first`. Of equal points the earliest is kept.
 
     first, second: (n,) costs, finite.
     """

@@ -1,4 +1,4 @@
-"""What the scatter of a metric hangs on: rank correlations with the values drawn."""
+"""Which drawn fields a metric depends on: Spearman rank correlations."""
 
 from __future__ import annotations
 

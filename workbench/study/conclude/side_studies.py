@@ -1,4 +1,4 @@
-"""What lies beside a study: the same motion at other payloads, and under other limits. Metrics only."""
+"""Side studies: the same motion at other payloads and under other limits. Metrics only."""
 
 from __future__ import annotations
 

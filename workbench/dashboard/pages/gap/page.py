@@ -1,4 +1,4 @@
-"""The page Gap: what a campaign's machine has that its model lacks, found by a diagnosis in a process of its own."""
+"""The page Gap: a campaign's diagnosis, which runs in a process of its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A finished diagnosis on the page: the answer first, then by tabs what it rests on and what follows from it."""
+"""A finished diagnosis on the page: the answer first, then tabs with the evidence and the consequences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page Loop: what the sampled speed loop bears over payloads and heights, and gains by slider or by tuning."""
+"""The page Loop: margins of the sampled speed loop over payloads and heights; gains by slider or by tuning."""
 
 from __future__ import annotations
 

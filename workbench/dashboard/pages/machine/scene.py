@@ -1,4 +1,4 @@
-"""A run as the drawing needs it: what a log does not hold is computed from its measured speed."""
+"""A run prepared for the drawing: signals that a log lacks are computed from its measured speed."""
 
 from __future__ import annotations
 

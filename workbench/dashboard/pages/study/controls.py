@@ -1,4 +1,4 @@
-"""What the sliders of the Study page stand at, as a record; to and from a scenario. No streamlit here."""
+"""The values of the Study page's controls as a record, to and from a scenario. No streamlit here."""
 
 from __future__ import annotations
 
