@@ -40,10 +40,16 @@ def attack(
     seeds: Sequence[int],
     command: Sequence[str] = (),
     tell: Callable[[Result], None] = lambda _: None,
+    done: Sequence[Result] = (),
 ) -> list[Result]:
-    """Reads all inputs in a process that is replaced when it dies or hangs, which counts. `tell` hears of each."""
+    """Reads all inputs in a process that is replaced when it dies or hangs, which counts. `tell` hears of each.
+
+    done: what an earlier call has read already; it is in the answer and is not read again.
+    """
     words = list(command) or [sys.executable, "-m", "benchmarks.attack.victim"]
-    inputs = [(kind, seed) for seed in seeds for kind in kinds]
+    known = {(result.kind, result.seed): result for result in done}
+    whole = [(kind, seed) for seed in seeds for kind in kinds]
+    inputs = [one for one in whole if one not in known]
     results: list[Result] = []
     with tempfile.TemporaryFile("w+") as last_words:
         while len(results) < len(inputs):
@@ -55,9 +61,21 @@ def attack(
                     results.append(result)
                     tell(result)
             finally:
-                victim.kill()
-                victim.communicate()
-    return results
+                _ended(victim)
+    return [*(known[one] for one in whole if one in known), *results]
+
+
+def _ended(victim: subprocess.Popen[str]) -> None:
+    """The end of its input lets it take its own files away."""
+    assert victim.stdin is not None and victim.stdout is not None
+    with contextlib.suppress(BrokenPipeError):
+        victim.stdin.close()
+    try:
+        victim.wait(5.0)
+    except subprocess.TimeoutExpired:
+        victim.kill()
+        victim.wait()
+    victim.stdout.close()
 
 
 def _fed(victim: subprocess.Popen[str], inputs: Sequence[tuple[str, int]]) -> Iterator[Result]:
@@ -102,19 +120,33 @@ def table(results: Sequence[Result]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
+def _read(file: Path) -> list[Result]:
+    """What an earlier run wrote; a line that it did not finish is left out."""
+    results = []
+    for line in file.read_text(encoding="utf-8").splitlines():
+        with contextlib.suppress(ValueError, KeyError, TypeError):
+            said = json.loads(line)
+            results.append(Result(said.pop("kind"), said.pop("seed"), Ended(**said)))
+    return results
+
+
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--inputs", type=click.IntRange(1), default=10_000, show_default=True, help="How many.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="The same seed, the same inputs.")
 @click.option("--kinds", default=",".join(KINDS), show_default=True, help="What is mangled, with commas between.")
-@click.option("--out", type=click.Path(path_type=Path), help="A file for one line of JSON an input.")
-def main(inputs: int, seed: int, kinds: str, out: Path | None) -> None:
+@click.option("--out", type=click.Path(path_type=Path), help="A file for one line of JSON an input; what is in it "
+              "is not read again, so that a run that was stopped goes on.")  # fmt: skip
+@click.option("--with", "others", type=click.Path(path_type=Path, exists=True), multiple=True,
+              help="Such a file of another run, whose inputs count in the table.")  # fmt: skip
+def main(inputs: int, seed: int, kinds: str, out: Path | None, others: tuple[Path, ...]) -> None:
     """Read mangled inputs, count what breaks, and print a table. Exit status 1 when anything did."""
     chosen = [kind for kind in kinds.split(",") if kind]
     if unknown := [kind for kind in chosen if kind not in KINDS]:
         raise click.BadParameter(f"{unknown[0]!r}; expected {', '.join(KINDS)}", param_hint="--kinds")
     first = seed * 1_000_000
+    done = _read(out) if out is not None and out.exists() else []
     with contextlib.ExitStack() as stack:
-        log = None if out is None else stack.enter_context(out.open("w", encoding="utf-8"))
+        log = None if out is None else stack.enter_context(out.open("a", encoding="utf-8"))
 
         def tell(result: Result) -> None:
             ended = result.ended
@@ -125,7 +157,8 @@ def main(inputs: int, seed: int, kinds: str, out: Path | None) -> None:
                 cost = f"{ended.seconds:.1f} s, {ended.memory_mb:.0f} MB"
                 click.echo(f"{result.kind} {result.seed}: {ended.how}, {cost}: {ended.said[:300]!r}")
 
-        results = attack(chosen, range(first, first + -(-inputs // len(chosen))), tell=tell)
+        results = attack(chosen, range(first, first + -(-inputs // len(chosen))), tell=tell, done=done)
+    results += [result for other in others for result in _read(other)]
     click.echo(table(results))
     sys.exit(any(result.bad for result in results))
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import io
 import random
+import shutil
 import struct
+import tempfile
 import zipfile
 from collections.abc import Callable
 from functools import cache
@@ -19,10 +22,53 @@ from workbench.machine.files import machine_text
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES, STEP_S = 300, 0.01
 RUNS = "runs:\n- {name: lift, file: runs/lift.csv, payload_kg: 4500.0, start_position_m: 9.0, start_time_s: 0.0}\n"
+AXIS_RUNS = """\
+columns: {force_n: {column: torque_motor1_nm, scale: 0.1}, velocity_m_s: {column: speed_motor_rad_s, scale: 0.005}}
+runs: [{name: lift, file: runs/lift.csv}]
+"""
 COLUMNS = "columns:\n  time_s: {column: time_s, scale: 1.0}\n  speed_motor_rad_s: speed_motor_rad_s\n"
 
-# Which file of a campaign is mangled. A zip is an upload of the whole campaign; a scenario stands for itself.
-KINDS = ("csv", "parquet", "mat", "machine", "runs", "zip", "scenario")
+# Which file is mangled: of a campaign one of three forms of its log, or machine.yaml, of a hoist or of an axis, or
+# runs.yaml; zip and upload are the whole campaign as a browser sends it; a scenario and a controller's file stand for
+# themselves; index, signals, manifest and ran (scenario.yaml) are of a finished result.
+KINDS = (
+    "csv", "parquet", "mat", "machine", "axis", "runs", "zip", "upload", "scenario", "controller", "index", "signals",
+    "manifest", "ran",
+)  # fmt: skip
+OF_A_RESULT = {"index": "index.parquet", "signals": "", "manifest": "manifest.json", "ran": "scenario.yaml"}
+_BINARY = ("parquet", "mat", "zip", "index", "signals")
+_STUDY = """\
+name: small
+payloads_kg: [0, 9000]
+start_position_m: 4.0
+moves: [{by_m: 0.5}]
+limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
+controller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
+outputs: {signals: thinned, every_s: 0.05}
+"""
+_CONTROLLER = """\
+controller:
+  kind: pi
+  kp_nm_s_per_rad: 31.0
+  ki_nm_per_rad: 122.0
+  sample_time_s: 0.001
+  tracking_time_s: 0.2
+  torque_rate_limit_nm_per_s: 10000.0
+  low_pass_hz: 60.0
+  notch: {frequency_hz: 3.0, damping: 0.4, depth: 0.2}
+  feed_forward: {inertia: 0.8, weight: 0.5, friction: 0.2}
+"""
+_AXIS = """\
+kind: axis
+motion: linear
+mass_kg: 95.1089
+gravity: {constant_n: 0.0}
+friction: {coulomb_forward_n: 20.39, coulomb_backward_n: 20.39, viscous_n_s_per_m: 203.5}
+sensors: {force_gain: 1.0, force_offset_n: 0.0}
+tolerances: {inertia: 0.02, coulomb: 0.05, viscous: 0.1}
+"""
+# What an upload's boundary becomes here: names and contents one after the other.
+CUT = b"\n--- 8< ---\n"
 
 _CELLS = [
     "", "nan", "inf", "-inf", "1e999", "x", '"', ",", "\n", "\r", "0x10", "1,5", "-", "1e308", "-1e308", "1e-320", " ",
@@ -86,8 +132,38 @@ def good(kind: str, variant: int) -> bytes:
             for name, part in (("machine.yaml", "machine"), ("runs.yaml", "runs"), ("runs/lift.csv", "csv")):
                 archive.writestr(f"lifts/{name}", good(part, 0))
         return stream.getvalue()
+    if kind == "axis":
+        return _AXIS.encode()
+    if kind == "controller":
+        return _CONTROLLER.encode()
+    if kind == "upload":
+        parts = [("machine.yaml", "machine"), ("runs.yaml", "runs"), ("lift.csv", "csv")]
+        return CUT.join(part for name, file in parts for part in (name.encode(), good(file, 0)))
+    if kind in OF_A_RESULT:
+        folder = finished_result()
+        return (folder / OF_A_RESULT[kind] if OF_A_RESULT[kind] else signals_of(folder)).read_bytes()
     scenarios = sorted((ROOT / "scenarios").glob("*.yaml"))
     return scenarios[variant % len(scenarios)].read_bytes()
+
+
+@cache
+def finished_result() -> Path:
+    """A small study's result, made once in a process and taken away at its end."""
+    from workbench.study.execute.batch import run_batch
+    from workbench.study.results.folder import place_for
+    from workbench.study.scenario.load import load_study
+
+    base = Path(tempfile.mkdtemp(prefix="attack-result-"))
+    atexit.register(shutil.rmtree, base, ignore_errors=True)
+    (base / "small.yaml").write_text(_STUDY)
+    study = load_study(base / "small.yaml")
+    run_batch(study, place_for(study, base / "small"))
+    return base / "small"
+
+
+def signals_of(folder: Path) -> Path:
+    """The signals of a result's first run."""
+    return min((folder / "runs").iterdir()) / "signals.parquet"
 
 
 def mangled(kind: str, seed: int) -> bytes:
@@ -95,12 +171,14 @@ def mangled(kind: str, seed: int) -> bytes:
     chance = random.Random(f"{kind} {seed}")
     content = good(kind, chance.randrange(60))
     ways = [_flip, _flip, _cut, _lie, _copy, _drop, _swap, _fill]
-    if kind in ("csv", "machine", "runs", "scenario"):
+    if kind not in _BINARY:
         ways += [_cells] * 6 if kind == "csv" else [_words] * 6
-    if kind != "csv" and kind not in ("parquet", "mat", "zip"):
+    if kind not in ("csv", *_BINARY):
         ways += [_junk_keys, _deep, _bomb, _number, _number, _number]
     if kind == "csv":
         ways += [_holes, _holes, _many_columns]
+    if kind in ("parquet", "index", "signals") and chance.random() < 0.5:
+        return _changed_table(content, chance)
     for _ in range(chance.choice([1, 1, 1, 2, 3])):
         content = chance.choice(ways)(content, chance)
     return content
@@ -168,6 +246,45 @@ def _swap(content: bytes, chance: Chance) -> bytes:
 def _fill(content: bytes, chance: Chance) -> bytes:
     start, end = _span(content, chance)
     return content[:start] + chance.choice([b"\0", b"\xff", b"\r", b" ", b"\n"]) * (end - start) + content[end:]
+
+
+def _changed_table(content: bytes, chance: Chance) -> bytes:
+    """A sound Parquet file whose table is none that was written: other values, types, names or numbers of rows."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(io.BytesIO(content))
+    for _ in range(chance.choice([1, 1, 3])):
+        at = chance.randrange(table.num_columns)
+        name, values = table.column_names[at], table.column(at).to_pylist()
+        row = chance.randrange(len(values)) if values else 0
+        way = chance.choice(["value", "value", "value", "all", "type", "name", "drop", "cut", "note", "repeat"])
+        if way in ("value", "all"):
+            odd = [None, 0.0, -1.0, 1e308, -1e308, 1e-320, float("nan"), float("inf"), 1e29]
+            if values and isinstance(values[0], str):
+                odd = ["", "ok", "failed", "../../x", "\x00", "\x1b[31m", "é" * 300, "x" * 3000]
+            new = chance.choice(odd)
+            values = [new if way == "all" or i == row else value for i, value in enumerate(values)]
+            table = table.set_column(at, name, pa.array(values, type=table.schema.field(at).type))
+        elif way == "type":
+            odd_type = chance.choice([[str(v) for v in values], [True] * len(values), [[1.0]] * len(values)])
+            table = table.set_column(at, name, pa.array(odd_type))
+        elif way == "name":
+            names = [*table.column_names]
+            names[at] = chance.choice(["", "x", names[-1], "\x1b[31m", "n" * 5000])
+            table = table.rename_columns(names)
+        elif way == "drop" and table.num_columns > 1:
+            table = table.remove_column(at)
+        elif way == "cut":
+            table = table.slice(0, chance.choice([0, 1, row]))
+        elif way == "repeat":
+            table = pa.concat_tables([table] * chance.choice([2, 300]))
+        elif way == "note":
+            notes = [b"[]", b"{}", b"[1]", b'["peak_torque_motor_nm"]', b'["status"]', b"[", b"null"]
+            table = table.replace_schema_metadata({b"assigned": chance.choice(notes)})
+    stream = io.BytesIO()
+    pq.write_table(table, stream)
+    return stream.getvalue()
 
 
 def _cells(content: bytes, chance: Chance) -> bytes:

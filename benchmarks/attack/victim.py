@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.attack.mangle import ROOT, RUNS, good, mangled
+from benchmarks.attack.mangle import AXIS_RUNS, CUT, OF_A_RESULT, ROOT, RUNS, finished_result, good, mangled, signals_of
 from workbench.errors import InputError
 from workbench.logs import Campaign, read_campaign
 
@@ -48,7 +48,13 @@ def read(kind: str, content: bytes, folder: Path) -> Ended:
     try:
         if kind == "scenario":
             return _scenario(content, folder)
-        return _judged(_upload(content, folder) if kind == "zip" else _campaign(kind, content, folder))
+        if kind == "controller":
+            return _controller(content, folder)
+        if kind in OF_A_RESULT:
+            return _result(kind, content, folder)
+        return _judged(
+            _upload(kind, content, folder) if kind in ("zip", "upload") else _campaign(kind, content, folder)
+        )
     except InputError as error:
         said = str(error)
         plain = said.replace("\u00a0", " ").isprintable() and len(said) <= LONGEST
@@ -64,17 +70,54 @@ def _campaign(kind: str, content: bytes, folder: Path) -> Campaign:
     (folder / "runs").mkdir()
     suffix = kind if kind in ("csv", "parquet", "mat") else "csv"
     (folder / "machine.yaml").write_bytes(good("machine", 0))
-    (folder / "runs.yaml").write_text(RUNS.replace("lift.csv", f"lift.{suffix}"))
+    (folder / "runs.yaml").write_text(AXIS_RUNS if kind == "axis" else RUNS.replace("lift.csv", f"lift.{suffix}"))
     (folder / "runs" / "lift.csv").write_bytes(good("csv", 0))
-    name = {"machine": "machine.yaml", "runs": "runs.yaml"}.get(kind, f"runs/lift.{suffix}")
+    name = {"machine": "machine.yaml", "axis": "machine.yaml", "runs": "runs.yaml"}.get(kind, f"runs/lift.{suffix}")
     (folder / name).write_bytes(content)
     return read_campaign(folder, uploaded=len(content) % 2 == 0)  # half as one's own, half as a stranger's
 
 
-def _upload(content: bytes, folder: Path) -> Campaign:
+def _upload(kind: str, content: bytes, folder: Path) -> Campaign:
     from workbench.dashboard.uploads.campaign import Uploaded, read_uploaded
 
-    return read_uploaded([Uploaded("lifts.zip", content)], folder)
+    if kind == "zip":
+        return read_uploaded([Uploaded("lifts.zip", content)], folder)
+    names, contents = (content.split(CUT)[start::2] for start in (0, 1))
+    files = [Uploaded(n.decode(errors="replace"), c) for n, c in zip(names, contents, strict=False)]
+    return read_uploaded(files, folder)
+
+
+def _controller(content: bytes, folder: Path) -> Ended:
+    """A controller's file, and the loop that it makes."""
+    from workbench.analysis.family import family, operating_points
+    from workbench.machine import default_hoist
+    from workbench.reports.loop.case import read_controller
+
+    (folder / "gains.yaml").write_bytes(content)
+    settings = read_controller(folder / "gains.yaml")
+    family(default_hoist(), settings, operating_points(default_hoist(), (4500.0,), (9.0,)))
+    return Ended("read", "")
+
+
+def _result(kind: str, content: bytes, folder: Path) -> Ended:
+    """Report on a result with one file mangled, and compare it with the whole one. Of half, no hash is known."""
+    from workbench.reports.study.page import write_study_report
+    from workbench.study.compare.as_json import as_json
+    from workbench.study.compare.compare import compare, judged, parse_limits, regressions
+    from workbench.study.results.finished import read_finished
+    from workbench.study.results.index import read_rows
+
+    whole, damaged = finished_result(), folder / "small"
+    shutil.copytree(whole, damaged)
+    if kind != "manifest" and len(content) % 2:
+        said = json.loads((damaged / "manifest.json").read_text())
+        (damaged / "manifest.json").write_text(json.dumps(said | {"files": {}}))
+    (damaged / OF_A_RESULT[kind] if OF_A_RESULT[kind] else signals_of(damaged)).write_bytes(content)
+    write_study_report(read_finished(damaged), folder / "report.html")
+    comparison = compare(read_rows(whole), read_rows(damaged))
+    limits = parse_limits(["peak_torque=5%"], judged())
+    json.dumps(as_json(comparison, limits, regressions(comparison, limits)))
+    return Ended("read", "")
 
 
 def _scenario(content: bytes, folder: Path) -> Ended:

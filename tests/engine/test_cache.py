@@ -147,6 +147,52 @@ def test_a_temporary_folder_of_somebody_else_is_not_used(temporary, monkeypatch)
     assert cache_folder() not in (shared, taken)
 
 
+def test_a_user_without_a_home_has_a_temporary_folder(temporary, monkeypatch):
+    def nowhere():
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("WORKBENCH_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", nowhere)
+    assert cache_folder().parent == temporary
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows has no owner's number")
+@pytest.mark.parametrize("named_by", ["WORKBENCH_CACHE", "XDG_CACHE_HOME"])
+def test_a_folder_of_somebody_else_is_not_used_whoever_names_it(temporary, monkeypatch, caplog, named_by):
+    folder = temporary / "theirs"
+    (folder / "workbench").mkdir(parents=True)
+    monkeypatch.delenv("WORKBENCH_CACHE", raising=False)
+    monkeypatch.setenv(named_by, str(folder))
+    assert cache_folder().is_relative_to(folder)
+    monkeypatch.setattr(os, "getuid", lambda owner=os.getuid(): owner + 1)
+    assert not cache_folder().is_relative_to(folder)
+    assert "belongs to another user" in caplog.text
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows has no such modes")
+def test_a_folder_that_others_can_write_to_is_made_its_owner_s_alone(temporary, monkeypatch):
+    folder = temporary / "kernels"
+    folder.mkdir()
+    folder.chmod(0o777)
+    monkeypatch.setenv("WORKBENCH_CACHE", str(folder))
+    assert cache_folder() == folder
+    assert folder.stat().st_mode & 0o777 == 0o755
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
+def test_a_pipe_a_link_and_a_file_of_somebody_else_are_no_kernels(tmp_path, monkeypatch):
+    path, pipe, link = (tmp_path / name for name in ("kernel", "pipe", "link"))
+    cache._write(path, {"run": b"code"})
+    assert cache._read(path) == {"run": b"code"}
+    os.mkfifo(pipe)
+    link.symlink_to(path)
+    assert cache._read(pipe) is None
+    assert cache._read(link) is None
+    monkeypatch.setattr(os, "getuid", lambda owner=os.getuid(): owner + 1)
+    assert cache._read(path) is None
+
+
 def test_a_temporary_folder_that_is_a_file_is_not_used(temporary):
     (temporary / f"workbench-{os.getuid()}").write_text("")
     assert cache_folder().is_dir()

@@ -17,6 +17,7 @@ import hashlib
 import json
 import logging
 import os
+import stat
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
@@ -35,6 +36,8 @@ from workbench.engine.native import (
 )
 
 log = logging.getLogger(__name__)
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+_MOST_BYTES = 100_000_000
 _loading = threading.Lock()  # two threads that want one kernel compile it once
 _loaded: dict[str, dict[str, Callable[..., int]]] = {}
 _said = False
@@ -43,15 +46,37 @@ Functions = dict[str, Callable[..., int]]
 
 
 def cache_folder() -> Path:
-    """Where kernels are kept: WORKBENCH_CACHE, else the user's cache folder, else a temporary one."""
+    """Where kernels are kept: WORKBENCH_CACHE, else the user's cache folder, else a temporary one.
+
+    Kernels are code: a folder that somebody else owns or can write to is not used, whoever named it.
+    """
     chosen = os.environ.get("WORKBENCH_CACHE")
-    base = Path(chosen) if chosen else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "workbench"
-    try:
-        base.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=base):
-            return base
-    except OSError:
-        return _fallback_folder()
+    with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: a user without a home
+        usual = os.environ.get("XDG_CACHE_HOME")
+        base = Path(chosen) if chosen else (Path(usual) if usual else Path.home() / ".cache") / "workbench"
+        base.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if _is_own(base):
+            with tempfile.TemporaryFile(dir=base):
+                return base
+        _warn_of(base)
+    return _fallback_folder()
+
+
+def _is_own(folder: Path) -> bool:
+    """Whether it is this user's alone to write to; a folder of theirs is made so."""
+    if not hasattr(os, "getuid"):
+        return True
+    found = folder.stat()
+    if found.st_uid != os.getuid():
+        return False
+    if found.st_mode & _OTHERS_WRITE:
+        folder.chmod(stat.S_IMODE(found.st_mode) & ~_OTHERS_WRITE)
+    return not folder.stat().st_mode & _OTHERS_WRITE
+
+
+@cache
+def _warn_of(folder: Path) -> None:
+    log.warning("%s belongs to another user: kernels are code, so they are kept in a temporary folder instead", folder)
 
 
 @cache
@@ -61,8 +86,8 @@ def _fallback_folder() -> Path:
     folder = Path(tempfile.gettempdir()) / f"workbench-{'kernels' if owner is None else owner}"
     with contextlib.suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            if owner is None or folder.lstat().st_uid == owner:  # kernels are code: only one's own are run
+        if not folder.is_symlink() and _is_own(folder):
+            with tempfile.TemporaryFile(dir=folder):
                 return folder
     return Path(tempfile.mkdtemp(prefix="workbench-"))
 
@@ -161,9 +186,9 @@ def _write(path: Path, codes: Mapping[str, bytes]) -> None:
 
 
 def _read(path: Path) -> dict[str, bytes] | None:
-    """The codes in a file; None where it is not there or not whole (a full disk, a careless hand)."""
+    """The codes in a file; None where it is not there, not whole (a full disk, a careless hand) or not one's own."""
     try:
-        head, _, rest = path.read_bytes().partition(b"\n")
+        head, _, rest = _own_bytes(path).partition(b"\n")
         codes, at = {}, 0
         for name, length, digest in json.loads(head):
             codes[name] = rest[at : at + length]
@@ -173,3 +198,14 @@ def _read(path: Path) -> dict[str, bytes] | None:
         return codes
     except (OSError, ValueError, TypeError):
         return None
+
+
+def _own_bytes(path: Path) -> bytes:
+    """A regular file of this user's. OSError for anything else; a pipe under that name is not waited for."""
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+    with os.fdopen(os.open(path, flags), "rb") as file:
+        found = os.fstat(file.fileno())
+        own = not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & _OTHERS_WRITE)
+        if not (own and stat.S_ISREG(found.st_mode) and found.st_size <= _MOST_BYTES):
+            raise PermissionError(path)
+        return file.read()

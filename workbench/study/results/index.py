@@ -83,7 +83,7 @@ def read_rows(folder: Path) -> list[Row]:
     table = read_table(file)
     try:
         rows = rows_of(table)
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError) as error:
         raise _damaged("its note of swept fields is not readable", file) from error
     _check_rows(rows, table, file)
     return rows
@@ -150,7 +150,11 @@ def _text(value: float | str | None) -> str:
 
 
 def _assigned_in(table: Any) -> list[str]:
-    return list(json.loads((table.schema.metadata or {}).get(_ASSIGNED, b"[]")))
+    """ValueError where the note names what is no column beside a run's own."""
+    names = json.loads((table.schema.metadata or {}).get(_ASSIGNED, b"[]"))
+    if not isinstance(names, list) or any(name in _OWN or name not in table.column_names for name in names):
+        raise ValueError("the note of swept fields names no columns")
+    return names
 
 
 def _is_text(table: Any, name: str) -> bool:
