@@ -113,7 +113,7 @@ def full_pi(late: bool = False) -> Controller:
         still = hold * (1.0 - p.ff_w)  # what the integral holds beside the feed-forward
         z2 = (p.b2 - p.a2) * still
         z1 = (p.b1 - p.a1) * still + z2
-        return [still, z1, z2, still, hold, 0.0, math.floor(angle * p.counts / TURN), 0.0]
+        return [still, z1, z2, still, hold, 0.0, floor(angle * p.counts / TURN), 0.0]
 
     def sensed(p: Any, memory: Sequence[Scalar], measured: Any, dt: Scalar) -> Scalar:
         return seen(p, memory, measured, dt)[1]
