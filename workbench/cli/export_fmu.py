@@ -35,7 +35,7 @@ from workbench.cli.options import effects_option
     metavar="NAMES",
     help="Of the binaries, separated by commas, or 'none'. Default: all that can be compiled here.",
 )
-@click.option("--step", type=float, default=0.001, show_default=True, help="Largest step inside, in s.")
+@click.option("--step", type=float, help="Largest step inside, in s. Default: 0.001 for a hoist, 0.0002 for an axis.")
 @effects_option
 def command(
     machine: Path,
@@ -46,7 +46,7 @@ def command(
     controller: Path | None,
     fmi: str,
     platforms: str | None,
-    step: float,
+    step: float | None,
 ) -> None:
     """Write MACHINE, a machine.yaml, as an FMU for co-simulation.
 

@@ -1,11 +1,15 @@
-"""What a command line chooses for an export: effects with values, platforms."""
+"""What a command line chooses for an export: effects with values, platforms, a ramp's limits."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 from workbench.errors import InputError
+from workbench.export.drives import RampLimits
+from workbench.study.scenario.record import LimitsBlock
+from workbench.yaml_strict import Document, load, validate
 
 
 def chosen_effects(words: Sequence[str]) -> dict[str, dict[str, float]]:
@@ -34,3 +38,16 @@ def chosen_platforms(text: str | None) -> tuple[str, ...] | None:
     if not names:
         raise InputError(f"'{text}', expected names with commas between, or 'none'", place="--platforms")
     return names
+
+
+def ramp_of(path: Path) -> RampLimits | None:
+    """The limits of a scenario's motion, both ways alike; None for a file without them."""
+    document = load(path)
+    block = document.data.get("limits") if isinstance(document.data, dict) else None
+    if not isinstance(block, dict):
+        return None
+    inside = {place[1:]: line for place, line in document.lines.items() if place[:1] == ("limits",)}
+    limits = validate(LimitsBlock, Document(document.file, block, inside))
+    if limits.speed_m_s is None or limits.acceleration_m_s2 is None:
+        return None
+    return RampLimits(limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3)

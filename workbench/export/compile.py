@@ -17,7 +17,7 @@ from workbench.errors import InputError, nearest
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
 HEADERS = Path(__file__).with_name("c") / "fmi"
-MOST_S = 900.0  # the first build for another system compiles that system's C library too
+MOST_S = 3600.0  # the first build for another system compiles that system's C library too
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,10 @@ def shared_library(folder: Path, files: Sequence[str], target: str, to: Path, fl
     to.parent.mkdir(parents=True, exist_ok=True)
     try:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=MOST_S, check=False)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise InputError(f"the C compiler did not do its work: {error}", place=target) from error
+    except subprocess.TimeoutExpired as error:
+        raise InputError(f"the C compiler did not end within {MOST_S / 60.0:.0f} minutes", place=target) from error
+    except OSError as error:
+        raise InputError(f"the C compiler cannot be run: {error.strerror or error}", place=target) from error
     if done.returncode != 0 or not to.is_file():
         lines = [line for line in (done.stderr or done.stdout).splitlines() if "error" in line.lower()]
         raise InputError(f"the C compiler failed: {(lines or ['without a word'])[0]}", place=target)

@@ -45,7 +45,7 @@ class Physics:
 
     @property
     def shown(self) -> tuple[str, ...]:
-        """Names of what `model_shown` gives: the plant's signals, the states not among them, the states' derivatives."""
+        """Names of what `model_shown` gives: the plant's signals, states not among them, the states' derivatives."""
         signals = tuple(signal.name for signal in self.plant.signals)
         hidden = tuple(name for name in self.states if name not in signals)
         return (*signals, *hidden, *(f"der({name})" for name in self.states))

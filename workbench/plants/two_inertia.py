@@ -172,8 +172,10 @@ def start_of(angle: float, speed: float, p: Any) -> tuple[list[float], list[floa
 
 
 def guess(angle: Scalar, speed: Scalar, p: Any) -> tuple[list[Scalar], list[Scalar], Scalar]:
-    """Near `start_of`, without branches: both sides at one angle."""
-    return [angle, angle], [speed, speed], p.G * sin(angle) + p.C
+    """Near `start_of`, without branches: the load on the flank that it presses."""
+    load = p.G * sin(angle) + p.C
+    flank = where(load > 0.0, 0.5, where(load < 0.0, -0.5, 0.0)) * p.b
+    return [angle, angle - load / p.k - flank], [speed, speed], load
 
 
 def band_hz(p: Any) -> float:
