@@ -85,8 +85,8 @@ def compiler(target: str) -> list[str]:
         cpu = ["-mcpu=baseline"] if "x86_64" in target else []
         return [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[target].triple, *cpu]
     if target == host():
-        raise InputError("no C compiler is here; install one, or the extra: pip install 'workbench[fmu]'")
-    raise InputError(f"a binary for {target} takes the extra: pip install 'workbench[fmu]'; "
+        raise InputError("no C compiler is here; install one, or the extra: pip install '.[fmu]'")
+    raise InputError(f"a binary for {target} takes the extra: pip install '.[fmu]'; "
                      f"without it, --platforms {host() or 'none'}")  # fmt: skip
 
 

@@ -164,7 +164,7 @@ def _abb(c: _Case) -> list[Setting]:
     if s.feed_forward.inertia > 0.0:
         time = s.feed_forward.inertia * c.inertia * c.top_rad_s / motor.nominal_torque_nm
         made.append(Setting("25.06", "Acc comp derivation time", time, "s",
-                            "inertia times nominal speed over nominal torque, times the share fed forward"))  # fmt: skip
+                            "share fed forward of inertia times nominal speed over nominal torque"))  # fmt: skip
     if c.ramp is not None:
         made += [
             Setting(number, name, c.ramp_time_s, "s", "from standstill to 46.01 at the largest acceleration")
@@ -186,7 +186,7 @@ def _generic(c: _Case) -> list[Setting]:
                 "nominal torque over nominal speed"),
         Setting("Tn", "integral time", c.integral_time_s, "s", "kp/ki"),
         Setting("ki", "integral gain", c.settings.ki_nm_per_rad / motor.count, "Nm/rad", "of one motor"),
-        Setting("torque_limit", "torque limit", motor.nominal_torque_nm * c.machine.drive.overload, "Nm", "of one motor"),
+        Setting("torque_limit", "torque limit", motor.nominal_torque_nm * c.machine.drive.overload, "Nm", ""),
         Setting("inertia", "inertia at the motor", c.inertia, "kgm2", "one motor's share of all that moves"),
     ]  # fmt: skip
     if c.ramp is not None:
@@ -206,8 +206,8 @@ def _differences(drive: str, c: _Case) -> list[str]:
     s, said = c.settings, []
     if c.machine.motor.count > 1:
         said.append(
-            f"The values are for one of {c.machine.motor.count} drives. Let one of them control the speed and the others "
-            "follow its torque, or their integral parts work against each other."
+            f"The values are for one of {c.machine.motor.count} drives. Let one of them control the speed and the "
+            "others follow its torque, or their integral parts work against each other."
         )
     if s.set_point_weight not in (0.0, 1.0) or (drive != "siemens-s120" and s.set_point_weight == 0.0):
         said.append(
@@ -250,13 +250,14 @@ def _differences(drive: str, c: _Case) -> list[str]:
                 "The manual says what shape times do in words only; compare one recorded ramp with the reference."
             )
     said.append(
-        f"The gains were tuned for samples of {1e3 * s.sample_time_s:g} ms; a drive samples faster, which leaves more phase."
+        f"The gains were tuned for samples of {1e3 * s.sample_time_s:g} ms; a drive samples faster, which leaves more "
+        "phase."
     )
     if c.ramp is not None and c.ramp.jerk_m_s3 is not None:
         least = c.ramp.acceleration_m_s2**2 / c.ramp.jerk_m_s3
         said.append(
-            f"The ramp is that of the reference for changes of speed above {least:.3g} m/s; smaller ones reach a smaller "
-            "acceleration in the reference and are rounded as long as large ones in the drive."
+            f"The ramp is that of the reference for changes of speed above {least:.3g} m/s; smaller ones reach a "
+            "smaller acceleration in the reference and are rounded as long as large ones in the drive."
         )
     return said
 

@@ -112,7 +112,8 @@ void speed_controller_init(speed_controller *m);
 /* Takes over a load that torque_hold_nm holds, without a bump. Call it before the first step. */
 void speed_controller_reset(speed_controller *m, double torque_hold_nm);
 /* One sample: call it every sample_time_s. Returns the torque command, N m. */
-double speed_controller_step(speed_controller *m, double speed_reference_rad_s, double speed_motor_rad_s, int motor_failed);
+double speed_controller_step(speed_controller *m, double speed_reference_rad_s, double speed_motor_rad_s,
+                             int motor_failed);
 
 #endif
 """
@@ -142,7 +143,8 @@ void speed_controller_reset(speed_controller *m, double torque_hold_nm) {{
     m->fault = 0;
 }}
 
-double speed_controller_step(speed_controller *m, double speed_reference_rad_s, double speed_motor_rad_s, int motor_failed) {{
+double speed_controller_step(speed_controller *m, double speed_reference_rad_s, double speed_motor_rad_s,
+                             int motor_failed) {{
     const double reference = speed_reference_rad_s, speed = speed_motor_rad_s;
     double {", ".join(program.locals)};
     m->fault = !(isfinite(reference) && isfinite(speed));
@@ -267,8 +269,8 @@ IF sample < 0 THEN
     controller(reset := TRUE, torque_hold_nm := {st_number(record.hold_nm)});
     sample := 0;
 ELSIF NOT done THEN
-    controller(reset := FALSE, speed_reference_rad_s := given_reference[sample], speed_motor_rad_s := given_speed[sample],
-        motor_failed := given_failed[sample]);
+    controller(reset := FALSE, speed_reference_rad_s := given_reference[sample],
+        speed_motor_rad_s := given_speed[sample], motor_failed := given_failed[sample]);
     worst_nm := MAX(worst_nm, ABS(controller.torque_motor_nm - expected_torque[sample]));
     sample := sample + 1;
     done := sample > {n - 1};
