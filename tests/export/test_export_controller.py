@@ -193,7 +193,7 @@ def test_a_weight_of_zero_is_a_set_point_filter_of_the_integral_time():
 @pytest.mark.parametrize("drive", DRIVES)
 def test_what_a_drive_does_otherwise_is_said(drive: str):
     text = settings_text(drive_settings(drive, SETTINGS["everything"], HOIST, ramp=RampLimits(0.7, 0.6, 0.8)))
-    said = loads(text).data
+    said = loads(text, "drive_parameters.yaml").data
     assert isinstance(said, dict)
     words = " ".join(said["differs"])
     for missing in ("set-point weight 0.7", "low-pass", "rate limit", "weight and friction"):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
-from workbench.control import NEVER, PI, Controller, PiSettings, delay_taps, full_pi, loop_values
+from workbench.control import NEVER, PI, Controller, PiSettings, delay_weights, full_pi, loop_values
 from workbench.control.events import BRAKE_SPEED
 from workbench.effects import Chosen, alone, joined
 from workbench.errors import InputError
@@ -210,7 +210,8 @@ def _loop(machine: Hoist, settings: PiSettings) -> tuple[Controller, list[Value]
     """The controller, its parameters, and what of it stays a number."""
     drive = machine.drive
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
-    loop = PI if plain else full_pi(delay_taps(drive.speed_delay_s, settings.sample_time_s))
+    late = drive.speed_delay_s / settings.sample_time_s
+    loop = PI if plain else (_late(full_pi(True), late) if late > 0.0 else full_pi())
     limits = torque_limits(machine)
     own = [
         Value("kp", "controller.kp_nm_s_per_rad", "proportional gain, torque of all motors over motor speed",
@@ -230,6 +231,25 @@ def _loop(machine: Hoist, settings: PiSettings) -> tuple[Controller, list[Value]
         "T_hold": symbol("hold"),
     }
     return loop, own, {name: value for name, value in fixed.items() if name not in {v.symbol for v in own}}
+
+
+def _late(loop: Controller, late: float) -> Controller:
+    """The controller with the samples of a late speed in its own memory, newest first, zero before the start."""
+    whole, nearer, farther = delay_weights(late)
+    n = len(loop.memory)
+
+    def step(p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar) -> Any:
+        assert loop.sensed is not None
+        line = [loop.sensed(p, memory[:n], measured, dt), *memory[n:]]
+        arrived = nearer * line[whole] + farther * line[whole + 1]
+        command, after = loop.step(p, memory[:n], reference, SimpleNamespace(**vars(measured), late=arrived), dt)
+        return command, [*after, *line[:-1]]
+
+    def start(p: Any, hold: float, angle: float) -> list[float]:
+        return [*loop.start(p, hold, angle), *[0.0] * (whole + 1)]
+
+    names = (*loop.memory, *(f"late{j}" for j in range(whole + 1)))
+    return Controller(loop.parameters, names, loop.references, step, start)
 
 
 def _dependent(settings: PiSettings, p: Any) -> dict[str, Any]:

@@ -204,7 +204,7 @@ def record_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0, hol
         "t_fail": t[int(failed_from * n)] - 0.5 * dt,
     }
     p = SimpleNamespace(**values)
-    controller = full_pi(0)
+    controller = full_pi()
     step = Step(controller, p, controller.start(p, hold, 0.0), dt)
     torque = np.array([step(float(r), float(at), float(w), 0.0) for r, at, w in zip(reference, t, speed, strict=True)])
     return Record(hold, reference, speed, (t >= values["t_fail"]).astype(float), torque, limits["u_all"])
