@@ -34,6 +34,7 @@ ALLOWED_HOSTS = {
     "keepachangelog.com",
     "semver.org",
     "yaml.org",
+    "opensource.org",  # the licence in the headers of FMI
 }
 HOST = re.compile(
     r"(?:https?://|\b(?=[\w-]+\.[\w.-]*(?:org|com|net)\b))([\w.-]+\.(?:org|com|net|io|dev)|[\d.]{7,}|localhost)\b"

@@ -33,7 +33,7 @@ LAYERS = [
     ("simulate",),
     ("identify", "analysis"),
     ("study",),
-    ("cluster", "testing"),
+    ("cluster", "export", "testing"),
     ("consequences",),
     ("diagnose",),
     ("figures",),

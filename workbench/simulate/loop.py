@@ -188,17 +188,25 @@ def shares(machine: Hoist) -> tuple[float, float]:
     return max(first, 1.0 - first) if n == 2 else first, 1.0 / (n - 1)
 
 
-def case_limits(case: LoopCase) -> dict[str, float]:
-    """Torque limits, shares and ends of the rail by symbol. The harder-worked motor limits them all."""
-    machine = case.machine
+def torque_limits(machine: Hoist) -> dict[str, float]:
+    """By symbol: the torque of all motors (N m), after one failed, and the speed (rad/s) above which it falls."""
     one = machine.motor.nominal_torque_nm * machine.drive.overload
     share, share_failed = shares(machine)
-    fails = case.events.motor_fails_s
     return {
         "u_all": one / share,
         "u_one": one / share_failed if machine.motor.count > 1 else 0.0,
-        "t_fail": NEVER if fails is None else fails,
         "w_weak": machine.motor.nominal_speed_rad_s if machine.drive.field_weakening else NEVER,
+    }
+
+
+def case_limits(case: LoopCase) -> dict[str, float]:
+    """Torque limits, shares and ends of the rail by symbol. The harder-worked motor limits them all."""
+    machine = case.machine
+    share, share_failed = shares(machine)
+    fails = case.events.motor_fails_s
+    return {
+        **torque_limits(machine),
+        "t_fail": NEVER if fails is None else fails,
         "T_nominal": machine.motor.nominal_torque_nm,
         "share": share,
         "share_failed": share_failed,
