@@ -270,15 +270,21 @@ def test_two_goals_at_once_are_refused():
     assert "one of them" in text
 
 
-def test_an_ideal_drive_is_pointed_out():
-    code, text = run("loop", "--payloads", "0", "--heights", "5")
+def ideal_machine(folder: Path) -> str:
+    save_machine(ideal_hoist(), folder / "ideal.yaml")
+    return str(folder / "ideal.yaml")
+
+
+def test_an_ideal_drive_is_pointed_out(tmp_path: Path):
+    code, text = run("loop", "--machine", ideal_machine(tmp_path), "--payloads", "0", "--heights", "5")
     assert code == 0
     assert "drive is ideal" in " ".join(text.split())
 
 
 def test_gains_for_an_ideal_drive_carry_a_warning_and_others_none(tmp_path: Path):
     out = tmp_path / "tuned.yaml"
-    code, text = run("tune", "--payloads", "0", "--heights", "5", "--out", str(out))
+    machine = ideal_machine(tmp_path)
+    code, text = run("tune", "--machine", machine, "--payloads", "0", "--heights", "5", "--out", str(out))
     assert code == 0
     (line,) = [" ".join(part.split()) for part in text.split("\n\n") if part.startswith("Warning:")]
     assert "drive block is ideal" in line and "not for a real machine" in line and "drive.torque_lag_s" in line
