@@ -22,10 +22,6 @@ from workbench.machine import default_hoist, with_values
 from workbench.reports.loop.case import usual_controller
 
 OWN = {"torque_lag_s": "2", "speed_filter_s": "3", "speed_delay_s": "1"}  # the default drive's, in ms, in its keys
-    "torque_lag_s": "2",
-    "speed_filter_s": "3",
-    "speed_delay_s": "1",
-}  # of the default drive, ms: in its fields' keys
 
 
 def figures(app: Any) -> list[dict[str, Any]]:

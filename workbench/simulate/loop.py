@@ -219,7 +219,7 @@ def case_limits(case: LoopCase) -> dict[str, float]:
         "share_failed": share_failed,
         "before": weight_before(machine.drive.torque_lag_s, case.controller.sample_time_s),
         "w_nominal": machine.motor.nominal_speed_rad_s,
-        "overload_s": max(machine.drive.overload**2 - 1.0, 1e-9) * machine.drive.overload_time_s,
+        "overload_s": max((machine.drive.overload**2 - 1.0) * machine.drive.overload_time_s, 1e-9),
         "W_break": machine.wire.breaking_load_n or 0.0,
         "x_low": machine.rail.lowest_position_m,
         "x_high": machine.highest_position_m,
