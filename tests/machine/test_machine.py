@@ -56,7 +56,8 @@ def refusal(text: str) -> str:
 
 def test_default_hoist_is_the_nominal_machine_of_the_first_campaign(campaigns):
     recorded = load_machine(campaigns / "01" / "machine.yaml")
-    assert default_hoist() == recorded
+    wire = default_hoist().wire.model_copy(update={"breaking_load_n": None})  # which campaigns do not ask about
+    assert default_hoist().model_copy(update={"wire": wire}) == recorded
 
 
 def test_every_recorded_machine_loads_and_says_exactly_its_file(campaigns):

@@ -16,8 +16,8 @@ from workbench.machine.arm import Arm
 from workbench.machine.correction import HoistCorrection, MeasuredCorrection
 from workbench.machine.quantities import (
     Area,
+    Cycle,
     Delay,
-    Duration,
     Force,
     Gain,
     Gravity,
@@ -148,8 +148,8 @@ class Drive(Record):
     """
 
     overload: Overload = 1.6
-    overload_time_s: Duration = 60.0
-    overload_period_s: Duration = 600.0
+    overload_time_s: Cycle = 60.0
+    overload_period_s: Cycle = 600.0
     field_weakening: bool = True
     torque_lag_s: Lag = 0.002
     speed_filter_s: Lag = 0.003
