@@ -21,11 +21,12 @@ import numpy as np
 
 from workbench.blind.answer import answer, load, save, text_of
 from workbench.blind.ask import Asked, make_asked
-from workbench.blind.criteria import estimates_within, family_of, right_word, single
+from workbench.blind.criteria import estimates_within, family_of, right, right_word, single
 from workbench.blind.make import mapped
 from workbench.blind.run import run
 from workbench.blind.score import Score, open_and_score
 from workbench.blind.seal import CAMPAIGNS, key_of
+from workbench.blind.share import Share
 from workbench.diagnose.verdict.judge import CALIBRATION, calibration, rank
 from workbench.reports.blind import tables
 
@@ -46,6 +47,7 @@ def main() -> None:
     parser.add_argument("--make", type=int, metavar="N", help="make and diagnose N campaigns of all families first")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--leave-out", action="store_true", help="judge each family by the calibration of the others")
+    parser.add_argument("--sensitivity", action="store_true", help="say what 30 %% of each number changes")
     parser.add_argument("--write", action="store_true", help="write workbench/diagnose/verdict/calibration.json")
     given = parser.parse_args()
     if given.make:
@@ -55,6 +57,9 @@ def main() -> None:
         anew = left_out(rows)
         for family in sorted({family_of(row) for row in anew}):
             print(f"\n{family}\n{tables.sheet([row for row in anew if family_of(row) == family]).markdown()}")
+        return
+    if given.sensitivity:
+        print("\n".join(sensitivity(rows, calibration())))
         return
     numbers = fitted([row for row in rows if answered(row)])
     print(json.dumps(numbers, indent=1))
@@ -104,6 +109,18 @@ def left_out(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         numbers = fitted(others)
         anew += [_anew(row, numbers) for row in rows if family_of(row) == family]
     return anew
+
+
+def sensitivity(rows: Sequence[Mapping[str, Any]], numbers: Mapping[str, float]) -> list[str]:
+    """A line for each number: the answers that are right with it as it is, and 30 % smaller and larger."""
+    lines = ["| number | value | right | 30 % smaller | 30 % larger |", "|---|---|---|---|---|"]
+    for name, value in numbers.items():
+        if name in ("interval", "pair"):  # these act before the ranking: answers are to be given anew
+            continue
+        tried = [{**numbers, name: factor * value} for factor in (1.0, 0.7, 1.3)]
+        shown = [Share.counted((_anew(row, each) for row in rows), right).text() for each in tried]
+        lines.append(f"| {name} | {value:g} | {' | '.join(shown)} |")
+    return lines
 
 
 def _anew(row: Mapping[str, Any], numbers: Mapping[str, float]) -> dict[str, Any]:

@@ -297,12 +297,15 @@ def test_the_command_makes_runs_and_scores(tmp_path: Path, monkeypatch: pytest.M
     ("words", "sentence"),
     [
         (["make", "--out", "x", "--cases", "0"], "0 is not in the range"),
-        (["make", "--out", "x", "--source", "simulater"], "did you mean 'simulator'?"),
+        (
+            ["make", "--out", "x", "--source", "simulater"],
+            "--source: unknown source 'simulater'; did you mean 'simulator'?",
+        ),
         (["make", "--out", "x", "--family", "hoist_smal"], "did you mean 'hoist_small'?"),
         (["make", "--out", "x", "--effects", "friction_viscos"], "did you mean 'friction_viscous'?"),
         (["make", "--out", "x", "--effects", " , "], "no effect is named"),
         (["make", "--out", "x", "--source", "multibody", "--kind", "axis"], "does not play machines of kind axis"),
-        (["make", "--out", "x", "--machine", "machine.yaml"], "needs --runs"),
+        (["make", "--out", "x", "--machine", "machine.yaml"], "--machine: needs runs"),
         (["run", "nowhere"], "no such folder"),
         (["run", "."], "has no manifest.json"),
         (["score", "nowhere"], "no such folder"),

@@ -45,7 +45,7 @@ class Asked:
 def make_asked(asked: Asked, folder: Path, *, key: Path | None = None, processes: int = 2, tell: Tell) -> Made:
     """Check what is asked, make and seal it. InputError for what does not fit together."""
     if asked.cases < 1:
-        raise InputError(f"{asked.cases}, expected at least 1", place="--cases")
+        raise InputError(f"{asked.cases}, expected at least 1", place="cases")
     seed = secrets.randbelow(MOST_SEED) if asked.seed is None else asked.seed
     wanted, rig = ordered(asked, seed)
     return make(folder, wanted, seed, rig=rig, key=key, asked=asked.said(), processes=processes, tell=tell)
@@ -69,12 +69,12 @@ def _of_the_users(asked: Asked, seed: int) -> tuple[list[Order], Rig]:
 
     rig = rig_of(asked.machine, asked.runs)
     if asked.families:
-        raise InputError("draws machines; it does not go with --machine and --runs", place="--family")
+        raise InputError("draws machines; it does not go with a machine or runs of one's own", place="family")
     if asked.kind not in (None, rig.family.kind):
-        raise InputError(f"{asked.kind}, but the machine is of kind {rig.family.kind}", place="--kind")
+        raise InputError(f"{asked.kind}, but the machine is of kind {rig.family.kind}", place="kind")
     for name in asked.sources:
         if name != "simulator" and rig.family.kind != "hoist":
-            raise InputError(f"{name} plays hoists only, and the machine is an axis", place="--source")
+            raise InputError(f"{name} plays hoists only, and the machine is an axis", place="source")
     effects = _effects(asked.effects, set(kind_of(rig.family).listed)) or rig.effects
     played = {name: [rig.family] for name in dict.fromkeys(asked.sources) if source_of(name)}
     counts = {asked.case: asked.cases} if asked.case else None
@@ -86,7 +86,7 @@ def _played(asked: Asked) -> Mapping[str, list[Family]]:
     """source -> the families that it plays."""
     for name in asked.families:
         if name not in FAMILIES:
-            raise InputError(f"unknown family '{name}'; {nearest(name, FAMILIES)}", place="--family")
+            raise InputError(f"unknown family '{name}'; {nearest(name, FAMILIES)}", place="family")
 
     def fits(name: str) -> bool:
         return name in asked.families if asked.families else asked.kind in (None, FAMILIES[name].kind)
@@ -97,7 +97,7 @@ def _played(asked: Asked) -> Mapping[str, list[Family]]:
         if not names:
             what = ", ".join(asked.families) or f"machines of kind {asked.kind}"
             plays = ", ".join(source_of(source).families)
-            raise InputError(f"{source} does not play {what}; it plays {plays}", place="--source")
+            raise InputError(f"{source} does not play {what}; it plays {plays}", place="source")
         played[source] = families_of(names)
     return played
 
@@ -107,8 +107,8 @@ def _effects(text: str | None, known: set[str]) -> tuple[str, ...]:
         return ()
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if not names:
-        raise InputError("no effect is named, expected names with commas between", place="--effects")
+        raise InputError("no effect is named, expected names with commas between", place="effects")
     for name in names:
         if name not in known:
-            raise InputError(f"unknown effect '{name}'; {nearest(name, known)}", place="--effects")
+            raise InputError(f"unknown effect '{name}'; {nearest(name, known)}", place="effects")
     return names

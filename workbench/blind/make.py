@@ -56,7 +56,7 @@ def make(
     check_free(folder)
     key = key or key_of(folder)
     if key.exists():
-        raise InputError("is there; nothing is overwritten, choose another --key", file=key)
+        raise InputError("is there; nothing is overwritten, choose another file for the key", file=key)
     with whole_folder(folder) as hidden:
         (hidden / CAMPAIGNS).mkdir()
         labels: dict[str, Label] = {}

@@ -18,7 +18,7 @@ from workbench.run import Array
 
 ASKED = 0.9
 LEAST = 3  # cases of an effect: fewer say nothing of it
-SPREAD = 1.5  # of the effects' thresholds, in units of the slope's logit: how alike they are taken to be
+SPREAD = 4.0  # of the effects' logits at one size: their thresholds differ by a factor of seven or so
 SLOPE, SLOPE_STD = 2.0, 1.0  # of the logit over the logarithm of the size, and how well that is known beforehand
 Z_95 = 1.96
 

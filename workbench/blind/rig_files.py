@@ -66,7 +66,7 @@ def rig_of(machine_file: Path | None, runs: Path | None) -> Rig:
     InputError for what does not fit together.
     """
     if runs is None:
-        raise InputError("needs --runs beside it: a plan.yaml, or a campaign of this machine", place="--machine")
+        raise InputError("needs runs beside it: a plan.yaml, or a campaign of this machine", place="machine")
     machine = None if machine_file is None else _plain(load_machine(machine_file, check_effects=check), machine_file)
     if runs.is_dir() or runs.name == "runs.yaml":
         campaign = read_campaign(runs)
@@ -75,7 +75,7 @@ def rig_of(machine_file: Path | None, runs: Path | None) -> Rig:
             raise InputError("is another kind of machine than the campaign's", file=machine_file)
         return _of_campaign(nominal, campaign)
     if machine is None:
-        raise InputError("a plan of runs needs --machine", file=runs)
+        raise InputError("a plan of runs needs a machine beside it", file=runs)
     return _of_plan(machine, runs)
 
 
@@ -188,7 +188,7 @@ def _axis_of_campaign(machine: Any, runs: Sequence[Run], rate: float) -> Rig:
     low, high = min(float(np.min(way)) for way in ways), max(float(np.max(way)) for way in ways)
     top = max(float(np.max(np.abs(speed))) for speed in references)
     if not (top > 0.0 and high > low):
-        raise InputError("the axis stands still in every run", place="--runs")
+        raise InputError("the axis stands still in every run", place="runs")
     steepest = max(float(np.max(np.abs(np.gradient(speed, AXIS_S)))) for speed in references)
     steps = np.concatenate([np.abs(np.diff(way)) for way in ways])
     drawn = DrawnAxis(

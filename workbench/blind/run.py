@@ -173,7 +173,7 @@ def _in_processes(
     except BrokenProcessPool as error:
         raise InputError(
             "a process ended in the middle of a diagnosis, perhaps for want of memory; what was answered is kept, the "
-            "same command goes on, with --processes 1 in less memory"
+            "same command goes on, with one process in less memory"
         ) from error
     finally:
         pool.shutdown(wait=False, cancel_futures=True)

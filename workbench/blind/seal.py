@@ -84,7 +84,7 @@ def write_key(path: Path, key: bytes) -> None:
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
             stream.write(key + b"\n")
     except FileExistsError:
-        raise InputError("is there; nothing is overwritten, choose another --key", file=path) from None
+        raise InputError("is there; nothing is overwritten, choose another file for the key", file=path) from None
     except OSError as error:
         raise InputError(f"the key cannot be written: {error.strerror or error}", file=path) from error
 
@@ -120,9 +120,7 @@ def unseal(folder: Path, manifest: Manifest, key_file: Path) -> Truth:
     try:
         key = key_file.read_bytes().strip()
     except FileNotFoundError:
-        raise InputError(
-            "no key there; --key names the file that `workbench blind make` wrote", file=key_file
-        ) from None
+        raise InputError("no key there, expected the file that `workbench blind make` wrote", file=key_file) from None
     except OSError as error:
         raise InputError(f"the key cannot be read: {error.strerror or error}", file=key_file) from error
     module = fernet()

@@ -6,7 +6,8 @@ import importlib
 
 import click
 
-from workbench.errors import nearest
+from workbench.cli.options import placed_at_option
+from workbench.errors import InputError, nearest
 
 PARTS = {
     "make": "Make campaigns and seal what is in them.",
@@ -33,6 +34,14 @@ class _Parts(click.Group):
         if args[0] not in PARTS and not args[0].startswith("-"):
             ctx.fail(f"unknown command '{args[0]}'; {nearest(args[0], PARTS)}")
         return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> object:
+        """The library names its own parameters; what was typed is an option."""
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            part = self.get_command(ctx, ctx.invoked_subcommand or "")
+            raise placed_at_option(error, part.params if part else ()) from error
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

@@ -20,14 +20,13 @@ import click
 @click.option("--seed", type=click.IntRange(min=0), help="Sealed with the labels. Default: drawn by the system.")
 @click.option(
     "--source",
-    "sources",
     multiple=True,
     default=["simulator"],
     show_default=True,
     help="What plays the machine: simulator, multibody or plant; again for more than one.",
 )
 @click.option("--kind", type=click.Choice(["hoist", "axis"]), help="Machines of one kind only.")
-@click.option("--family", "families", multiple=True, help="Families of machines, see docs/blind.md; may be repeated.")
+@click.option("--family", multiple=True, help="Families of machines, see docs/blind.md; may be repeated.")
 @click.option("--effects", help="Names of the effects that may be withheld, separated by commas. Default: all.")
 @click.option("--case", type=click.Choice(["singles", "none", "pairs", "unknown"]), help="Cases of one sort only.")
 @click.option("--key", type=click.Path(path_type=Path), help="File for the key. Default: beside the folder.")
@@ -38,9 +37,9 @@ def command(
     runs: Path | None,
     cases: int,
     seed: int | None,
-    sources: tuple[str, ...],
+    source: tuple[str, ...],
     kind: str | None,
-    families: tuple[str, ...],
+    family: tuple[str, ...],
     effects: str | None,
     case: str | None,
     key: Path | None,
@@ -53,7 +52,7 @@ def command(
     """
     from workbench.blind.ask import Asked, make_asked
 
-    asked = Asked(machine, runs, cases, seed, sources, kind, families, effects, case)
+    asked = Asked(machine, runs, cases, seed, source, kind, family, effects, case)
 
     def tell(line: str) -> None:
         click.echo(line, err=True)

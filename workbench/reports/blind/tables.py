@@ -98,7 +98,7 @@ def amounts(rows: Sequence[Row]) -> Table:
     )
     missing = numbers(rows).without_oracle
     if missing:
-        note += f" In {missing} cases the true effect was not among the best fits; --oracle fits it there too."
+        note += f" In {missing} cases the true effect was not among the best fits."
     return Table(columns, lines, note)
 
 
