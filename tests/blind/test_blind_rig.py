@@ -195,7 +195,8 @@ def test_the_power_is_the_size_from_which_nine_of_ten_are_named_and_what_never_i
     assert power is not None and power.unit == "N m"
     never, named = sorted(power.effects, key=lambda each: each.change is not None)
     assert (named.effect, named.parameter) == ("friction_viscous", "viscous_n_s_per_m")
-    assert named.change == pytest.approx(4.0, rel=0.5)
+    assert 4.0 < named.change < 10.0  # twenty cases do not say how sharp the edge at 4 is
+    assert named.change_interval[0] < 5.0
     assert named.amount == pytest.approx(100.0 * named.change)
     assert named.one_more == pytest.approx(0.5 * named.amount)
     assert named.interval[0] < named.amount < named.interval[1]
