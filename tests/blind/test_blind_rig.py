@@ -14,11 +14,14 @@ import pytest
 
 from workbench.blind import later
 from workbench.blind.amounts import scaled
+from workbench.blind.answer import Answer
 from workbench.blind.ask import LARGEST, SMALLEST, Asked, ordered
+from workbench.blind.criteria import of_the_oracle
 from workbench.blind.make import content_of, made
 from workbench.blind.power import LEAST, power_of, thresholds
 from workbench.blind.rig import Rig, rig_from
 from workbench.blind.rig_files import rig_of
+from workbench.blind.share import Share
 from workbench.blind.sources.simulator.campaign import make_campaign
 from workbench.blind.sources.simulator.content import draw
 from workbench.blind.sources.simulator.hoist.listed import LISTED, scales_of
@@ -230,3 +233,76 @@ def test_one_more_run_makes_smaller_effects_show(rig: Rig, monkeypatch: pytest.M
     ratios = [then[name] / now[name] for name in both]
     assert len(both) > 15
     assert 0.3 < np.median(ratios) < 1.0
+
+
+# What is computed once the seal is open
+
+
+def test_the_recommended_run_is_driven_as_the_menu_has_it_by_the_same_machine(rig: Rig, tmp_path: Path):
+    short = replace(rig, runs=tuple(cut(run, 20.0) for run in rig.runs[1:3]))
+    content = content_of(ordered(Asked(runs=DEMO, cases=1, case="none"), 5)[0][0], short)
+    make_campaign(tmp_path / "before", (5, 1), content)
+    asked = {
+        "payload_kg": 0.0, "profile": "slow (9.9 m/s), both ways, with reversals at half height",
+        "signals": ["tension_dead_line_n"],
+    }  # fmt: skip
+    more = later.extended(content, asked, tmp_path / "before")
+    assert more.drawn == content.drawn and more.runs[:-1] == content.runs
+    assert "tension" in more.logging.logs
+    last = more.runs[-1]
+    assert last.payload_kg == 0.0 and last.start_time_s > content.runs[-1].start_time_s
+    speed = np.array(last.reference)
+    assert np.sum(np.diff(np.sign(speed[np.abs(speed) > 1e-3])) != 0) == 5  # up, back, up, down, back, down
+    with pytest.raises(InputError, match="no run 'sideways' on the menu"):
+        later.extended(content, {**asked, "profile": "sideways"}, tmp_path / "before")
+
+
+def cut(run: Any, length_s: float) -> Any:
+    return replace(run, reference=(run.reference or ())[: round(1000 * length_s)], duration_s=length_s)
+
+
+def open_score(folder: Path) -> Any:
+    """Three cases of which two are open; the second one's label says friction_viscous."""
+    rows = []
+    for k, effect in enumerate(("heave", "friction_viscous", "torque_offset")):
+        label = {"effects": [effect], "where": [], "parameters": {}, "seed": [5, k], "torque_change_rms_nm": 5.0}
+        rows.append(
+            {
+                "folder": f"{k:03d}", "label": label, "word": "unknown", "names": [], "alike": [], "noise": 0.5,
+                "after": 1.0, "held_out": [], "next_run": {"profile": "slow"} if k else None,
+            }
+        )  # fmt: skip
+    said = {"number": 1, "seed": [5, 1], "source": "simulator", "family": "hoist_small", "case": "singles", "names": []}
+    truth = SimpleNamespace(orders={row["folder"]: said for row in rows}, rig=None)
+    score = SimpleNamespace(folder=folder, rows=tuple(rows), truth=truth)
+    score.with_rows = lambda changed: SimpleNamespace(rows=tuple(changed))
+    return score
+
+
+def test_a_next_run_settles_an_open_case_where_the_answer_becomes_right(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    asked = []
+
+    def anew(order: Any, rig: Any, row: Any) -> Answer:
+        asked.append(row["folder"])
+        return Answer("after", "named", names=("friction_viscous",))
+
+    monkeypatch.setattr(later, "_with_next_run", anew)
+    score, lines = open_score(tmp_path), []
+    assert later.with_next_runs(score, 9, 1, lines.append) == Share(1, 2)
+    assert asked == ["001", "002"] and lines[0] == "1/2 next run of campaign 001: friction_viscous"
+    assert later.with_next_runs(score, 9, 1, lines.append) == Share(1, 2)
+    assert asked == ["001", "002"]  # what was answered is kept
+    assert later.with_next_runs(score, 1, 1, lines.append) == Share(1, 1)
+
+
+def test_the_true_effect_is_fitted_where_the_diagnosis_has_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def fitted(campaigns: Path, row: Any) -> Any:
+        return {**row, "held_out": [[row["label"]["effects"], 0.8]]}
+
+    monkeypatch.setattr(later, "fitted_truth", fitted)
+    score = open_score(tmp_path)
+    score.rows[0]["held_out"] = [[["heave"], 0.5]]
+    rows = later.with_oracle(score, 1, lambda line: None).rows
+    assert [of_the_oracle(row) for row in rows] == pytest.approx([0.5, 0.8, 0.8])

@@ -255,7 +255,7 @@ def test_ctrl_c_ends_a_run_of_processes_with_what_is_answered(made: Made, tmp_pa
     assert program.stdout is not None
     assert program.stdout.readline().startswith("1/4 campaign")
     os.killpg(program.pid, signal.SIGINT)
-    assert program.wait(timeout=30) != 0
+    assert program.wait(timeout=120) != 0
     kept = len(list((made.folder / "answers").glob("*.json")))
     assert 1 <= kept < 4
     assert answered(made).kept == kept
