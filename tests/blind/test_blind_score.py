@@ -176,6 +176,14 @@ def test_the_training_error_always_names_the_best_fit_and_bic_only_what_pays_for
     assert baselines([row])[BIC][0]["names"] == [VISCOUS, OFFSET]
 
 
+def test_methods_stand_beside_each_other_on_the_same_cases():
+    shown = tables.methods(ANSWERS).by_column
+    single = shown["measured"].index("single effect named")
+    assert shown["cases"][single] == "5"
+    assert shown["workbench diagnose %"][single] == "40 (12–77)"
+    assert len(shown) == 6  # no sparse regression here
+
+
 def test_sparse_regression_that_was_not_installed_is_left_out_and_the_commonest_answer_is_of_each_kind():
     rows = [*ANSWERS, *[made([], "named", [VISCOUS], family="axis_std") for _ in range(3)]]
     found = baselines(rows)

@@ -281,7 +281,7 @@ def test_the_command_makes_runs_and_scores(tmp_path: Path, monkeypatch: pytest.M
     assert "4 of 4 campaigns have an answer, 4 of them new." in capsys.readouterr().out
     assert exit_of("blind", "score", folder, "--out", tmp_path / "sheet") == 0
     out = capsys.readouterr().out
-    assert "single effect named" in out and "1/3 (6–79 %)" in out and "no gap, but named" in out
+    assert "single effect named" in out and "1/3 (6–79)" in out and "no gap, but named" in out
     said_there = json.loads((tmp_path / "sheet" / "score.json").read_text())
     assert said_there["groups"]["hoist, simulator"]["named"] == pytest.approx(
         {"count": 1, "of": 3, "low_95": 0.0614919, "high_95": 0.792345}, rel=1e-5

@@ -32,8 +32,15 @@ class Share:
         return max(middle - half, 0.0), min(middle + half, 1.0)
 
     def text(self) -> str:
-        """As 17/18 (74–99 %); – where nothing was asked."""
+        """As 17/18 (74–99), the interval in per cent; – where nothing was asked."""
         if not self.of:
             return "–"
         low, high = self.interval()
-        return f"{self.count}/{self.of} ({100.0 * low:.0f}–{100.0 * high:.0f} %)"
+        return f"{self.count}/{self.of} ({100.0 * low:.0f}–{100.0 * high:.0f})"
+
+    def percent(self) -> str:
+        """As 94 (74–99), in per cent; – where nothing was asked."""
+        if not self.of:
+            return "–"
+        low, high = self.interval()
+        return f"{100.0 * self.count / self.of:.0f} ({100.0 * low:.0f}–{100.0 * high:.0f})"

@@ -28,7 +28,7 @@ def sections(score: Score, power: Power | None = None, settled: Share | None = N
     """The page's parts. What has no rows is left out."""
     more = [tables.settled(settled)] if settled is not None and settled.of else []
     parts = [
-        Section(sentences=[*sentences(score), *more], tables=[tables.sheet(score.rows), tables.amounts(score.rows)])
+        Section(sentences=[*sentences(score), *more], tables=[*tables.sheets(score.rows), tables.amounts(score.rows)])
     ]
     if power is not None:
         chart = [(figures.power(power.effects, power.unit), power.note)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections import Counter
 from collections.abc import Sequence
 
@@ -14,8 +15,14 @@ from workbench.blind.power import Power
 from workbench.blind.share import Share
 from workbench.tables import Column, Table, words
 
-WILSON = "In brackets: 95 % Wilson interval."
+WILSON = "In brackets: 95 % Wilson interval, in per cent."
 DIAGNOSIS = "workbench diagnose"
+
+
+def sheets(rows: Sequence[Row]) -> list[Table]:
+    """A sheet for each kind of machine."""
+    kinds = sorted({criteria.kind_of(row) for row in rows})
+    return [sheet([row for row in rows if criteria.kind_of(row) == kind]) for kind in kinds]
 
 
 def sheet(rows: Sequence[Row]) -> Table:
@@ -45,7 +52,7 @@ def _says_something(line: Sequence[str]) -> bool:
 
 def sizes(rows: Sequence[Row]) -> Table:
     """A line for each size of the gap over the noise."""
-    keys = ("named", "named_or_alike", "first_three", "pair_both", "unknown_caught", "place")
+    keys = ("named", "named_or_alike", "pair_both", "unknown_caught", "place")
     chosen = [measures.measure(key) for key in keys]
     found = measures.by_size(rows)
     columns = [words("gap over\nnoise"), *(Column(each.name) for each in chosen)]
@@ -65,13 +72,21 @@ def _columns(lines: Sequence[Sequence[str]]) -> list[list[str]]:
 
 
 def methods(rows: Sequence[Row]) -> Table:
-    """The diagnosis beside what a user might do instead."""
-    chosen = [measures.measure(key) for key in OF_A_METHOD]
-    answers = {DIAGNOSIS: rows, **baselines(rows)}
-    columns = [words("method"), *(Column(each.name) for each in chosen)]
-    lines = [[name, *(each.share(which).text() for each in chosen)] for name, which in answers.items()]
+    """The diagnosis beside what a user might do instead: a line a measure, a column a method."""
+    answers: dict[str, Sequence[Row]] = {DIAGNOSIS: rows, **baselines(rows)}
+    lines = []
+    for each in (measures.measure(key) for key in OF_A_METHOD):
+        shares = [each.share(which) for which in answers.values()]
+        if shares[0].of:
+            lines.append([each.line, str(shares[0].of), *(share.percent() for share in shares)])
+    heads = [Column(name.replace(" ", "\n", 1) if len(name) < 20 else _parted(name), "%") for name in answers]
     note = "The commonest answer is taken from the labels. " + WILSON
-    return Table(_filled(columns, lines), _columns(lines), note)
+    return Table([words("measured"), Column("cases"), *heads], lines, note)
+
+
+def _parted(name: str) -> str:
+    """Over lines of some twelve characters."""
+    return "\n".join(textwrap.wrap(name, 14))
 
 
 def amounts(rows: Sequence[Row]) -> Table:
