@@ -277,6 +277,11 @@ def test_misses_are_listed_largest_first_and_no_more_than_asked():
     assert shown.rows[0][3:6] == ["18.0", "torque_offset", "0.90"]
     assert shown.rows[2][6] == "the right one is said to be alike"
     assert "The first 3 of 6" in shown.note
+    said = tables.miss_lines(ANSWERS, 1)[0]
+    assert said.startswith(
+        "002 (hoist_small, recorded): friction_viscous, 18.0 times the noise, answered torque_offset"
+    )
+    assert tables.miss_lines(ANSWERS[:1], 3) == []
 
 
 @pytest.mark.parametrize(

@@ -56,11 +56,13 @@ def command(
     ]
     if power is not None:
         shown.append(("The power of these runs", tables.power(power)))
-    shown += [("Beside other methods", tables.methods(score.rows)), ("Misses", tables.misses(score.rows, misses))]
+    shown.append(("Beside other methods", tables.methods(score.rows)))
     for head, table in shown:
         if table:
             click.echo(f"\n{head}" if head else "")
             print_table(table)
+    if missed := tables.miss_lines(score.rows, misses):
+        print_text(["", "Misses", *missed])
     if settled is not None:
         print_text(["", tables.settled(settled)])
     if out is not None:

@@ -180,6 +180,16 @@ def misses(rows: Sequence[Row], most: int | None = None) -> Table:
     return Table(columns, lines, f"Largest gaps first.{more}" if lines else "")
 
 
+def miss_lines(rows: Sequence[Row], most: int) -> list[str]:
+    """The misses as sentences, for a terminal."""
+    shown = misses(rows, most)
+    lines = [
+        f"{name} ({which}): {told}, {size} times the noise, answered {said} ({probability}): {how}."
+        for name, which, told, size, said, probability, how in shown.rows
+    ]
+    return [*lines, shown.note] if lines else []
+
+
 def why(row: Row) -> str:
     """One line on a miss, from what the answer weighed."""
     if row["word"] in ("refused", "failed"):
