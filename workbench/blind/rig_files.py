@@ -26,7 +26,8 @@ from workbench.effects import check
 from workbench.errors import InputError, nearest
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Hoist, LinearAxis, RotaryAxis, load_machine
-from workbench.machine.record import Finite, NotNegative, Positive, Record
+from workbench.machine.quantities import Finite, NotNegative, Positive
+from workbench.machine.record import Record
 from workbench.run import Array, Run
 from workbench.yaml_strict import load, validate
 
