@@ -36,6 +36,7 @@ LAYERS = [
     ("cluster", "export", "testing"),
     ("consequences",),
     ("diagnose",),
+    ("blind",),
     ("figures",),
     ("reports",),
     ("face", "dashboard"),

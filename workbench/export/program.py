@@ -222,8 +222,8 @@ def run(program: Program, record: Record) -> Array:
     scope |= {number.name: number.value for number in program.numbers}
     code = [compile(line, "<program>", "exec") for line in program.lines]
     scope["torque_hold_nm"] = record.hold_nm
-    for line in program.reset:
-        exec(line, scope)
+    for reset in program.reset:
+        exec(reset, scope)
     out = np.empty(len(record.torque_nm))
     for k in range(len(out)):
         scope |= {"reference": float(record.reference_rad_s[k]), "speed": float(record.speed_rad_s[k])}
