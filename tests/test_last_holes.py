@@ -6,6 +6,7 @@ import errno
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,9 @@ from workbench.yaml_strict import readable_file
 
 def test_a_result_knows_its_own_bytes(tmp_path):
     whole = finished_result()
-    assert set(read_manifest(whole)["files"]) == {"index.parquet", "scenario.yaml", "machine.yaml"}
+    manifest = read_manifest(whole)
+    assert manifest is not None
+    assert set(manifest["files"]) == {"index.parquet", "scenario.yaml", "machine.yaml"}
     for name in (INDEX, "manifest.json"):
         (tmp_path / name).write_bytes((whole / name).read_bytes())
     assert [row.status for row in read_rows(tmp_path)] == ["ok"] * len(read_rows(whole))
@@ -48,7 +51,7 @@ def test_json_replaces_nothing_that_it_did_not_write(tmp_path, content):
 def test_json_is_written_whole_or_not_at_all_and_knows_no_nan(tmp_path, monkeypatch):
     path = tmp_path / "compared.json"
     replace_json(path, {"newly_failed": [], "x": math.nan, "inner": {"y": [math.inf, 1.0]}}, "newly_failed")
-    said = {"newly_failed": [], "x": None, "inner": {"y": [None, 1.0]}}
+    said: dict[str, Any] = {"newly_failed": [], "x": None, "inner": {"y": [None, 1.0]}}
     assert json.loads(path.read_text()) == said
 
     def full(_: int) -> None:

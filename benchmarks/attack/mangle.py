@@ -260,7 +260,7 @@ def _changed_table(content: bytes, chance: Chance) -> bytes:
         row = chance.randrange(len(values)) if values else 0
         way = chance.choice(["value", "value", "value", "all", "type", "name", "drop", "cut", "note", "repeat"])
         if way in ("value", "all"):
-            odd = [None, 0.0, -1.0, 1e308, -1e308, 1e-320, float("nan"), float("inf"), 1e29]
+            odd: list[Any] = [None, 0.0, -1.0, 1e308, -1e308, 1e-320, float("nan"), float("inf"), 1e29]
             if values and isinstance(values[0], str):
                 odd = ["", "ok", "failed", "../../x", "\x00", "\x1b[31m", "é" * 300, "x" * 3000]
             new = chance.choice(odd)

@@ -188,6 +188,7 @@ def impulse_by_the_step(settings: PiSettings, machine: Hoist, n: int, of_referen
         reference = SimpleNamespace(speed_reference_rad_s=pulse if of_reference else 0.0)
         speed = 0.0 if of_reference else pulse
         measured = SimpleNamespace(t=0.0, speed_motor_rad_s=speed, angle_motor_rad=0.0)
+        assert controller.sensed is not None
         line.insert(0, controller.sensed(p, memory, measured, settings.sample_time_s))
         whole, near, far = delay_weights(p.late)
         measured.late = near * line[whole] + far * line[whole + 1]

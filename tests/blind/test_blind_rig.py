@@ -289,7 +289,8 @@ def test_a_next_run_settles_an_open_case_where_the_answer_becomes_right(
         return Answer("after", "named", names=("friction_viscous",))
 
     monkeypatch.setattr(later, "_with_next_run", anew)
-    score, lines = open_score(tmp_path), []
+    score = open_score(tmp_path)
+    lines: list[str] = []
     assert later.with_next_runs(score, 9, 1, lines.append) == Share(1, 2)
     assert asked == ["001", "002"] and lines[0] == "1/2 next run of campaign 001: friction_viscous"
     assert later.with_next_runs(score, 9, 1, lines.append) == Share(1, 2)

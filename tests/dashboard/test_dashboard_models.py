@@ -26,6 +26,7 @@ from workbench.dashboard.pages.validate.models_work import SHOWN, run
 from workbench.dashboard.section_file import read_section
 from workbench.errors import InputError
 from workbench.logs import read_campaign
+from workbench.machine import Hoist
 from workbench.machine.files import machine_text
 from workbench.multibody.exudyn_import import engine
 from workbench.simulate.models import compare_models
@@ -71,6 +72,7 @@ def test_both_models_are_compared_by_a_job_and_shown(server, tmp_path):
     (job,) = jobs.jobs_of(work, "models")
     assert jobs.poll(job).state == "done", jobs.poll(job).sentence
     campaign = read_campaign(tmp_path / "owner" / NAME)
+    assert isinstance(campaign.machine, Hoist)
     expected = compare_models(campaign.machine, campaign.runs)
     line = app.dataframe[-1].value.iloc[0]
     assert float(line.iloc[3]) == pytest.approx(expected.runs[0].apart_percent, abs=2e-3)

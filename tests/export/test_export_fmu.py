@@ -193,8 +193,8 @@ def test_an_axis_rests_where_its_plant_says_and_moves_as_the_replay(machine: Axi
     assert one.get(*plant.positions) == pytest.approx(q, abs=1e-9)
     unit = plant.input.rpartition("_")[2]
     assert one.get(f"{plant.input.removesuffix(unit)}hold_{unit}") == pytest.approx([hold], abs=1e-8)
-    t = 0.002 * np.arange(1000)
-    u = hold + (60.0 if machine is LINEAR else 6.0) * np.sin(2.0 * np.pi * 0.5 * t)
+    t: Array = np.asarray(0.002 * np.arange(1000), dtype=float)
+    u: Array = hold + (60.0 if machine is LINEAR else 6.0) * np.sin(2.0 * np.pi * 0.5 * t)
     zero = {plant.speeds[0]: np.zeros_like(t), plant.positions[0]: np.full_like(t, 0.3)}
     states = replayed(machine, Run("made", t, {plant.input: u, **zero}, 0.0, 0.3, 0.0))
     speed = states[:, len(plant.positions)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 from pydantic import BaseModel
@@ -45,7 +45,7 @@ def test_bounds_are_wider_than_the_machine_that_ships_with_the_package():
     known = {name: (low, high) for name, low, high, _ in bounded(type(default_hoist()))}
     assert len(known) > 60
     for name, (low, high) in known.items():
-        value = default_hoist()
+        value: Any = default_hoist()
         for part in name.split("."):
             value = getattr(value, part, None)
         if value is not None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from workbench.blind.baselines import sparse_regression
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
-from workbench.diagnose.verdict.judge import ranked_merits, same_but_freer
+from workbench.diagnose.verdict.judge import same_but_freer
 from workbench.errors import InputError
 from workbench.logs import read_campaign
 from workbench.plants import plant_of
@@ -99,7 +99,7 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
         alike=d.verdict.alike,
         ranking=[(row.verdict, list(row.effects), row.probability) for row in d.verdict.ranking[:8]],
         weighed=[_weighed(w, len(base.z)) for w in d.judged.weighed],
-        counted=[(list(names), merit) for names, merit in ranked_merits(d.judged.weighed, d.judged.best)],
+        counted=[(list(names), merit) for names, merit in d.judged.counted],
         evidence=dict(d.judged.evidence),
         estimates={
             name: {e.name: (e.value, e.std_error) for e in rows}

@@ -75,7 +75,8 @@ class Judged:
     """word, names: the answer. best: the best named hypothesis, also where it is not the answer.
 
     held: the fit that the answer was judged on. left: what it leaves. floor: rms of noise and discrepancy, in the
-    input's unit: what a machine without a gap leaves. explained: share of the gap's energy.
+    input's unit: what a machine without a gap leaves. explained: share of the gap's energy. counted:
+    merits as they were ranked.
     """
 
     word: VerdictWord
@@ -90,6 +91,7 @@ class Judged:
     floor: float
     unknown_probability: float
     reasons: tuple[Reason, ...]
+    counted: tuple[tuple[Names, float], ...]
 
 
 def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
@@ -216,12 +218,25 @@ def judge(found: Found, barred: Collection[Names] = ()) -> Judged:
     left, share = left_of(found, held, floor)
     evidence = evidence_of(found, held, score, left, share)
     vetoes = [w for w in weighed if w.rival and (best is None or advantage(found, w, best) > DECISIVE)]
-    rows = rank(ranked_merits(weighed, vetoes), evidence, calibration())
+    counted = tuple(ranked_merits(weighed, vetoes))
+    rows = rank(counted, evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, best, vetoes)
     answer = rows[0]
     return Judged(
-        answer.verdict, answer.effects, rows, weighed, best, held, left, share, evidence, floor, unknown, reasons
+        answer.verdict,
+        answer.effects,
+        rows,
+        weighed,
+        best,
+        held,
+        left,
+        share,
+        evidence,
+        floor,
+        unknown,
+        reasons,
+        counted,
     )
 
 
@@ -355,7 +370,7 @@ def alike(judged: Judged, kind: str, within: float = 12.0) -> tuple[str, ...]:
     return tuple(
         w.names[0]
         for w in others
-        if w.merit > calibration()["threshold"]
+        if w.merit > 0.0
         and w.fit.prior - best.fit.prior < STRETCHED
         and (
             (best.merit - w.merit < within and not same_but_freer(w.names[0], best.names[0], kind))
