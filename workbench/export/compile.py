@@ -71,7 +71,7 @@ def targets_of(names: Sequence[str]) -> tuple[str, ...]:
     """Checked names of targets, each once. InputError for an unknown one, or one that no compiler here makes."""
     for name in names:
         if name not in TARGETS:
-            raise InputError(f"unknown platform '{name}'; {nearest(name, TARGETS)}", place="--platforms")
+            raise InputError(f"unknown platform '{name}'; {nearest(name, TARGETS)}", place="platforms")
         compiler(name)
     return tuple(dict.fromkeys(names))
 
@@ -87,7 +87,7 @@ def compiler(target: str) -> list[str]:
     if target == host():
         raise InputError("no C compiler is here; install one, or the extra: pip install '.[fmu]'")
     raise InputError(f"a binary for {target} takes the extra: pip install '.[fmu]'; "
-                     f"without it, --platforms {host() or 'none'}")  # fmt: skip
+                     f"without it only {host() or 'none'} can be made")  # fmt: skip
 
 
 def shared_library(folder: Path, files: Sequence[str], target: str, to: Path, flags: Sequence[str] = FLAGS) -> None:
