@@ -53,7 +53,7 @@ def command(controller: Path, form: str, drive: str, out: Path, machine: Path | 
             raise InputError(f"is {of_kind(read)}; a controller is exported for {STUDIED}", file=machine)
         hoist = found
     if not 0.0 <= payload < float("inf"):
-        raise InputError(f"{payload:g} kg, expected 0 or more", place="--payload")
+        raise InputError(f"{payload:g} kg, expected 0 or more", place="payload_kg")
     files = controller_files(form, settings, hoist, payload, drive, ramp)  # type: ignore[arg-type]
     write_controller(files, out)
     if form == "yaml":

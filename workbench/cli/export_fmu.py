@@ -18,7 +18,7 @@ from workbench.cli.options import effects_option
 )
 @click.option(
     "--effect",
-    "chosen",
+    "effect",
     multiple=True,
     metavar="NAME.PARAMETER=VALUE",
     help="An effect beside those of MACHINE, or another value of one; may be repeated.",
@@ -42,7 +42,7 @@ def command(
     out: Path,
     payload: float,
     start_position: float | None,
-    chosen: tuple[str, ...],
+    effect: tuple[str, ...],
     controller: Path | None,
     fmi: str,
     platforms: str | None,
@@ -63,7 +63,7 @@ def command(
 
     settings = None if controller is None else read_controller(controller)
     read = load_machine(machine, check_effects=check)
-    model = model_of(read, Start(payload, start_position), chosen_effects(chosen), settings, step)
+    model = model_of(read, Start(payload, start_position), chosen_effects(effect), settings, step)
     made = write_fmu(model, out, fmi, chosen_platforms(platforms), lambda line: click.echo(line, err=True))  # type: ignore[arg-type]
     binaries = f"binaries for {', '.join(made)}" if made else "no binaries"
     print_text(

@@ -23,7 +23,7 @@ def chosen_effects(words: Sequence[str]) -> dict[str, dict[str, float]]:
         except ValueError:
             number = math.nan
         if not (effect and parameter and math.isfinite(number)):
-            raise InputError(f"'{word}', expected NAME.PARAMETER=VALUE", place="--effect")
+            raise InputError(f"'{word}', expected NAME.PARAMETER=VALUE", place="effect")
         chosen.setdefault(effect, {})[parameter] = number
     return chosen
 
@@ -36,7 +36,7 @@ def chosen_platforms(text: str | None) -> tuple[str, ...] | None:
         return ()
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if not names:
-        raise InputError(f"'{text}', expected names with commas between, or 'none'", place="--platforms")
+        raise InputError(f"'{text}', expected names with commas between, or 'none'", place="platforms")
     return names
 
 

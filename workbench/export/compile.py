@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from workbench.errors import InputError, nearest
 
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
+FLAGS = ("-std=c99", "-O2", "-g0", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
 HEADERS = Path(__file__).with_name("c") / "fmi"
 MOST_S = 3600.0  # the first build for another system compiles that system's C library too
 
@@ -71,7 +71,7 @@ def targets_of(names: Sequence[str]) -> tuple[str, ...]:
     """Checked names of targets, each once. InputError for an unknown one, or one that no compiler here makes."""
     for name in names:
         if name not in TARGETS:
-            raise InputError(f"unknown platform '{name}'; {nearest(name, TARGETS)}", place="--platforms")
+            raise InputError(f"unknown platform '{name}'; {nearest(name, TARGETS)}", place="platforms")
         compiler(name)
     return tuple(dict.fromkeys(names))
 
@@ -87,7 +87,7 @@ def compiler(target: str) -> list[str]:
     if target == host():
         raise InputError("no C compiler is here; install one, or the extra: pip install '.[fmu]'")
     raise InputError(f"a binary for {target} takes the extra: pip install '.[fmu]'; "
-                     f"without it, --platforms {host() or 'none'}")  # fmt: skip
+                     f"without it only {host() or 'none'} can be made")  # fmt: skip
 
 
 def shared_library(folder: Path, files: Sequence[str], target: str, to: Path, flags: Sequence[str] = FLAGS) -> None:
@@ -105,6 +105,6 @@ def shared_library(folder: Path, files: Sequence[str], target: str, to: Path, fl
     if done.returncode != 0 or not to.is_file():
         lines = [line for line in (done.stderr or done.stdout).splitlines() if "error" in line.lower()]
         raise InputError(f"the C compiler failed: {(lines or ['without a word'])[0]}", place=target)
-    for leftover in to.parent.glob(f"{to.stem}.*"):  # import library and debug data of Windows
+    for leftover in to.parent.iterdir():  # import library and debug data of Windows
         if leftover.suffix in (".lib", ".pdb"):
             leftover.unlink()

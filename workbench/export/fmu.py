@@ -31,7 +31,7 @@ def write_fmu(
     here, where the compiler fails.
     """
     if os.path.lexists(out):
-        raise InputError("is there already; nothing is overwritten, choose another --out", file=out)
+        raise InputError("is there already; nothing is overwritten, choose another file", file=out)
     if not out.resolve().parent.is_dir():
         raise InputError(f"cannot be written: there is no folder {out.parent}", file=out)
     targets = targets_of(usual_targets() if platforms is None else platforms)

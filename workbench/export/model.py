@@ -104,7 +104,7 @@ def model_of(
     plant, kind = plant_of(machine), kind_of(machine)
     step_s = STEP_S.get(plant.kind, AXIS_STEP_S) if step_s is None else step_s
     if not 0.0 < step_s <= LONGEST_STEP_S:
-        raise InputError(f"{step_s:g} s, expected more than 0 and at most {LONGEST_STEP_S:g} s", place="step")
+        raise InputError(f"{step_s:g} s, expected more than 0 and at most {LONGEST_STEP_S:g} s", place="step_s")
     _check_payload(machine, start)
     active = alone(machine, effects)
     if controller is not None and not kind.studies:
@@ -174,9 +174,9 @@ def model_of(
 
 def _check_payload(machine: Hoist | Axis, start: Start) -> None:
     if not math.isfinite(start.payload_kg) or start.payload_kg < 0.0:
-        raise InputError(f"{start.payload_kg:g} kg, expected 0 or more", place="payload")
+        raise InputError(f"{start.payload_kg:g} kg, expected 0 or more", place="payload_kg")
     if start.payload_kg > 0.0 and not kind_of(machine).payload:
-        raise InputError(f"{start.payload_kg:g} kg, but {of_kind(machine)} carries no payload", place="payload")
+        raise InputError(f"{start.payload_kg:g} kg, but {of_kind(machine)} carries no payload", place="payload_kg")
 
 
 def _driven(machine: Hoist | Axis) -> str:
@@ -190,7 +190,7 @@ def _start_position(machine: Hoist | Axis, start: Start) -> float:
     at = 0.5 * (low + high) if start.position is None else start.position
     if not 0.0 <= at <= machine.wire.segment_length_m:
         top = machine.wire.segment_length_m
-        raise InputError(f"{at:g} m, expected 0 to {top:g} m, where the dead anchor is", place="start position")
+        raise InputError(f"{at:g} m, expected 0 to {top:g} m, where the dead anchor is", place="start_position_m")
     return at
 
 
