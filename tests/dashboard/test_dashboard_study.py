@@ -10,6 +10,7 @@ import sys
 import time
 import tomllib
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -172,16 +173,12 @@ def test_a_loaded_scenario_sets_the_controls():
     assert app.text_input(key="study.name").value == "heavy"
 
 
-def test_a_study_runs_on_the_multi_body_machine_where_it_is_chosen():
-    app = upload(page("Study").run(), SCENARIO)
-    lumped = metrics(app)
-    app.selectbox(key="study.plant").set_value("multibody").run()
-    assert not app.exception and not app.error
-    multibody = metrics(app)
-    assert multibody != lumped and multibody.keys() == lumped.keys()
-    again = scenario_of(app.session_state["study desk"], default_hoist())
-    assert again.plant == "multibody"
-    assert desk_of(again, default_hoist()).controls.plant == "multibody"
+def test_the_plant_is_a_control_and_comes_from_a_loaded_scenario():
+    machine = default_hoist()
+    desk = desk_of(read_standalone(loads(SCENARIO + "plant: multibody\n", "s.yaml")), machine)
+    assert desk.controls.plant == "multibody" and scenario_of(desk, machine).plant == "multibody"
+    lumped = replace(desk, controls=replace(desk.controls, plant="lumped"))
+    assert scenario_of(lumped, machine).plant == "lumped"
 
 
 def test_a_scenario_loaded_stays_under_the_sliders_that_move_on_from_it():
