@@ -1,7 +1,7 @@
 # `make demo` and `make test` do all the set-up on a fresh machine with Python 3.11 or newer and make.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo app check test bench docs notebook lint lock clean
+.PHONY: help demo blind app check test bench docs notebook lint lock clean
 
 VENV := .venv
 PY := $(VENV)/bin/python
@@ -13,6 +13,7 @@ PIP := $(PY) -m pip --disable-pip-version-check install -qq
 # Where the demo finds a recorded campaign; without one, replay and identification are left out.
 DEMO_CAMPAIGN ?= ../shared/data/campaigns/01
 DEMO_OUT := results/demo
+BLIND_OUT := results/blind
 # More words for pytest: make test ARGS="-k replay -x"
 ARGS ?=
 # The rooms whose tests are quick: physics, files, the face. The tasks, the dashboard and the pages wait for `make test`.
@@ -39,6 +40,12 @@ demo: $(STAMP) ## a study, a recorded campaign where there is one, and the diagn
 	$(PY) -m workbench diagnose scenarios/demo_campaign --out $(DEMO_OUT)/diagnosis
 	@echo; echo "Figures, each a page that needs no network:"; \
 	find $(DEMO_OUT) -name '*.html' | sort | sed 's/^/  /'
+
+blind: $(STAMP) ## twelve campaigns whose truth is sealed, diagnosed without it, then scored; a few minutes
+	@rm -rf $(BLIND_OUT) $(BLIND_OUT).key $(BLIND_OUT)-score
+	$(PY) -m workbench blind make --out $(BLIND_OUT) --cases 12
+	$(PY) -m workbench blind run $(BLIND_OUT)
+	$(PY) -m workbench blind score $(BLIND_OUT) --out $(BLIND_OUT)-score
 
 app: $(STAMP) ## open the dashboard in a browser; Ctrl-C ends it
 	@$(PY) -m workbench app
@@ -70,7 +77,7 @@ lint: $(STAMP) ## ruff and mypy, all three whatever the first one says
 lock: ## write requirements.lock anew for what pyproject.toml names; UPGRADE=1 takes the newest of all
 	@$(MAKE) -s $(PY)
 	@[ -x $(VENV)-lock/bin/uv ] || { $(PY) -m venv $(VENV)-lock && $(VENV)-lock/bin/python -m pip install -qq uv; }
-	$(VENV)-lock/bin/uv pip compile pyproject.toml --extra app --extra multibody --extra test --extra dev \
+	$(VENV)-lock/bin/uv pip compile pyproject.toml --extra app --extra blind --extra multibody --extra test --extra dev \
 	  --universal --python-version 3.11 --fork-strategy fewest --only-binary :all: \
 	  --no-emit-index-url --no-emit-find-links --no-annotate --custom-compile-command "make lock" \
 	  $(if $(UPGRADE),--upgrade) --quiet -o requirements.lock

@@ -62,6 +62,15 @@ def command_of(name: str) -> click.Command:
     return command
 
 
+def parts_of(command: click.Command) -> list[click.Command]:
+    """The command, and those of a group."""
+    if not isinstance(command, click.Group):
+        return [command]
+    context = click.Context(command)
+    parts = [command.get_command(context, name) for name in command.list_commands(context)]
+    return [command, *(part for part in parts if part is not None)]
+
+
 def fault_of(line: str) -> str:
     """What is wrong with a command line, "" if nothing is."""
     words = shlex.split(re.split(r"\s[|>]|\s#", line)[0].replace("…", ""))[1:]
@@ -72,6 +81,11 @@ def fault_of(line: str) -> str:
     if words[0] not in COMMANDS:
         return f"no command {words[0]}"
     command = command_of(words[0])
+    if isinstance(command, click.Group) and len(words) > 1:
+        part = command.get_command(click.Context(command), words[1])
+        if part is None:
+            return f"no command {words[0]} {words[1]}"
+        words, command = words[1:], part
     context = click.Context(command, help_option_names=["-h", "--help"])
     try:
         given, _, _ = command.make_parser(context).parse_args(words[1:])
@@ -127,7 +141,7 @@ def test_every_command_line_is_one_that_workbench_takes(page: Path):
 
 @each_page
 def test_every_option_named_in_the_text_is_one_of_some_command(page: Path):
-    options = {word for name in COMMANDS for param in command_of(name).params for word in param.opts}
+    options = {word for name in COMMANDS for part in parts_of(command_of(name)) for p in part.params for word in p.opts}
     named = set(re.findall(r"`(--[\w-]+)", prose(page.read_text(encoding="utf-8"))))
     assert named - options - {"--help", "--version"} == set()
 
@@ -148,6 +162,9 @@ def test_command_lines_are_found_in_fences_in_indented_blocks_and_in_the_text():
         ("workbench identfy C", "no command identfy"),
         ("workbench identify C --fre x", "--free"),
         ("workbench loop --motion sideways", "'sideways' is not one of"),
+        ("workbench blind run DIR", ""),
+        ("workbench blind rum DIR", "no command blind rum"),
+        ("workbench blind run DIR --cases 3", "--cases"),
     ],
 )
 def test_a_command_line_that_does_not_exist_is_seen(line: str, fault: str):

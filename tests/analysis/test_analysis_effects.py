@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.support.ideal import ideal_hoist
 from workbench.analysis.even_motion import EvenMotion
 from workbench.analysis.family import family, operating_points
 from workbench.analysis.linearise import MOTIONS, OUTPUTS, LinearPlant, OperatingPoint, linearise
@@ -23,7 +24,7 @@ from workbench.cli import cli
 from workbench.control import PiSettings
 from workbench.effects import effects_for, of, sizes_of
 from workbench.errors import InputError
-from workbench.machine import Hoist, default_hoist, save_machine, with_correction
+from workbench.machine import Hoist, save_machine, with_correction
 from workbench.plants import HOIST, Effects, Memory
 from workbench.reports.loop.report import effect_sentences
 from workbench.trace.emit import evaluate
@@ -35,12 +36,12 @@ INERTIA = 1.656  # kg m², drive and drum of the default machine at the motor sh
 
 
 def with_effects(**effects: dict[str, float]) -> Hoist:
-    return default_hoist().model_copy(update={"effects": effects})
+    return ideal_hoist().model_copy(update={"effects": effects})
 
 
 def at_start(name: str, *, off: bool) -> Hoist:
     """The default machine with one effect where a fit begins, or exactly off."""
-    ranges = effects_for("hoist")[name].ranges(sizes_of(default_hoist()))
+    ranges = effects_for("hoist")[name].ranges(sizes_of(ideal_hoist()))
     gone = {r.name: r.start if r.vanishes_at is None else r.vanishes_at for r in ranges}
     return with_effects(**{name: gone if off else {r.name: r.start for r in ranges}})
 
@@ -64,7 +65,7 @@ def margins_of(machine: Hoist, settings: PiSettings = SETTINGS) -> Margins:
 def test_an_effect_that_vanishes_leaves_the_linear_plant_bit_for_bit(name: str, motion: Any):
     plain, gone = (
         linearise(machine, OperatingPoint(4500.0, 10.0, motion))
-        for machine in (default_hoist(), at_start(name, off=True))
+        for machine in (ideal_hoist(), at_start(name, off=True))
     )
     assert gone.states == plain.states
     for matrix in "ABC":
@@ -73,7 +74,7 @@ def test_an_effect_that_vanishes_leaves_the_linear_plant_bit_for_bit(name: str, 
 
 @pytest.mark.parametrize("name", SENSORS)
 def test_an_effect_on_a_sensor_leaves_the_margins_bit_for_bit(name: str):
-    assert margins_of(at_start(name, off=False)) == margins_of(default_hoist())
+    assert margins_of(at_start(name, off=False)) == margins_of(ideal_hoist())
 
 
 @pytest.mark.parametrize("name", [n for n in effects_for("hoist") if n not in SENSORS])
@@ -95,17 +96,17 @@ def test_gearbox_inertia_lowers_the_crossover_in_proportion_to_the_inertia(more:
     # Far above the wire's 2.5 Hz the motor turns alone: |L| = kp / (J w), so the crossover is kp / (2 pi J).
     stiff = SETTINGS.model_copy(update={"kp_nm_s_per_rad": 300.0})
     heavier = with_effects(gearbox_inertia={"inertia_kg_m2": more})
-    before, after = margins_of(default_hoist(), stiff), margins_of(heavier, stiff)
-    plain = linearise(default_hoist(), POINT)
+    before, after = margins_of(ideal_hoist(), stiff), margins_of(heavier, stiff)
+    plain = linearise(ideal_hoist(), POINT)
     assert 1.0 / plain.B[plain.states.index("speed_motor_rad_s"), 0] == pytest.approx(INERTIA, rel=1e-3)
     assert after.crossover_hz == pytest.approx(300.0 / (2.0 * math.pi * (INERTIA + more)), rel=0.01)
     assert before.crossover_hz / after.crossover_hz == pytest.approx(1.0 + more / INERTIA, rel=0.005)
 
 
 def test_viscous_friction_damps_the_carriage_by_its_slope_over_the_mass():
-    slope, mass = 9000.0, default_hoist().carriage.mass_kg + 4500.0
+    slope, mass = 9000.0, ideal_hoist().carriage.mass_kg + 4500.0
     plain, damped = (
-        linearise(m, POINT) for m in (default_hoist(), with_effects(friction_viscous={"viscous_n_s_per_m": slope}))
+        linearise(m, POINT) for m in (ideal_hoist(), with_effects(friction_viscous={"viscous_n_s_per_m": slope}))
     )
     own = "speed_carriage_m_s"
     assert element(damped, own, own) - element(plain, own, own) == pytest.approx(-slope / mass, rel=1e-9)
@@ -123,13 +124,13 @@ def test_a_carriage_error_and_a_payload_error_of_the_same_mass_are_the_same_plan
 def test_a_ripple_is_no_spring_on_the_shaft():
     # Its slope over the angle, 900 N m/rad, is seven times the wire's; under way it averages out.
     rippled = with_effects(torque_ripple={"amplitude_nm": 30.0, "order_per_turn": 30.0})
-    np.testing.assert_allclose(linearise(rippled, POINT).A, linearise(default_hoist(), POINT).A, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(linearise(rippled, POINT).A, linearise(ideal_hoist(), POINT).A, rtol=1e-9, atol=1e-9)
 
 
 def test_a_thicker_layer_of_wire_lifts_more_and_holds_with_more_torque():
-    radius = default_hoist().winch.drum_diameter_m / 2.0
+    radius = ideal_hoist().winch.drum_diameter_m / 2.0
     thick = with_effects(drum_layer_change={"radius_step_m": radius / 8.0, "drum_angle_rad": -400.0})
-    plain, layered = (linearise(m, POINT) for m in (default_hoist(), thick))
+    plain, layered = (linearise(m, POINT) for m in (ideal_hoist(), thick))
     assert layered.start[1][2] / plain.start[1][2] == pytest.approx(9.0 / 8.0, rel=1e-6)
     assert layered.start[2] / plain.start[2] == pytest.approx(9.0 / 8.0, rel=0.01)
 
@@ -137,7 +138,7 @@ def test_a_thicker_layer_of_wire_lifts_more_and_holds_with_more_torque():
 def test_a_measured_table_over_speed_is_the_viscous_friction_that_it_holds():
     at = (0.0, 0.2, 0.5, 0.8)
     levels = [5000.0 * v for v in at]
-    table = with_correction(default_hoist(), "speed_carriage_m_s", "guide", at, levels, levels)
+    table = with_correction(ideal_hoist(), "speed_carriage_m_s", "guide", at, levels, levels)
     viscous = with_effects(friction_viscous={"viscous_n_s_per_m": 5000.0})
     measured, known = (linearise(machine, POINT) for machine in (table, viscous))
     np.testing.assert_allclose(measured.A, known.A, rtol=1e-9, atol=1e-9)
@@ -153,8 +154,8 @@ def lagging(tau: float) -> Effects:
 
 
 def test_a_memory_that_the_motion_moves_is_a_state_of_the_loop():
-    mass, tau = default_hoist().carriage.mass_kg + 4500.0, 0.2
-    plant = linearise(default_hoist(), POINT, effects=lagging(tau))
+    mass, tau = ideal_hoist().carriage.mass_kg + 4500.0, 0.2
+    plant = linearise(ideal_hoist(), POINT, effects=lagging(tau))
     assert plant.states[-1] == "late_speed"
     assert element(plant, "late_speed", "speed_carriage_m_s") == pytest.approx(1.0 / tau)
     assert element(plant, "late_speed", "late_speed") == pytest.approx(-1.0 / tau)
@@ -164,20 +165,20 @@ def test_a_memory_that_the_motion_moves_is_a_state_of_the_loop():
 
 def test_the_memory_of_a_brake_that_has_let_go_is_no_state_of_the_loop():
     released = with_effects(brake_drag={"torque_nm": 60.0})
-    assert linearise(released, POINT).states == linearise(default_hoist(), POINT).states
-    assert margins_of(released) == margins_of(default_hoist())
+    assert linearise(released, POINT).states == linearise(ideal_hoist(), POINT).states
+    assert margins_of(released) == margins_of(ideal_hoist())
 
 
 def test_a_memory_without_a_steady_state_is_an_error_and_no_traceback():
     counting = Memory("count", lambda s, p: s.speed_carriage_m_s + 1.0, lambda p: 0.0, lambda p: 1.0)
     with pytest.raises(InputError, match="no steady state"):
-        linearise(default_hoist(), POINT, effects=Effects({}, (), [counting]))
+        linearise(ideal_hoist(), POINT, effects=Effects({}, (), [counting]))
 
 
 def test_the_gains_for_a_bandwidth_grow_with_the_inertia_of_the_gearbox():
-    points = operating_points(default_hoist(), (0.0, 9000.0), (10.0,))
+    points = operating_points(ideal_hoist(), (0.0, 9000.0), (10.0,))
     heavier = with_effects(gearbox_inertia={"inertia_kg_m2": 0.5})
-    before, after = (for_bandwidth(make_search(m, SETTINGS, points), 30.0, 1.4) for m in (default_hoist(), heavier))
+    before, after = (for_bandwidth(make_search(m, SETTINGS, points), 30.0, 1.4) for m in (ideal_hoist(), heavier))
     assert after.kp / before.kp == pytest.approx(1.0 + 0.5 / INERTIA, rel=0.02)
     settings = SETTINGS.model_copy(update={"kp_nm_s_per_rad": after.kp, "ki_nm_per_rad": after.ki})
     slowest = min(m.margins.bandwidth_hz for m in family(heavier, settings, points))
@@ -186,11 +187,11 @@ def test_the_gains_for_a_bandwidth_grow_with_the_inertia_of_the_gearbox():
 
 def test_the_trials_runs_bear_the_machines_effects():
     rough = with_effects(friction_coulomb={"level_n": 6000.0})
-    scores = [try_out(usual_trial(m, (9000.0,), 0.001), [SETTINGS])[0] for m in (default_hoist(), rough)]
+    scores = [try_out(usual_trial(m, (9000.0,), 0.001), [SETTINGS])[0] for m in (ideal_hoist(), rough)]
     # Saturated as soon as it moves: the level, seen by one of two motors through drum and gearbox, and its overshoot.
-    torque = 6000.0 * default_hoist().lift_m_per_rad / 2.0
+    torque = 6000.0 * ideal_hoist().lift_m_per_rad / 2.0
     more = scores[1].peak_percent - scores[0].peak_percent
-    level = 100.0 * torque / default_hoist().motor.nominal_torque_nm
+    level = 100.0 * torque / ideal_hoist().motor.nominal_torque_nm
     assert level < more < 1.3 * level
 
 
@@ -218,7 +219,7 @@ def _rule(machine: Hoist) -> PiSettings:
 
 def test_an_unknown_effect_of_the_loops_machine_is_named_with_its_file(tmp_path: Path):
     file = tmp_path / "machine.yaml"
-    save_machine(default_hoist(), file)
+    save_machine(ideal_hoist(), file)
     file.write_text(
         file.read_text(encoding="utf-8") + "effects: {gearbox_inertja: {inertia_kg_m2: 1.0}}\n", encoding="utf-8"
     )

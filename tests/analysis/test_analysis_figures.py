@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import Member, family, operating_points, weakest
 from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import linear_loop
 from workbench.analysis.step import step_response
 from workbench.control import PiSettings
 from workbench.figures.loop import bode, gang_of_four, member_name, nyquist, steps
-from workbench.machine import default_hoist, with_values
+from workbench.machine import with_values
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.loop.report import poles_in_s, sentences, table, write_loop
 
-MACHINE = with_values(default_hoist(), {"drive.speed_delay_s": 0.005, "drive.torque_lag_s": 0.004})
+MACHINE = with_values(ideal_hoist(), {"drive.speed_delay_s": 0.005, "drive.torque_lag_s": 0.004})
 SETTINGS = PiSettings(kp_nm_s_per_rad=40.0, ki_nm_per_rad=300.0, set_point_weight=0.8)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -10,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.ideal import ideal_hoist
 from workbench.analysis.controller import linear_controller
-from workbench.analysis.discrete import STEP_S, Sampled, sampled_plant
+from workbench.analysis.discrete import Sampled, sampled_plant
 from workbench.analysis.linearise import (
     MOTIONS,
     OUTPUTS,
@@ -22,15 +22,14 @@ from workbench.analysis.linearise import (
 )
 from workbench.control import FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
 from workbench.errors import InputError
-from workbench.machine import Hoist, default_hoist, with_values
+from workbench.machine import Hoist, with_values
 from workbench.plants import HOIST
-from workbench.simulate.loop import simulate_loop
 
 PAYLOADS = (0.0, 4500.0, 9000.0)
 
 
 def with_drive(**drive: float) -> Hoist:
-    return with_values(default_hoist(), {f"drive.{key}": value for key, value in drive.items()})
+    return with_values(ideal_hoist(), {f"drive.{key}": value for key, value in drive.items()})
 
 
 def oscillation(plant: LinearPlant) -> tuple[float, float]:
@@ -42,8 +41,8 @@ def oscillation(plant: LinearPlant) -> tuple[float, float]:
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_the_linear_plant_is_the_finite_difference_of_the_plant(payload: float, motion: Any):
-    plant = linearise(default_hoist(), OperatingPoint(payload, 10.0, motion), height_free=True)
-    p = HOIST.values(default_hoist(), payload)
+    plant = linearise(ideal_hoist(), OperatingPoint(payload, 10.0, motion), height_free=True)
+    p = HOIST.values(ideal_hoist(), payload)
     q0, y0, u0 = plant.start
     _, even, _ = HOIST.start_of(10.0, 1.0, p)
     T = np.eye(6)
@@ -71,20 +70,20 @@ def test_the_linear_plant_is_the_finite_difference_of_the_plant(payload: float, 
 
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_the_operating_point_accelerates_nothing(motion: Any):
-    plant = linearise(default_hoist(), OperatingPoint(9000.0, 3.0, motion))
+    plant = linearise(ideal_hoist(), OperatingPoint(9000.0, 3.0, motion))
     q, y, u = plant.start
-    np.testing.assert_allclose(HOIST.accelerations(0.0, q, y, u, HOIST.values(default_hoist(), 9000.0)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(HOIST.accelerations(0.0, q, y, u, HOIST.values(ideal_hoist(), 9000.0)), 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("payload", "hz", "zeta"), [(0.0, 3.10, 0.97), (4500.0, 2.55, 0.80), (9000.0, 2.24, 0.70)])
 def test_the_carriage_on_the_wire_with_a_free_motor_is_that_of_the_model_page(payload: float, hz: float, zeta: float):
-    found = oscillation(linearise(default_hoist(), OperatingPoint(payload, 10.0)))
+    found = oscillation(linearise(ideal_hoist(), OperatingPoint(payload, 10.0)))
     assert found == pytest.approx((hz, zeta), abs=0.006)
 
 
 @pytest.mark.parametrize(("payload", "hz", "zeta"), [(0.0, 2.93, 0.92), (4500.0, 2.35, 0.74), (9000.0, 2.01, 0.63)])
 def test_with_a_held_motor_it_is_that_of_the_model_page_too(payload: float, hz: float, zeta: float):
-    held = with_values(default_hoist(), {"motor.rotor_inertia_kg_m2": 1e6})
+    held = with_values(ideal_hoist(), {"motor.rotor_inertia_kg_m2": 1e6})
     found = oscillation(linearise(held, OperatingPoint(payload, 10.0)))
     assert found == pytest.approx((hz, zeta), abs=0.006)
 
@@ -94,24 +93,24 @@ def test_with_a_held_motor_it_is_that_of_the_model_page_too(payload: float, hz: 
     [(0.0, "hoisting", -5660), (9000.0, "lowering", -5660), (9000.0, "at_rest", -11200)],
 )
 def test_the_fastest_eigenvalue_is_that_of_the_model_page(payload: float, motion: Any, fastest: float):
-    plant = linearise(default_hoist(), OperatingPoint(payload, 10.0, motion))
+    plant = linearise(ideal_hoist(), OperatingPoint(payload, 10.0, motion))
     assert np.linalg.eigvals(plant.A).real.min() == pytest.approx(fastest, rel=3e-3)
 
 
 def test_the_height_makes_one_slow_unstable_mode_and_nothing_else_where_a_loop_works():
     point = OperatingPoint(0.0, 10.0)
-    free = linearise(default_hoist(), point, height_free=True)
-    frozen = linearise(default_hoist(), point)
+    free = linearise(ideal_hoist(), point, height_free=True)
+    frozen = linearise(ideal_hoist(), point)
     assert np.linalg.eigvals(free.A).real.max() == pytest.approx(0.025, abs=0.001)
     assert np.linalg.eigvals(frozen.A).real.max() < 0.0
     f = np.geomspace(0.1, 400.0, 50)
-    a, b = (sampled_plant(each, 0.001, 0.0).response(f)[:, 0, 0] for each in (free, frozen))
+    a, b = (sampled_plant(each, 0.001, ideal_hoist().drive).response(f)[:, 0, 0] for each in (free, frozen))
     np.testing.assert_allclose(a, b, rtol=2.5e-3)
     np.testing.assert_allclose(a[f > 1.0], b[f > 1.0], rtol=3e-5)
 
 
 def test_a_wire_as_stiff_as_its_free_length_moves_the_mode_by_the_root_of_the_stiffness():
-    held = with_values(default_hoist(), {"motor.rotor_inertia_kg_m2": 1e6, "wire.damping_time_s": 0.02})
+    held = with_values(ideal_hoist(), {"motor.rotor_inertia_kg_m2": 1e6, "wire.damping_time_s": 0.02})
     short = linearise(held, OperatingPoint(9000.0, 15.0), effects=STIFFNESS_BY_LENGTH)
     whole = linearise(held, OperatingPoint(9000.0, 15.0))
     assert oscillation(short)[0] / oscillation(whole)[0] == pytest.approx(np.sqrt(25.0 / 10.0), rel=2e-3)
@@ -120,30 +119,39 @@ def test_a_wire_as_stiff_as_its_free_length_moves_the_mode_by_the_root_of_the_st
 def test_the_sampled_plant_is_the_exact_hold_of_the_continuous_one():
     import control
 
-    plant = linearise(default_hoist(), OperatingPoint(4500.0, 10.0))
-    ours = sampled_plant(plant, 0.004, 0.0)
+    plant = linearise(ideal_hoist(), OperatingPoint(4500.0, 10.0))
+    ours = sampled_plant(plant, 0.004, ideal_hoist().drive)
     theirs = control.c2d(plant.system(), 0.004, "zoh")
     np.testing.assert_allclose(ours.A, theirs.A, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(ours.B[:, [0]], theirs.B, rtol=1e-9, atol=1e-12)
 
 
-def test_behind_a_lag_the_sampled_plant_is_near_the_continuous_lag_and_ends_exact():
+def test_behind_a_lag_the_sampled_plant_is_the_exact_hold_of_plant_and_lag_together():
     import control
 
     lag = 0.006
-    plant = linearise(default_hoist(), OperatingPoint(4500.0, 10.0))
-    ours = sampled_plant(plant, 0.002, lag)
+    plant = linearise(ideal_hoist(), OperatingPoint(4500.0, 10.0))
+    ours = sampled_plant(plant, 0.002, with_values(ideal_hoist(), {"drive.torque_lag_s": lag}).drive)
     f = np.geomspace(0.1, 30.0, 30)
     lagged = plant.system()[0, 0] * control.tf(1, [lag, 1])
     theirs = control.c2d(lagged, 0.002, "zoh")(np.exp(2j * np.pi * f * 0.002))
-    # Linear within a step of 1 ms: off by (step/lag)^2/12 of the torque's own change.
-    np.testing.assert_allclose(ours.response(f)[:, 0, 0], theirs, rtol=4e-3)
+    np.testing.assert_allclose(ours.response(f)[:, 0, 0], theirs, rtol=1e-6)
     assert ours.poles().real.min() >= 0.0
     assert np.min(np.abs(ours.poles() - np.exp(-0.002 / lag))) < 1e-12
 
 
-def test_the_step_of_the_analysis_is_the_step_of_the_compiled_loop():
-    assert inspect.signature(simulate_loop).parameters["step_s"].default == STEP_S
+def test_a_counting_encoder_gives_the_mean_speed_since_the_last_sample():
+    import control
+
+    plant = linearise(ideal_hoist(), OperatingPoint(4500.0, 10.0))
+    counted = sampled_plant(plant, 0.002, ideal_hoist().drive.model_copy(update={"encoder_counts_per_turn": 4096}))
+    f = np.geomspace(0.1, 200.0, 30)
+    integral = control.c2d(plant.system()[0, 0] * control.tf(1, [1, 0]), 0.002, "zoh")
+    z = np.exp(2j * np.pi * f * 0.002)
+    np.testing.assert_allclose(counted.response(f)[:, -1, 0], integral(z) * (1.0 - 1.0 / z) / 0.002, rtol=1e-6)
+    np.testing.assert_allclose(
+        counted.response(f)[:, 0, 0], sampled_plant(plant, 0.002, ideal_hoist().drive).response(f)[:, 0, 0], rtol=1e-9
+    )
 
 
 SETTINGS = {
@@ -200,7 +208,7 @@ def test_the_linear_controller_answers_a_pulse_as_the_step_does(settings: Any, m
 
 
 def test_a_plain_controller_is_kp_and_an_euler_integral():
-    linear = linear_controller(SETTINGS["weighted"], default_hoist())
+    linear = linear_controller(SETTINGS["weighted"], ideal_hoist())
     f = np.geomspace(0.01, 500.0, 20)
     z = np.exp(2j * np.pi * f * 0.001)
     integral = 122.0 * 0.001 / (z - 1.0)

@@ -8,26 +8,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import LinearLoop, linear_loop
 from workbench.analysis.margins import margins
 from workbench.control import Notch, PiSettings
 from workbench.errors import InputError
-from workbench.machine import Hoist, default_hoist, with_values
+from workbench.machine import Hoist, with_values
 from workbench.plants import Effects
 
 PI = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
 
 
 def with_drive(base: Hoist | None = None, **drive: float) -> Hoist:
-    return with_values(base or default_hoist(), {f"drive.{key}": value for key, value in drive.items()})
+    return with_values(base or ideal_hoist(), {f"drive.{key}": value for key, value in drive.items()})
 
 
 SLOW_DRIVE = with_drive(torque_lag_s=0.004, speed_filter_s=0.003, speed_delay_s=0.0025)
-LIGHTLY_DAMPED = with_values(default_hoist(), {"wire.damping_time_s": 0.004})
+LIGHTLY_DAMPED = with_values(ideal_hoist(), {"wire.damping_time_s": 0.004})
 LOOPS = {
-    "ideal drive": linear_loop(default_hoist(), PI, OperatingPoint(0.0, 10.0)),
+    "ideal drive": linear_loop(ideal_hoist(), PI, OperatingPoint(0.0, 10.0)),
     "slow drive": linear_loop(SLOW_DRIVE, PI, OperatingPoint(9000.0, 2.0, "lowering")),
     "fast gains": linear_loop(
         SLOW_DRIVE,
@@ -175,4 +176,4 @@ def test_a_family_is_every_payload_at_every_height_and_its_weakest_has_the_large
 @pytest.mark.parametrize("height", [-1.0, 25.0, 30.0])
 def test_a_height_without_free_wire_is_refused(height: float):
     with pytest.raises(InputError, match="off the rail"):
-        operating_points(default_hoist(), (0.0,), (height,))
+        operating_points(ideal_hoist(), (0.0,), (height,))

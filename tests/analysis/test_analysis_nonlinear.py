@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.support.ideal import ideal_hoist
 from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import LinearLoop, linear_loop
 from workbench.control import FeedForward, Notch, PiSettings
-from workbench.machine import Hoist, default_hoist, with_values
+from workbench.machine import Hoist, with_values
 from workbench.run import Array
 from workbench.simulate.loop import LoopCase, simulate_loop
 
@@ -17,11 +18,11 @@ RAMP, BEFORE, AFTER = 4.0, 8.0, 1.5  # s
 
 
 def with_drive(**drive: float) -> Hoist:
-    return with_values(default_hoist(), {f"drive.{key}": value for key, value in drive.items()})
+    return with_values(ideal_hoist(), {f"drive.{key}": value for key, value in drive.items()})
 
 
 def with_effects(**effects: dict[str, float]) -> Hoist:
-    return default_hoist().model_copy(update={"effects": effects})
+    return ideal_hoist().model_copy(update={"effects": effects})
 
 
 CASES = {
@@ -31,6 +32,11 @@ CASES = {
         PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=250.0, set_point_weight=0.5),
     ),
     "torque lag": (with_drive(torque_lag_s=0.004), PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)),
+    "counted speed": (
+        # So finely that what is seen is the mean over a sample and not the counts.
+        with_drive(encoder_counts_per_turn=100_000_000, torque_lag_s=0.002),
+        PiSettings(sample_time_s=0.002, kp_nm_s_per_rad=60.0, ki_nm_per_rad=500.0),
+    ),
     "effects": (
         with_effects(
             gearbox_inertia={"inertia_kg_m2": 0.4},

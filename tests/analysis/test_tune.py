@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import family, operating_points
 from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import linear_loop
@@ -20,7 +21,7 @@ from workbench.analysis.tune import Goal, Tuned, Weights, tune
 from workbench.cli import cli
 from workbench.control import Notch, PiSettings
 from workbench.errors import InputError
-from workbench.machine import Hoist, default_hoist, save_machine, with_values
+from workbench.machine import Hoist, save_machine, with_values
 from workbench.reports.loop.case import read_controller
 from workbench.reports.loop.tuning import controller_text, warning
 from workbench.study.scenario.record import Scenario
@@ -33,7 +34,7 @@ PAYLOADS = (0.0, 9000.0)
 
 def slow_drive() -> Hoist:
     return with_values(
-        default_hoist(),
+        ideal_hoist(),
         {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002},
     )
 
@@ -269,22 +270,28 @@ def test_two_goals_at_once_are_refused():
     assert "one of them" in text
 
 
-def test_an_ideal_drive_is_pointed_out():
-    code, text = run("loop", "--payloads", "0", "--heights", "5")
+def ideal_machine(folder: Path) -> str:
+    save_machine(ideal_hoist(), folder / "ideal.yaml")
+    return str(folder / "ideal.yaml")
+
+
+def test_an_ideal_drive_is_pointed_out(tmp_path: Path):
+    code, text = run("loop", "--machine", ideal_machine(tmp_path), "--payloads", "0", "--heights", "5")
     assert code == 0
     assert "drive is ideal" in " ".join(text.split())
 
 
 def test_gains_for_an_ideal_drive_carry_a_warning_and_others_none(tmp_path: Path):
     out = tmp_path / "tuned.yaml"
-    code, text = run("tune", "--payloads", "0", "--heights", "5", "--out", str(out))
+    machine = ideal_machine(tmp_path)
+    code, text = run("tune", "--machine", machine, "--payloads", "0", "--heights", "5", "--out", str(out))
     assert code == 0
     (line,) = [" ".join(part.split()) for part in text.split("\n\n") if part.startswith("Warning:")]
     assert "drive block is ideal" in line and "not for a real machine" in line and "drive.torque_lag_s" in line
     assert "# Warning: " in out.read_text(encoding="utf-8")
     assert read_controller(out).kp_nm_s_per_rad > 500.0  # which is what it warns of
     for name in ("torque_lag_s", "speed_filter_s", "speed_delay_s"):
-        assert warning(with_values(default_hoist(), {f"drive.{name}": 0.002})) is None
+        assert warning(with_values(ideal_hoist(), {f"drive.{name}": 0.002})) is None
 
 
 def test_a_scenario_gives_machine_controller_payloads_and_moves():
@@ -304,4 +311,4 @@ def test_a_scenario_that_samples_its_machine_is_analysed_at_the_nominal_one():
     from workbench.reports.loop.case import load_case
 
     case = load_case(None, ROOT / "scenarios" / "tolerances.yaml", None, None, None)
-    assert case.machine.motor == default_hoist().motor
+    assert case.machine.motor == ideal_hoist().motor

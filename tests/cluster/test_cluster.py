@@ -8,16 +8,20 @@ import multiprocessing
 import os
 import pickle
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from tests.support.batches import ROOT, RUNS, SCENARIO, environment
 from workbench.cluster import spread_on
+from workbench.cluster.spread import _next_done
 from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
 from workbench.errors import InputError
 from workbench.study.execute.batch import Progress, run_batch
@@ -226,3 +230,51 @@ def numbers_of(spread: Callable[[Study, Sequence[int]], Iterator[tuple[int, obje
 def test_only_the_chunks_asked_for_are_run(study: Study) -> None:
     with spread_on("local:1") as spread:
         assert numbers_of(spread, study) == [1, 3]
+
+
+@pytest.mark.parametrize(
+    ("reply", "said"),
+    [
+        (b"", r"nobody there speaks as a Dask scheduler does, for 0\.5 s"),
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n" * 3, "what answers there is no Dask scheduler"),
+    ],
+    ids=["silent", "http"],
+)
+def test_a_peer_that_is_no_scheduler_is_one_sentence_in_time(monkeypatch, reply, said):
+    monkeypatch.setattr("workbench.cluster.spread.CONNECT_S", 0.5)
+    taken: list[socket.socket] = []
+
+    def serve() -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                taken.append(server.accept()[0])
+                taken[-1].sendall(reply)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        threading.Thread(target=serve, daemon=True).start()
+        with pytest.raises(InputError, match=said), spread_on(f"tcp://127.0.0.1:{server.getsockname()[1]}"):
+            pass
+    for connection in taken:
+        connection.close()
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [("tls://127.0.0.1:1", "needs certificates"), ("ucx://127.0.0.1:1", "Dask cannot speak ucx here")],
+)
+def test_a_way_of_speaking_that_is_not_set_up_is_one_sentence(address, said):
+    with pytest.raises(InputError, match=said), spread_on(address):
+        pass
+
+
+def test_a_cluster_that_has_lost_its_last_worker_is_given_up_in_time(monkeypatch):
+    def nothing_is_done(futures, timeout, return_when):
+        raise TimeoutError
+
+    threads = iter([{"one": 1}, {}, {}])
+    client = SimpleNamespace(nthreads=lambda: next(threads))
+    monkeypatch.setattr("distributed.wait", nothing_is_done)
+    monkeypatch.setattr("workbench.cluster.spread.WITHOUT_WORKERS_S", 1e-9)
+    with pytest.raises(InputError, match=r"has had no worker for .* what is done is kept"):
+        _next_done(client, "tcp://here:1", ["a chunk"])
+    assert next(threads, None) is None

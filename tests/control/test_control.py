@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.support.ideal import ideal_hoist
 from workbench.control import PI, Controller, FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
 from workbench.engine.sampled import Step
-from workbench.machine import default_hoist
 from workbench.plants import PLANTS
 
-MACHINE = default_hoist()
+MACHINE = ideal_hoist()
 HOLD = 600.0
 DT = 0.001
 FREE = {"u_all": 1e9, "u_one": 5e8, "t_fail": 1e30, "w_weak": 1e30}

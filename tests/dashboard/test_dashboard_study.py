@@ -172,6 +172,18 @@ def test_a_loaded_scenario_sets_the_controls():
     assert app.text_input(key="study.name").value == "heavy"
 
 
+def test_a_study_runs_on_the_multi_body_machine_where_it_is_chosen():
+    app = upload(page("Study").run(), SCENARIO)
+    lumped = metrics(app)
+    app.selectbox(key="study.plant").set_value("multibody").run()
+    assert not app.exception and not app.error
+    multibody = metrics(app)
+    assert multibody != lumped and multibody.keys() == lumped.keys()
+    again = scenario_of(app.session_state["study desk"], default_hoist())
+    assert again.plant == "multibody"
+    assert desk_of(again, default_hoist()).controls.plant == "multibody"
+
+
 def test_a_scenario_loaded_stays_under_the_sliders_that_move_on_from_it():
     app = upload(page("Study").run(), SCENARIO)
     before = metrics(app)

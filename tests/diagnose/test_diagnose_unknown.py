@@ -14,7 +14,7 @@ from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
-from workbench.diagnose.unexplained.table_driven import with_table
+from workbench.diagnose.unexplained.table_driven import in_no_file, with_table
 from workbench.diagnose.unexplained.table_fit import telling_points
 from workbench.diagnose.unexplained.tables import TURN, columns_of, hats_of, points_of, rides_of, variables_of
 from workbench.diagnose.unexplained.unknown import Explained, explain, explained_machine, with_unknown
@@ -109,8 +109,8 @@ def test_the_corrected_machine_is_a_file_that_replay_takes(rail: Case, tmp_path:
     replayed = replay_runs(machine, problem.runs, problem.band_hz)
     keys = base_knobs(problem.machine, problem.runs)
     plain = replay_runs(refitted_machine(problem, keys, base), problem.runs, problem.band_hz)
-    balances = Bench(machine, problem.runs, problem.band_hz).balances()
-    left = np.concatenate([b.residual[rows] for b, rows in zip(balances, problem.rows, strict=True)])
+    beside = in_no_file(problem, found.fitted.setting)
+    (left,) = Problem(machine, problem.runs, problem.band_hz).residuals([beside])
     assert float(np.sqrt(np.mean(left**2))) == pytest.approx(found.after, rel=1e-6)
     assert replayed.speed_rmse_percent < 0.5 * plain.speed_rmse_percent
 
@@ -125,9 +125,10 @@ def test_a_diagnosis_of_the_corrected_machine_starts_at_the_noise(rail: Case):
 def test_each_fold_has_a_machine_that_has_not_seen_it(rail: Case):
     problem, _, found = rail
     assert len(found.machines) == len(problem.runs)
-    balance = Bench(found.machines[2], problem.runs, problem.band_hz).balances()[2]
+    beside = in_no_file(problem, found.held_out.settings[2])
+    (left,) = Problem(found.machines[2], problem.runs, problem.band_hz).residuals([beside])
     rows = np.flatnonzero(problem.run_of_row[: problem.inputs] == 2)
-    assert found.held_out.residual[rows] == pytest.approx(balance.residual[problem.rows[2]], abs=1e-9)
+    assert found.held_out.residual[rows] == pytest.approx(left[rows], abs=1e-9)
     assert np.any(found.held_out.residual[rows] != found.fitted.residual[rows])
 
 

@@ -165,7 +165,8 @@ def test_a_folder_of_somebody_else_is_not_used_whoever_names_it(temporary, monke
     monkeypatch.delenv("WORKBENCH_CACHE", raising=False)
     monkeypatch.setenv(named_by, str(folder))
     assert cache_folder().is_relative_to(folder)
-    monkeypatch.setattr(os, "getuid", lambda owner=os.getuid(): owner + 1)
+    somebody_else = os.getuid() + 1
+    monkeypatch.setattr(os, "getuid", lambda: somebody_else)
     assert not cache_folder().is_relative_to(folder)
     assert "belongs to another user" in caplog.text
 
@@ -189,7 +190,8 @@ def test_a_pipe_a_link_and_a_file_of_somebody_else_are_no_kernels(tmp_path, monk
     link.symlink_to(path)
     assert cache._read(pipe) is None
     assert cache._read(link) is None
-    monkeypatch.setattr(os, "getuid", lambda owner=os.getuid(): owner + 1)
+    somebody_else = os.getuid() + 1
+    monkeypatch.setattr(os, "getuid", lambda: somebody_else)
     assert cache._read(path) is None
 
 

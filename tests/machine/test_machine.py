@@ -56,7 +56,8 @@ def refusal(text: str) -> str:
 
 def test_default_hoist_is_the_nominal_machine_of_the_first_campaign(campaigns):
     recorded = load_machine(campaigns / "01" / "machine.yaml")
-    assert default_hoist() == recorded
+    wire = default_hoist().wire.model_copy(update={"breaking_load_n": None})  # which campaigns do not ask about
+    assert default_hoist().model_copy(update={"wire": wire}) == recorded
 
 
 def test_every_recorded_machine_loads_and_says_exactly_its_file(campaigns):
@@ -211,7 +212,7 @@ def test_value_names_are_all_there_is_and_can_be_read():
     names = value_names(machine)
     assert names[:3] == ("motor.count", "motor.rotor_inertia_kg_m2", "motor.nominal_torque_nm")
     assert {"guide.coulomb_hoisting_n", "gravity_m_s2", "tolerances.payload"} <= set(names)
-    assert "wire.breaking_load_n" not in names, "what is not set has no value"
+    assert "rail.highest_position_m" not in names, "what is not set has no value"
     assert all(math.isfinite(get_value(machine, name)) for name in names)
     assert get_value(machine, "guide.coulomb_hoisting_n") == 6000.0
 
@@ -234,8 +235,8 @@ def test_with_values_checks_like_a_file():
         with_values(default_hoist(), {"carriage.mass_kg": -3.0})
     with pytest.raises(InputError, match=r"did you mean 'guide.coulomb_hoisting_n'\?"):
         with_values(default_hoist(), {"guide.coulomb_hoistin_n": 1.0})
-    with pytest.raises(InputError, match=r"wire.breaking_load_n: has no value"):
-        get_value(default_hoist(), "wire.breaking_load_n")
+    with pytest.raises(InputError, match=r"rail.highest_position_m: has no value"):
+        get_value(default_hoist(), "rail.highest_position_m")
     with pytest.raises(InputError, match="whole number"):
         with_values(default_hoist(), {"motor.count": 1.5})
 

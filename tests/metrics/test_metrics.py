@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.support.ideal import ideal_hoist
 from workbench.control import PiSettings
 from workbench.machine import default_hoist, with_values
 from workbench.metrics import LoopMetric, measure, metrics
@@ -20,7 +21,7 @@ from workbench.simulate.loop import LoopCase, simulate_loop
 DT = 0.01
 NEVER = 1e30
 P = SimpleNamespace(
-    n_m=2.0, T_nominal=480.0, T_hold=600.0, share=0.5, share_failed=1.0, t_fail=NEVER, t_lag=0.0,
+    n_m=2.0, T_nominal=480.0, T_hold=600.0, share=0.5, share_failed=1.0, t_fail=NEVER, before=1.0, overload_s=93.6,
     x_low=0.0, x_high=25.0, w_nominal=157.1, W_break=0.0, D_w=0.6, ratio=31.0,
 )  # fmt: skip
 CALM: dict[str, float] = {
@@ -132,7 +133,22 @@ def test_work_begins_with_the_first_sample_wherever_the_angle_stands():
 def test_the_work_of_a_step_of_torque_is_that_of_the_torque_before_or_behind_a_lag_of_the_mean():
     run = trace(3, torque_motor_nm=np.array([100.0, 300.0, 300.0]), angle_motor_rad=np.array([0.0, 1.0, 1.0]))
     assert metric("energy_motoring_j", run) == pytest.approx(100.0)
-    assert metric("energy_motoring_j", run, t_lag=0.01) == pytest.approx(200.0)
+    assert metric("energy_motoring_j", run, before=0.5) == pytest.approx(200.0)
+
+
+@pytest.mark.parametrize("peak", [160.0, -160.0])
+def test_the_largest_motor_speed_is_either_way_and_of_nominal(peak):
+    run = trace(speed_motor_rad_s=with_peak(peak, calm=20.0))
+    assert metric("peak_speed_percent", run) == pytest.approx(100.0 * 160.0 / P.w_nominal)
+
+
+def test_the_use_of_the_overload_is_full_after_its_time_at_its_torque_and_recovers_below_nominal():
+    over = np.full(100, 1.6 * 960.0)  # both motors: 160 % of nominal
+    borne = 100.0 * (1.6**2 - 1.0) * 0.1 / 93.6  # a tenth of a second
+    assert metric("overload_use_percent", trace(100, torque_motor_nm=over)) == pytest.approx(borne * 10.0, rel=0.02)
+    halves = np.concatenate([over[:50], np.zeros(50)])
+    assert metric("overload_use_percent", trace(100, torque_motor_nm=halves)) == pytest.approx(borne * 5.0, rel=0.03)
+    assert metric("overload_use_percent", trace(100, torque_motor_nm=np.full(100, 960.0))) == 0.0
 
 
 @pytest.mark.parametrize("peak", [1.5, -1.5])
@@ -203,7 +219,7 @@ def test_work_from_the_metrics_is_the_integral_of_torque_over_angle(monkeypatch)
     monkeypatch.setattr(loop, "RECORDED", (*loop.RECORDED, "angle_motor_rad"))
     reference = np.interp(np.arange(1500) * 0.001, [0.1, 0.5, 0.7, 1.2], [0.0, 40.0, 40.0, -40.0])
     settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
-    result = simulate_loop([LoopCase("run", default_hoist(), 4500.0, 10.0, settings, reference)], record_every=1)[0]
+    result = simulate_loop([LoopCase("run", ideal_hoist(), 4500.0, 10.0, settings, reference)], record_every=1)[0]
     net = result.metrics["energy_motoring_j"] - result.metrics["energy_regenerated_j"]
     torque, angle = result.run["torque_motor_nm"], result.run["angle_motor_rad"]
     assert net == pytest.approx(float(np.sum(torque[:-1] * np.diff(angle))), rel=1e-9)

@@ -164,7 +164,7 @@ def lifted(**values: float) -> dict[str, float]:
 def test_in_the_compiled_loop_the_breaking_load_gives_its_factor():
     factor = lifted(**{"wire.breaking_load_n": 5e5})
     assert factor["wire_safety_factor"] == pytest.approx(5e5 / factor["max_wire_tension_n"])
-    assert "wire_safety_factor" not in lifted()
+    assert lifted()["wire_safety_factor"] == pytest.approx(547e3 / factor["max_wire_tension_n"])
 
 
 def test_peak_power_of_a_lift_is_near_hold_torque_times_speed():

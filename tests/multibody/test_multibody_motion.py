@@ -20,13 +20,13 @@ SMOOTH = with_values(
     MACHINE,
     {"guide.coulomb_hoisting_n": 0.0, "guide.coulomb_lowering_n": 0.0, "bearing.pin_friction_coefficient": 0.0},
 )
-# Nothing loses energy; the wire is as stiff as before and weighs nothing.
+# Nothing loses energy; the wire is as stiff as before and weighs next to nothing.
 LOSSLESS = with_values(
     SMOOTH,
     {
         "wire.damping_time_s": 0.0,
-        "wire.effective_area_m2": 1e-9,
-        "wire.youngs_modulus_pa": MACHINE.wire.youngs_modulus_pa * MACHINE.wire.effective_area_m2 / 1e-9,
+        "wire.effective_area_m2": MACHINE.wire.youngs_modulus_pa * MACHINE.wire.effective_area_m2 / 1e13,
+        "wire.youngs_modulus_pa": 1e13,
         "arm.roller_damping_time_s": 0.0,
         "arm.cylinder_damping_time_s": 0.0,
     },
@@ -186,6 +186,31 @@ def test_roller_friction_grows_with_payload_and_reach():
 def test_in_motion_the_guides_friction_is_its_coulomb_level(bristle: float):
     run = move(MACHINE, 4500.0, 6.0, regulated(60.0), 4.0, step_s=0.004, switches=Switches(bristle_m=bristle)).run
     assert run["force_guide_n"][-1] == pytest.approx(MACHINE.guide.coulomb_hoisting_n, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("effect", "more_n"),
+    [
+        ({"friction_step": {"level_n": 900.0, "position_m": 6.2, "width_m": 0.01}}, lambda v: 900.0),
+        ({"friction_step": {"level_n": 900.0, "position_m": 16.0, "width_m": 0.01}}, lambda v: 0.0),
+        ({"friction_periodic": {"amplitude_n": 800.0, "period_m": 1e6, "phase_rad": math.pi / 2.0}}, lambda v: 400.0),
+        ({"friction_quadratic": {"drag_n_s2_per_m2": 5000.0}}, lambda v: 5000.0 * v * v),
+    ],
+)
+def test_an_effect_of_the_guide_acts_as_the_library_says(effect: dict[str, Any], more_n: Callable[[float], float]):
+    machine = MACHINE.model_copy(update={"effects": effect})
+    run = move(machine, 4500.0, 6.0, regulated(60.0), 4.0, step_s=0.004).run
+    v = float(run["speed_carriage_m_s"][-1])
+    expected = machine.guide.coulomb_hoisting_n * 2.0 / math.pi * math.atan(machine.guide.atan_slope_s_per_m * v)
+    assert run["force_guide_n"][-1] == pytest.approx(expected + more_n(v), rel=2e-3)
+
+
+def test_a_fan_on_the_motor_takes_its_torque():
+    plain, fan = (
+        move(machine, 4500.0, 6.0, regulated(60.0), 4.0, step_s=0.004).run
+        for machine in (MACHINE, MACHINE.model_copy(update={"effects": {"motor_fan": {"drag_nm_s2": 0.01}}}))
+    )
+    assert fan["torque_motor_nm"][-1] - plain["torque_motor_nm"][-1] == pytest.approx(36.0, rel=0.02)
 
 
 def test_bristles_hold_the_load_where_it_rests():

@@ -25,6 +25,8 @@ from workbench.references import (
 )
 from workbench.run import Array
 
+# Kinds that know their machine have their laws in test_references_wire.py.
+WITHOUT_A_MACHINE = sorted(name for name, kind in planned_kinds().items() if not kind.needs_load)
 RAIL = (0.0, 25.0)
 UP, DOWN = Limits(0.7, 0.5, 1.0), Limits(0.4, 0.3, 0.6)
 PAIR = LimitPair(UP, DOWN)
@@ -58,7 +60,7 @@ def test_one_set_of_limits_is_the_same_both_ways() -> None:
     np.testing.assert_array_equal(one.position_m, two.position_m)
 
 
-@pytest.mark.parametrize("kind", sorted(planned_kinds()))
+@pytest.mark.parametrize("kind", WITHOUT_A_MACHINE)
 def test_a_jog_reaches_its_speed_holds_it_and_comes_to_rest(kind: str) -> None:
     plan = jogged(kind, (0.4, 5.0), (-0.2, 4.0), (0.0, 3.0))
     profile = plan.sample(0.001)
@@ -112,7 +114,7 @@ speeds = st.floats(-0.4, 0.4).map(lambda v: round(v, 3))
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(speeds, min_size=1, max_size=5), st.sampled_from(sorted(planned_kinds())))
+@given(st.lists(speeds, min_size=1, max_size=5), st.sampled_from(WITHOUT_A_MACHINE))
 def test_any_jog_keeps_to_its_limits_and_its_position_integrates_its_speed(values: list[float], kind: str) -> None:
     values = [v for k, v in enumerate(values) if v != ([0.0, *values][k])] or [0.3]
     steps = [(v, 8.0) for v in values]
@@ -155,7 +157,7 @@ def test_a_speed_and_its_time_belong_together(fields: dict[str, float]) -> None:
 @settings(max_examples=60, deadline=None)
 @given(
     st.lists(st.floats(0.0, 25.0), min_size=1, max_size=5),
-    st.sets(st.sampled_from(sorted(planned_kinds())), min_size=1),
+    st.sets(st.sampled_from(WITHOUT_A_MACHINE), min_size=1),
 )
 def test_motion_time_is_that_of_the_slowest_plan(heights: list[float], kinds: set[str]) -> None:
     steps, here = [], 4.0

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.ideal import ideal_hoist
 from workbench.control import PI, PiSettings, full_pi, loop_values
 from workbench.control.settings import FeedForward
 from workbench.engine.sampled import Step, observe
 from workbench.errors import InputError
-from workbench.machine import default_hoist, with_values
+from workbench.machine import with_values
 from workbench.metrics import observer
 from workbench.metrics.measure import measure
 from workbench.plants import HOIST
@@ -22,7 +23,7 @@ from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, 
 from workbench.simulate.models import compare_models
 from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
 
-MACHINE = default_hoist()
+MACHINE = ideal_hoist()
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=0.004)
 FULL = SETTINGS.model_copy(
     update={"anti_windup": "conditional", "feed_forward": FeedForward(inertia=0.8, friction=0.5)}
@@ -73,7 +74,7 @@ def test_the_compiled_step_is_the_controllers_own(settings: PiSettings):
     controller = PI if settings.plain else full_pi()
     values = {
         **vars(HOIST.values(MACHINE, 0.0)), **loop_values(settings, MACHINE.drive, 300.0),
-        **case_limits(case(settings)), "decay": 0.0,
+        **case_limits(case(settings)),
     }  # fmt: skip
     p = SimpleNamespace(**values)
     step = Step(controller, p, controller.start(p, 300.0, 0.0), 0.004)

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from tests.support import by_hand
+from tests.support.ideal import ideal_hoist
 from workbench.control import PiSettings
-from workbench.machine import Hoist, default_hoist, with_values
+from workbench.machine import Hoist, with_values
 from workbench.plants import PLANTS
 from workbench.run import Array
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop, torque_limit_nm
 
-MACHINE = default_hoist()
+MACHINE = ideal_hoist()
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
 NOMINAL_SPEED = MACHINE.motor.nominal_speed_rad_s
 

@@ -101,7 +101,7 @@ def range_of(steps: int) -> str:
             "is swept too; .* relative: true",
         ),
         (
-            f"sample: {{count: 8, values: {{machine.wire.breaking_load_n: {RELATIVE}}}}}",
+            f"sample: {{count: 8, values: {{machine.rail.highest_position_m: {RELATIVE}}}}}",
             "has no value of its own to be multiplied",
         ),
         (

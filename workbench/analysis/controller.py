@@ -25,9 +25,9 @@ def linear_controller(
 ) -> Sampled:
     """Inputs: speed reference, speed of the motor (rad/s); output: torque wanted of the drive (N m).
 
-    Speed filter and delay of the drive are in it, for they are in the step. Limits and rate limit are
-    away from it, the encoder is ideal. gains: (kp, ki) in place of the settings' own; zero is allowed.
-    InputError for a delay of too many samples.
+    Speed filter and delay of the drive are in it, for they are in the step. Limits and rate limit are away from it;
+    that the encoder counts over a sample is in the plant, its resolution is not. gains: (kp, ki) in place of the
+    settings' own; zero is allowed. InputError for a delay of too many samples.
     """
     dt, drive = settings.sample_time_s, machine.drive
     if not drive.speed_delay_s <= MOST_LATE * dt:

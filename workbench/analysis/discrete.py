@@ -11,11 +11,10 @@ import numpy.typing as npt
 
 from workbench.analysis.linearise import LinearPlant
 from workbench.control import delay_weights
-from workbench.control.settings import lag_left
+from workbench.machine.hoist import Drive
 from workbench.run import Array
 
-# The plant's longest step between two samples, as the closed loop takes it; a lagging torque is linear within it.
-STEP_S = 0.001
+MEASURED = "speed_motor_rad_s"  # what the encoder sits on
 Complex = npt.NDArray[np.complex128]
 
 
@@ -95,29 +94,33 @@ class Late(Sampled):
         return out
 
 
-def sampled_plant(plant: LinearPlant, dt: float, torque_lag_s: float) -> Sampled:
-    """Inputs: torque wanted of the drive (held), and a torque on the shaft beside it (held). Outputs: the plant's.
+def sampled_plant(plant: LinearPlant, dt: float, drive: Drive) -> Sampled:
+    """Inputs: torque wanted of the drive (held), and a torque on the shaft beside it (held). Outputs: the plant's, then
+    the speed as the drive measures it: the motor's own or, counted by an encoder, its mean since the last sample.
 
-    Exact: the held torque through the matrix exponential; behind a lag, the torque nears the wanted one as
-    1 - exp(-t/lag) from step to step and is linear within a step, as in the compiled loop.
+    Exact, through the matrix exponential: behind a lag the torque at work is a state of the plant, lag du/dt = wanted
+    - u. The compiled loop takes the same lag with the same impulse and first moment in each of its steps.
     """
     from scipy.linalg import expm
 
-    steps = max(1, math.ceil(dt / STEP_S - 1e-9))
-    h, n = dt / steps, len(plant.A)
-    whole = np.zeros((n + 2, n + 2))
-    whole[:n, :n], whole[:n, n : n + 1], whole[n, n + 1] = plant.A * h, plant.B * h, 1.0
-    whole = expm(whole)
-    F, held, ramp = whole[:n, :n], whole[:n, [n]], whole[:n, [n + 1]]
-    if torque_lag_s == 0.0:
-        step_A, step_B, C = F, np.hstack([held, held]), plant.C
+    n, lag = len(plant.A), drive.torque_lag_s
+    if lag == 0.0:
+        A, B, C = plant.A, np.hstack([plant.B, plant.B]), plant.C
     else:
-        left = lag_left(torque_lag_s, h)
-        step_A = np.block([[F, held - ramp * (1.0 - left)], [np.zeros((1, n)), np.full((1, 1), left)]])
-        step_B = np.block([[ramp * (1.0 - left), held], [np.array([[1.0 - left, 0.0]])]])
+        A = np.block([[plant.A, plant.B], [np.zeros((1, n)), np.full((1, 1), -1.0 / lag)]])
+        B = np.block([[np.zeros((n, 1)), plant.B], [np.array([[1.0 / lag, 0.0]])]])
         C = np.hstack([plant.C, np.zeros((len(plant.C), 1))])
-    A, B = step_A, step_B
-    for _ in range(steps - 1):
-        B = step_A @ B + step_B
-        A = step_A @ A
-    return Sampled(A, B, C, np.zeros((len(C), 2)), dt)
+        n += 1
+    speed = C[[plant.outputs.index(MEASURED)]]
+    if drive.encoder_counts_per_turn:  # one more state: the way since the last sample, over the sample time
+        A, B = np.block([[A, np.zeros((n, 1))], [speed / dt, np.zeros((1, 1))]]), np.vstack([B, np.zeros((1, 2))])
+        C = np.hstack([C, np.zeros((len(C), 1))])
+        speed = np.eye(n + 1)[[n]]
+        n += 1
+    whole = np.zeros((n + 2, n + 2))
+    whole[:n, :n], whole[:n, n:] = A * dt, B * dt
+    whole = expm(whole)
+    if drive.encoder_counts_per_turn:
+        whole[n - 1, n - 1] = 0.0  # each sample counts anew
+    C = np.vstack([C, speed])
+    return Sampled(whole[:n, :n], whole[:n, n:], C, np.zeros((len(C), 2)), dt)

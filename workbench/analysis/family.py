@@ -1,9 +1,10 @@
-"""A loop over payloads and heights, and its weakest members."""
+"""A loop over payloads and heights, and the least of its margins."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from workbench.analysis.linearise import Motion, OperatingPoint
 from workbench.analysis.loop import LinearLoop, linear_loop
@@ -55,6 +56,45 @@ def family(
     return [Member(loop, margins(loop)) for loop in loops]
 
 
-def weakest(members: Sequence[Member]) -> Member:
-    """An unstable one if there is any, else the one of the largest Ms; among equal ones of the smallest disk margin."""
-    return max(members, key=lambda m: (not m.margins.stable, round(m.margins.ms, 3), -m.margins.disk))
+@dataclass(frozen=True, eq=False)
+class Weakest:
+    """The least of each margin over a family. member: name of a margin -> the member it is of.
+
+    An unstable member leaves no margin: all is then that member's.
+    """
+
+    margins: Margins
+    member: Mapping[str, Member]
+
+    @property
+    def point(self) -> OperatingPoint:
+        """Of the member with the largest Ms."""
+        return self.member["ms"].point
+
+
+# Margin -> (whether the larger is the worse, what goes with it).
+_MARGINS: dict[str, tuple[bool, tuple[str, ...]]] = {
+    "gain_up": (False, ("gain_up_hz",)),
+    "gain_down": (True, ("gain_down_hz",)),
+    "phase_deg": (False, ("crossover_hz",)),
+    "delay_s": (False, ()),
+    "disk": (False, ()),
+    "ms": (True, ("ms_hz",)),
+    "mt": (True, ("mt_hz",)),
+    "bandwidth_hz": (False, ()),
+    "rejection_hz": (False, ()),
+}
+
+
+def weakest(members: Sequence[Member]) -> Weakest:
+    """The least of each margin, each with its own member: least gain and largest Ms may stand at different payloads."""
+    unstable = next((m for m in members if not m.margins.stable), None)
+    if unstable is not None:
+        return Weakest(unstable.margins, dict.fromkeys(_MARGINS, unstable))
+    least: dict[str, Any] = {}
+    of: dict[str, Member] = {}
+    for name, (larger_is_worse, beside) in _MARGINS.items():
+        values = [getattr(m.margins, name) for m in members]
+        of[name] = members[values.index(max(values) if larger_is_worse else min(values))]
+        least |= {key: getattr(of[name].margins, key) for key in (name, *beside)}
+    return Weakest(replace(members[0].margins, **least), of)

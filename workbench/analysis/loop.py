@@ -28,7 +28,8 @@ class Responses:
     """The loop over frequency, (n,) each. The gang of four is S, T, PS, CS.
 
     L: loop; S: sensitivity 1/(1+L); T: L/(1+L); PS: load torque to motor speed; CS: speed noise to
-    torque wanted; R: reference to motor speed, set-point weight and feed-forward included.
+    torque wanted; R: reference to motor speed, set-point weight and feed-forward included. L and T are of the measured
+    speed.
     """
 
     frequency_hz: Array
@@ -42,7 +43,8 @@ class Responses:
 
 @dataclass(frozen=True, eq=False)
 class LinearLoop:
-    """One loop: plant (wanted and load torque to OUTPUTS) and controller (reference and speed to wanted torque)."""
+    """One loop: plant (wanted and load torque to OUTPUTS and the measured speed) and controller (reference and
+    measured speed to wanted torque)."""
 
     point: OperatingPoint
     plant: Sampled
@@ -58,13 +60,13 @@ class LinearLoop:
 
     def open_response(self, frequency_hz: Array) -> Complex:
         """L at frequencies (n,): around the loop once, the minus sign of the feedback left out."""
-        P = self.plant.response(frequency_hz)[:, 0, 0]
+        P = self.plant.response(frequency_hz)[:, -1, 0]
         return -P * self.controller.response(frequency_hz)[:, 0, 1]
 
     def responses(self, frequency_hz: Array) -> Responses:
         P = self.plant.response(frequency_hz)
         K = self.controller.response(frequency_hz)
-        L = -P[:, 0, 0] * K[:, 0, 1]
+        L = -P[:, -1, 0] * K[:, 0, 1]
         S = 1.0 / (1.0 + L)
         R = P[:, 0, 0] * K[:, 0, 0] * S
         return Responses(np.asarray(frequency_hz), L, S, L * S, P[:, 0, 1] * S, -K[:, 0, 1] * S, R)
@@ -73,20 +75,20 @@ class LinearLoop:
     def closed(self) -> Sampled:
         """Inputs as INPUTS, outputs as SHOWN."""
         P, K = self.plant, self.controller
-        w = P.C[[0]]
+        shown, w = P.C[:-1], P.C[[-1]]
         u, load = P.B[:, [0]], P.B[:, [1]]
         Kr, Kw, Br, Bw = K.D[:, [0]], K.D[:, [1]], K.B[:, [0]], K.B[:, [1]]
         A = np.block([[P.A + u @ Kw @ w, u @ K.C], [Bw @ w, K.A]])
         B = np.block([[u @ Kr, load, u @ Kw], [Br, np.zeros_like(Br), Bw]])
-        C = np.block([[P.C, np.zeros((len(P.C), len(K.A)))], [Kw @ w, K.C]])
-        D = np.vstack([np.zeros((len(P.C), 3)), np.hstack([Kr, np.zeros((1, 1)), Kw])])
+        C = np.block([[shown, np.zeros((len(shown), len(K.A)))], [Kw @ w, K.C]])
+        D = np.vstack([np.zeros((len(shown), 3)), np.hstack([Kr, np.zeros((1, 1)), Kw])])
         return Sampled(A, B, C, D, self.dt)
 
     def systems(self) -> tuple[Any, Any, Any]:
         """(L, S, closed loop) as `control.StateSpace`; L from speed error to motor speed."""
         import control
 
-        plant = control.ss(self.plant.A, self.plant.B[:, [0]], self.plant.C[[0]], 0.0, self.dt)
+        plant = control.ss(self.plant.A, self.plant.B[:, [0]], self.plant.C[[-1]], 0.0, self.dt)
         K = self.controller
         feedback = control.ss(K.A, -K.B[:, [1]], K.C, -K.D[:, [1]], self.dt)
         L = plant * feedback
@@ -129,6 +131,6 @@ def linear_loop(
     dt = settings.sample_time_s
     return LinearLoop(
         point,
-        sampled_plant(plant, dt, machine.drive.torque_lag_s),
+        sampled_plant(plant, dt, machine.drive),
         linear_controller(settings, machine, point.payload_kg),
     )

@@ -28,6 +28,9 @@ class Margins:
     crossover. delay_s: smallest added delay, phase over angular frequency. disk: largest alpha so that
     every factor (1 + d/2)/(1 - d/2), |d| < alpha, gain and phase at once, is borne: 2/max|S - T|.
     ms, mt: largest |S|, |T|. bandwidth_hz: where |T| first falls below -3 dB, inf where it never does.
+    rejection_hz: the disturbance-rejection bandwidth, up to which every disturbance of the speed is held below
+    -3 dB: where |S| first rises above that, 0 where it is above it from the start (M. B. Tischler, R. K. Remple,
+    "Aircraft and Rotorcraft System Identification", 2nd ed., AIAA 2012).
     """
 
     stable: bool
@@ -44,6 +47,7 @@ class Margins:
     mt: float
     mt_hz: float
     bandwidth_hz: float
+    rejection_hz: float
 
     @property
     def disk_gain(self) -> tuple[float, float]:
@@ -83,7 +87,7 @@ def margins(loop: LinearLoop) -> Margins:
     worst, _ = _peak(lambda x: abs(2.0 / (1.0 + at(x)) - 1.0), f, np.abs(S - L * S))
     return Margins(
         loop.stable, up[0], up[1], down[0], down[1], phase, crossover, delay, 2.0 / worst,
-        ms, ms_hz, mt, mt_hz, _bandwidth(at, f, np.abs(L * S)),
+        ms, ms_hz, mt, mt_hz, _bandwidth(at, f, np.abs(L * S)), _rejection(at, f, np.abs(S)),
     )  # fmt: skip
 
 
@@ -97,6 +101,17 @@ def _bandwidth(at: Callable[[float], complex], f: Array, T: Array) -> float:
     roots = _roots(
         lambda x: abs(1.0 - 1.0 / (1.0 + at(x))) - HALF_POWER, f[k - 1 : k + 1], T[k - 1 : k + 1] - HALF_POWER
     )
+    return roots[0] if roots else float(f[k])
+
+
+def _rejection(at: Callable[[float], complex], f: Array, S: Array) -> float:
+    above = np.flatnonzero(S >= HALF_POWER)
+    if not len(above):
+        return math.inf
+    k = int(above[0])
+    if k == 0:
+        return 0.0
+    roots = _roots(lambda x: abs(1.0 / (1.0 + at(x))) - HALF_POWER, f[k - 1 : k + 1], S[k - 1 : k + 1] - HALF_POWER)
     return roots[0] if roots else float(f[k])
 
 

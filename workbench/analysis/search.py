@@ -7,14 +7,16 @@ a few multiplications per frequency. What is found here is checked by exact marg
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from workbench.analysis.controller import linear_controller
 from workbench.analysis.discrete import Complex, Sampled, sampled_plant
 from workbench.analysis.linearise import OperatingPoint, linearise
+from workbench.analysis.obstacle import AntiResonance, anti_resonances, phase_lags_deg, why
 from workbench.control import PiSettings
 from workbench.errors import InputError
 from workbench.machine import Hoist
@@ -39,7 +41,8 @@ class Search:
     """Responses (members, frequencies) of the plants, (frequencies,) of the controller per unit of each gain.
 
     turns: by how much the phase of 1 + L turns along the grid when the loop is stable, per member:
-    by Nyquist's criterion all stable gains share it.
+    by Nyquist's criterion all stable gains share it. zeros: each member's anti-resonances. lags_deg(Hz): the phase
+    that each part of drive and sampling costs.
     """
 
     frequency_hz: Array
@@ -49,6 +52,16 @@ class Search:
     turns: Array
     inertia_kg_m2: float
     dt: float
+    zeros: Sequence[Sequence[AntiResonance]]
+    lags_deg: Callable[[float], dict[str, float]]
+
+    def why_no_wider(self, kp: float, ki: float) -> str:
+        """What ends the bandwidth that the widest gains give the slowest member."""
+        T = np.abs(1.0 - 1.0 / (1.0 + self.plants * (kp * self.per_kp + ki * self.per_ki)))
+        widths = self._bandwidth(T)
+        slowest = int(np.argmin(widths))
+        crossing = float(widths[slowest])
+        return why(self.zeros[slowest], self.lags_deg(crossing), self.frequency_hz, T[slowest], crossing)
 
     def judge(self, kp: Array, ki: Array) -> Judged:
         """Candidates kp, ki (n,)."""
@@ -91,14 +104,16 @@ def make_search(
     """
     dt = settings.sample_time_s
     linear = [linearise(machine, point, effects=effects) for point in points]
-    plants = [sampled_plant(point, dt, machine.drive.torque_lag_s) for point in linear]
+    plants = [sampled_plant(point, dt, machine.drive) for point in linear]
     f = _grid(plants, dt)
-    responses = np.array([plant.response(f)[:, 0, 0] for plant in plants])
+    responses = np.array([plant.response(f)[:, -1, 0] for plant in plants])
     units = [linear_controller(settings, machine, gains=gains) for gains in ((1.0, 0.0), (0.0, 1.0))]
     per_kp, per_ki = (-unit.response(f)[:, 0, 1] for unit in units)
     inertia = 1.0 / float(linear[0].B[linear[0].states.index("speed_motor_rad_s"), 0])
     back = 1.0 + responses * _stable_controller(machine, settings, plants, inertia, f)
-    return Search(f, responses, per_kp, per_ki, _turns(back), inertia, dt)
+    zeros = [anti_resonances(plant, point) for plant, point in zip(linear, points, strict=True)]
+    lags = partial(phase_lags_deg, machine.drive, settings)
+    return Search(f, responses, per_kp, per_ki, _turns(back), inertia, dt, zeros, lags)
 
 
 def _stable_controller(
@@ -116,7 +131,7 @@ def _stable_controller(
 
 
 def _closed_stable(plant: Sampled, controller: Sampled) -> bool:
-    w, u = plant.C[[0]], plant.B[:, [0]]
+    w, u = plant.C[[-1]], plant.B[:, [0]]
     K = controller
     A = np.block([[plant.A + u @ K.D[:, [1]] @ w, u @ K.C], [K.B[:, [1]] @ w, K.A]])
     return bool(np.max(np.abs(np.linalg.eigvals(A))) < 1.0)

@@ -39,7 +39,7 @@ class Shaped:
 def best_rejection(search: Search, ms_limit: float) -> Shaped:
     """The largest ki with Ms below the limit for every member."""
     kp, ki = _largest(search, ms_limit, lambda ki, judged: ki)
-    shaped = _shaped(search, kp, ki, _attainable(search, ms_limit))
+    shaped = _shaped(search, kp, ki, _bandwidth_of(search, _widest(search, ms_limit)))
     return replace(shaped, attainable_hz=max(shaped.attainable_hz, shaped.bandwidth_hz))
 
 
@@ -50,11 +50,12 @@ def for_bandwidth(search: Search, bandwidth_hz: float, ms_limit: float) -> Shape
 
     InputError where sample time, filters and delays do not allow it; it says what they do allow.
     """
-    attainable = _attainable(search, ms_limit)
+    widest = _widest(search, ms_limit)
+    attainable = _bandwidth_of(search, widest)
     if bandwidth_hz > attainable:
         raise InputError(
-            f"{bandwidth_hz:g} Hz is out of reach: sample time, filters and delays allow at most "
-            f"{_down(attainable)} Hz at Ms {ms_limit:g}",
+            f"{bandwidth_hz:g} Hz is out of reach: this machine and drive allow at most {_down(attainable)} Hz at Ms "
+            f"{ms_limit:g}; {search.why_no_wider(*widest)}",
             place="bandwidth",
         )
     _, (low, high) = _ranges(search)
@@ -76,15 +77,20 @@ def for_bandwidth(search: Search, bandwidth_hz: float, ms_limit: float) -> Shape
     if best is None:
         raise InputError(
             f"{bandwidth_hz:g} Hz: no gains give just that with Ms {ms_limit:g} or less; "
-            f"expected at most {_down(attainable)} Hz, and not far below {LOWEST_CROSSOVER_HZ:g} Hz",
+            f"expected at most {_down(attainable)} Hz, and not far below {LOWEST_CROSSOVER_HZ:g} Hz; "
+            f"{search.why_no_wider(*widest)}",
             place="bandwidth",
         )
     return _shaped(search, *best, attainable)
 
 
-def _attainable(search: Search, ms_limit: float) -> float:
-    kp, ki = _largest(search, ms_limit, lambda ki, judged: _finite(judged.bandwidth_hz))
-    return float(search.judge(np.array([kp]), np.array([ki])).bandwidth_hz[0])
+def _widest(search: Search, ms_limit: float) -> tuple[float, float]:
+    """The gains of the widest bandwidth."""
+    return _largest(search, ms_limit, lambda ki, judged: _finite(judged.bandwidth_hz))
+
+
+def _bandwidth_of(search: Search, gains: tuple[float, float]) -> float:
+    return float(search.judge(np.array([gains[0]]), np.array([gains[1]])).bandwidth_hz[0])
 
 
 def _ranges(search: Search) -> tuple[Range, Range]:

@@ -10,6 +10,8 @@ from workbench.analysis.discrete import Sampled
 from workbench.analysis.loop import INPUTS, SHOWN, LinearLoop
 from workbench.run import Array
 
+RECOVERED = 0.1  # of the largest deviation: what counts as over
+
 
 @dataclass(frozen=True)
 class StepResponse:
@@ -45,10 +47,16 @@ def _held(system: Sampled, column: int, n: int) -> Array:
 
 @dataclass(frozen=True)
 class LoadStep:
-    """What 1 N m on the shaft does to the motor's speed: largest deviation and integral of its magnitude."""
+    """What 1 N m on the shaft does to the motor's speed.
+
+    peak_rad_s: largest deviation, at peak_s. iae_rad: integral of its magnitude. recovery_s: from then on the
+    deviation stays within a tenth of its peak.
+    """
 
     peak_rad_s: float
+    peak_s: float
     iae_rad: float
+    recovery_s: float
 
 
 def load_step(loop: LinearLoop) -> LoadStep:
@@ -56,7 +64,7 @@ def load_step(loop: LinearLoop) -> LoadStep:
     sizes = np.abs(loop.poles())
     slowest = float(np.max(sizes[sizes < 1.0 - 1e-9], initial=0.5))
     n = int(min(max(np.log(1e-3) / np.log(slowest), 100), 60.0 / loop.dt))
-    load = np.zeros((n, len(INPUTS)))
-    load[:, INPUTS.index("load_torque")] = 1.0
-    speed = loop.closed.run(load)[:, 0]
-    return LoadStep(float(np.abs(speed).max()), float(np.abs(speed).sum() * loop.dt))
+    size = np.abs(_held(loop.closed, INPUTS.index("load_torque"), n)[:, 0])
+    k = int(np.argmax(size))
+    off = np.flatnonzero(size > RECOVERED * size[k])
+    return LoadStep(float(size[k]), k * loop.dt, float(size.sum() * loop.dt), (int(off[-1]) + 1) * loop.dt)

@@ -7,24 +7,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.control import PiSettings
+from workbench.control import Events, PiSettings
 from workbench.machine import Hoist
 from workbench.references import Limits, Step, allowed_carriage_speed_m_s, motor_speed_rad_s, plan_motion
 from workbench.run import Array
-from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
+from workbench.simulate.loop import NO_EVENTS, LoopCase, Outcome, simulate_loop
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
     """The moves that candidates are run through: every payload with every reference, the machine's effects at work.
 
-    references: name -> motor speed (n,), rad/s, at the controller's samples; all of one length.
+    references: name -> motor speed (n,), rad/s, at the controller's samples; all of one length, a stop among the
+    events already in them. events: what happens in every run. step_s: the plant's longest step.
     """
 
     machine: Hoist
     payloads_kg: tuple[float, ...]
     start_position_m: float
     references: Mapping[str, Array]
+    events: Events = NO_EVENTS
+    step_s: float = 0.001
 
 
 @dataclass(frozen=True)
@@ -76,12 +79,12 @@ def usual_trial(machine: Hoist, payloads_kg: Sequence[float], sample_time_s: flo
 def try_out(trial: Trial, candidates: Sequence[PiSettings]) -> list[Score]:
     """Run every candidate through the trial."""
     cases = [
-        LoopCase(f"{i}", trial.machine, payload, trial.start_position_m, settings, speed)
+        LoopCase(f"{i}", trial.machine, payload, trial.start_position_m, settings, speed, trial.events)
         for i, settings in enumerate(candidates)
         for payload in trial.payloads_kg
         for speed in trial.references.values()
     ]
-    results = simulate_loop(cases, record_every=0)
+    results = simulate_loop(cases, record_every=0, step_s=trial.step_s)
     nominal = trial.machine.motor.nominal_torque_nm
     table = np.array(
         [

@@ -7,7 +7,7 @@ smaller and smaller steps along each coordinate from the best of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,6 +26,7 @@ from workbench.shown import Brief
 
 DRAWN, KEPT = 256, 64  # Sobol' points drawn, and those of them that are simulated
 ROUNDS = 5
+STEPS = ROUNDS + 4
 # How far a candidate may leave what was asked for: bandwidth up to 5 % more, ki down to four fifths.
 WIDER, GIVEN_AWAY = 1.05, 0.8
 KP_ROOM, RATIO_ROOM = 0.6, 2.5  # of the logarithms of kp and of ki/kp
@@ -64,6 +65,16 @@ class Goal:
             raise InputError(f"{self.ms_limit:g}, expected a number greater than 1, such as 1.4", place="ms")
         if self.bandwidth_hz is not None and not (math.isfinite(self.bandwidth_hz) and self.bandwidth_hz > 0.0):
             raise InputError(f"{self.bandwidth_hz:g} Hz, expected a number greater than 0", place="bandwidth")
+
+
+@dataclass(frozen=True)
+class TuneProgress:
+    """How far a tuning is. doing: what comes now; step: of STEPS, from 0; tried: candidates so far, cost: the least."""
+
+    doing: str
+    step: int
+    tried: int = 0
+    cost: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -107,18 +118,22 @@ def tune(
     weights: Weights = Weights(),
     *,
     effects: Effects = NO_EFFECTS,
+    tell: Callable[[TuneProgress], object] = lambda progress: None,
 ) -> Tuned:
     """Gains for a goal; `base` gives all settings but the gains and the set-point weight.
 
     points: the family whose margins count. The machine's own effects are at work in the family and
-    in the trial's runs, `effects` beside them in the family only. InputError where the goal cannot be met.
+    in the trial's runs, `effects` beside them in the family only; the trial's events in its runs. tell: hears each
+    step before it is taken; what it raises ends the tuning. InputError where the goal cannot be met.
     """
+    tell(TuneProgress("shaping the loop", 0))
     search = make_search(machine, base, points, effects=effects)
     if goal.bandwidth_hz is None:
         shaped = best_rejection(search, goal.ms_limit)
     else:
         shaped = for_bandwidth(search, goal.bandwidth_hz, goal.ms_limit)
     start = _with(base, np.array([shaped.kp, shaped.ki, base.set_point_weight]))
+    tell(TuneProgress("simulating the shaped gains", 1))
     (first,) = try_out(trial, [start])
     if not first.ok:
         raise InputError(
@@ -142,13 +157,16 @@ def tune(
             places[s] = _place(s, float(hz), goal, shaped)
 
     places = {start: _place(start, shaped.bandwidth_hz, goal, shaped)}
+    tell(TuneProgress("simulating candidates", 2, 1))
     add(_drawn())
     size = 0.2
-    for _ in range(ROUNDS):
+    for round_ in range(ROUNDS):
+        tell(TuneProgress("simulating candidates near the best", 3 + round_, len(tried), min(c.cost for c in tried)))
         at = places[min(tried, key=lambda c: c.cost).settings]
         steps = size * np.kron(np.eye(3), np.array([[-1.0], [-0.5], [0.5], [1.0]]))
         add(np.clip(at + steps, 0.0, 1.0))
         size *= 0.5
+    tell(TuneProgress("checking the winner's margins", 3 + ROUNDS, len(tried), min(c.cost for c in tried)))
     for winner in sorted(tried, key=lambda c: c.cost):
         members = family(machine, winner.settings, points, effects=effects)
         # The search saw Ms on its grid only; the winner keeps to the bound by its exact margins.

@@ -19,9 +19,15 @@ from workbench.errors import InputError, nearest
 # so that the help imports no numpy, numba or pydantic.
 COMMANDS: dict[str, tuple[str, str]] = {
     "app": ("workbench.cli.app:command", "Open the dashboard in a browser."),
+    "blind": ("workbench.cli.blind:command", "Prove the diagnosis on campaigns whose truth is sealed."),
     "compare": ("workbench.cli.compare:command", "Compare two results metric by metric; report regressions."),
     "compare-models": ("workbench.cli.compare_models:command", "Run the lumped and the multi-body machine alike."),
     "diagnose": ("workbench.cli.diagnose:command", "Find the missing effect behind a sim-to-real gap."),
+    "export-controller": (
+        "workbench.cli.export_controller:command",
+        "Write the speed controller for a PLC or a drive.",
+    ),
+    "export-fmu": ("workbench.cli.export_fmu:command", "Write a machine as an FMU, for other simulators."),
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign."),
     "loop": ("workbench.cli.loop:command", "Stability margins of the sampled speed loop."),
     "replay": ("workbench.cli.replay:command", "Replay measured torque on the model; compare speeds."),

@@ -93,7 +93,10 @@ def _run(study: Study, place: Place, spread: Spread, tell: Tell) -> None:
 def _report(study: Study, place: Place) -> None:
     from workbench.cli.show import print_table, print_text
     from workbench.study.conclude import tables
+    from workbench.study.conclude.damping import damping_sentence
+    from workbench.study.conclude.decide import decision_table, verdict
     from workbench.study.conclude.sentences import sentences
+    from workbench.study.conclude.utilisation import alarm, utilisation
     from workbench.study.execute.run import motor_torque_limit_nm
     from workbench.study.results.index import read_rows
     from workbench.study.variations.varying import swept_axes
@@ -106,7 +109,11 @@ def _report(study: Study, place: Place) -> None:
         click.echo()
         print_table(tables.extremes_table(rows, swept_axes(rows)))
         click.echo(f"Each of the {len(rows)} runs has its line in the index.")
-    print_text(["", *sentences(rows, motor_torque_limit_nm(study.machine)), ""])
+    if (decision := decision_table(rows)) is not None:
+        click.echo()
+        print_table(decision)
+    first = verdict(rows), alarm(utilisation(rows, study.machine)), damping_sentence(study.scenario, study.machine)
+    print_text(["", *(s for s in first if s), *sentences(rows, motor_torque_limit_nm(study.machine)), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")
     if place.note:

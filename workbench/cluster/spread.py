@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import pickle
+import queue
 import re
-from collections.abc import Iterator, Sequence
+import signal
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from typing import Any
 
 from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
 from workbench.effects.registry import files_behind
-from workbench.errors import InputError
+from workbench.errors import InputError, one_line
 from workbench.study.execute.batch import Spread
 from workbench.study.execute.store import Chunk
 from workbench.study.scenario.load import Study
@@ -20,9 +25,13 @@ from workbench.study.scenario.load import Study
 RETRIES = 3
 # Tasks handed out for each worker thread: one in work, one waiting, so that nobody idles.
 AHEAD = 2
-CONNECT_S = 10
+CONNECT_S = 10.0
+WITHOUT_WORKERS_S = 60.0  # after which a cluster that has lost its last worker is given up
+LOOK_S = 5.0  # between two looks at who is left
+CLOSE_S = 5.0
+_CONNECTED = "connected"
 _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-WAIT_FOR_WORKERS_S = 60
+WAIT_FOR_WORKERS_S = 60.0
 
 
 @contextmanager
@@ -35,13 +44,16 @@ def spread_on(cluster: str) -> Iterator[Spread]:
     local = re.fullmatch(r"local:([1-9]\d{0,3})", cluster)
     if not local and not re.fullmatch(r"(tcp|tls|ucx|ws|wss)://\S+", cluster):
         raise InputError(f"'{cluster}' is no cluster; expected tcp://host:port, or local:N for N processes here")
-    client = _local_client(int(local[1])) if local else _client(cluster)
+    client = _local_client(int(local[1])) if local else _in_time(cluster)
     try:
         yield lambda study, numbers: _while_it_lives(_chunks(client, cluster, study, numbers), cluster)
     finally:
-        client.close()
+        # Whatever goes wrong at the end is no news: what is finished is kept, and the answer is out.
+        with contextlib.suppress(Exception):
+            client.close(timeout=CLOSE_S)
         if local:
-            client.cluster.close()
+            with contextlib.suppress(Exception):
+                client.cluster.close(timeout=CLOSE_S)
 
 
 def _distributed() -> Any:
@@ -50,7 +62,8 @@ def _distributed() -> Any:
     except ImportError as error:
         raise InputError("a cluster needs the extra 'cluster'; from a checkout: pip install '.[cluster]'") from error
     # What it says of lost workers is dealt with here, and ends in one sentence or in nothing.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in ("distributed", "tornado", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     return distributed
 
 
@@ -67,7 +80,7 @@ def _local_client(processes: int) -> Any:
         "distributed.worker.profile.enabled": False,
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(_ONE_THREAD, 1),
     }
-    with dask.config.set(chosen):
+    with dask.config.set(chosen), _deaf_to_ctrl_c():
         made = distributed.LocalCluster(
             n_workers=processes,
             threads_per_worker=1,
@@ -79,19 +92,75 @@ def _local_client(processes: int) -> Any:
         )
     client = distributed.Client(made)
     client.cluster = made
+    try:
+        client.wait_for_workers(1, timeout=WAIT_FOR_WORKERS_S)
+    except TimeoutError as error:
+        made.close(timeout=CLOSE_S)
+        raise InputError(f"no process came up in {WAIT_FOR_WORKERS_S:g} s", file=f"local:{processes}") from error
     return client
 
 
-def _client(address: str) -> Any:
-    distributed = _distributed()
+@contextmanager
+def _deaf_to_ctrl_c() -> Iterator[None]:
+    """Processes that are started meanwhile leave Ctrl-C to this one, which ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        client = distributed.Client(address, timeout=CONNECT_S)
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _in_time(address: str) -> Any:
+    """A client of the scheduler at an address; InputError when what is there says nothing, or nothing that it should.
+
+    In a thread: Dask itself waits for as long as a peer that accepts and then says nothing pleases.
+    """
+    _distributed()
+    answer: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def ask() -> None:
+        try:
+            answer.put(_client(address, lambda: answer.put(_CONNECTED)))
+        except BaseException as error:
+            answer.put(error)
+
+    threading.Thread(target=ask, daemon=True).start()
+    try:
+        client = answer.get(timeout=CONNECT_S + 2.0)
+        if client == _CONNECTED:
+            client = answer.get(timeout=WAIT_FOR_WORKERS_S + CLOSE_S + 2.0)
+    except queue.Empty:
+        raise InputError(f"nobody there speaks as a Dask scheduler does, for {CONNECT_S:g} s", file=address) from None
+    if isinstance(client, InputError):
+        raise client
+    if isinstance(client, MemoryError):  # it takes the first bytes for the length of what follows
+        raise InputError("what answers there is no Dask scheduler", file=address) from client
+    if isinstance(client, TypeError | AssertionError) and address.startswith(("tls", "wss")):
+        said = "needs certificates: name them in Dask's configuration, under distributed.comm.tls"
+        raise InputError(said, file=address) from client
+    if isinstance(client, TypeError | AssertionError | ImportError):
+        raise InputError(
+            f"Dask cannot speak {address.partition(':')[0]} here; expected tcp://", file=address
+        ) from client
+    if isinstance(client, BaseException):
+        first = one_line(str(client), 300) or type(client).__name__
+        raise InputError(f"no Dask scheduler answers there: {first}", file=address) from client
+    return client
+
+
+def _client(address: str, connected: Callable[[], None]) -> Any:
+    distributed = _distributed()
+    client = distributed.Client(address, timeout=CONNECT_S)
+    connected()
+    try:
         client.wait_for_workers(1, timeout=WAIT_FOR_WORKERS_S)
     except TimeoutError as error:
-        said = f"no worker came in {WAIT_FOR_WORKERS_S} s; start one with: dask worker {address}"
+        client.close(timeout=CLOSE_S)
+        said = f"no worker came in {WAIT_FOR_WORKERS_S:g} s; start one with: dask worker {address}"
         raise InputError(said, file=address) from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"no Dask scheduler answers there: {error}", file=address) from error
     return client
 
 
@@ -104,7 +173,7 @@ def _while_it_lives(chunks: Iterator[tuple[int, Chunk]], cluster: str) -> Iterat
 
 def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int]) -> Iterator[tuple[int, Chunk]]:
     """The chunks as they come. As many are handed out as there are hands: the memory stays small everywhere."""
-    from distributed import KilledWorker, as_completed
+    from distributed import KilledWorker
 
     # With each task, since what is kept on one worker dies with it; some kilobytes.
     effects = files_behind(study.machine.effects, "hoist")
@@ -112,7 +181,6 @@ def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int]) -> 
     waiting = iter(numbers)
     of: dict[Any, int] = {}
     lost: list[int] = []
-    coming = as_completed([])
 
     def hand_out(how_many: int) -> None:
         for _, number in zip(range(how_many), waiting, strict=False):
@@ -121,12 +189,12 @@ def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int]) -> 
                 run_remote_chunk, data, number, fingerprint, wanted, effects, retries=RETRIES, pure=False,
                 key=f"{study.scenario.name}-{fingerprint}-{number:06d}",
             )  # fmt: skip
-            of[future.key] = number
-            coming.add(future)
+            of[future] = number
 
     hand_out(AHEAD * _threads(client))
-    for future in coming:
-        number = of.pop(future.key)
+    while of:
+        future = _next_done(client, cluster, of)
+        number = of.pop(future)
         try:
             chunk = future.result()
         except KilledWorker:
@@ -144,6 +212,22 @@ def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int]) -> 
             "All others are done and kept; the same command tries these again",
             file=cluster,
         )
+
+
+def _next_done(client: Any, cluster: str, futures: Collection[Any]) -> Any:
+    """One that is done. InputError when there has been no worker for too long: nobody would do the rest."""
+    from distributed import wait
+
+    alone_since: float | None = None
+    while True:
+        try:
+            return next(iter(wait(list(futures), timeout=LOOK_S, return_when="FIRST_COMPLETED").done))
+        except TimeoutError:
+            now = time.monotonic()
+            alone_since = None if client.nthreads() else alone_since or now
+            if alone_since is not None and now - alone_since >= WITHOUT_WORKERS_S:
+                said = f"has had no worker for {WITHOUT_WORKERS_S:g} s; what is done is kept, the same command goes on"
+                raise InputError(said, file=cluster) from None
 
 
 def _threads(client: Any) -> int:

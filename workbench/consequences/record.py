@@ -60,9 +60,10 @@ class Change:
 
 @dataclass(frozen=True)
 class LoopFigures:
-    """The weakest loop of a machine over payloads and heights; no margin of an unstable one means anything.
+    """The least margins of a machine's loops over payloads and heights; none means anything of an unstable one.
 
-    gain_margin_db: inf where no gain above loses it. ms: largest |S|.
+    payload_kg, height_m: of the loop with the largest Ms, or of the unstable one. gain_margin_db: inf where no gain
+    above loses it. ms: largest |S|.
     """
 
     payload_kg: float

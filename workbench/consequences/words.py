@@ -157,20 +157,17 @@ def _loop(consequences: Consequences) -> str:
         return f"The speed loop, unstable before at {a.payload_kg:g} kg, is stable: Ms {b.ms:.2f}."
     moved, still = [], []
     for name, least, show, x, y in (
-        ("the gain margin", 0.5, _db, a.gain_margin_db, b.gain_margin_db),
-        ("the phase margin", 1.0, "{:.0f}°".format, a.phase_margin_deg, b.phase_margin_deg),
-        ("Ms", 0.01, "{:.2f}".format, a.ms, b.ms),
+        ("the least gain margin", 0.5, _db, a.gain_margin_db, b.gain_margin_db),
+        ("the least phase margin", 1.0, "{:.0f}°".format, a.phase_margin_deg, b.phase_margin_deg),
+        ("the largest Ms", 0.01, "{:.2f}".format, a.ms, b.ms),
     ):
         if x == y or abs(y - x) < least:
             still.append(f"{name} is {show(y)}")
         else:
             moved.append(f"{name} goes from {show(x)} to {show(y)}")
-    where = (
-        f"{b.payload_kg:g} kg" if a.payload_kg == b.payload_kg else f"{b.payload_kg:g} kg, before {a.payload_kg:g} kg"
-    )
     if not moved:
-        return f"The loop's margins do not change; of the weakest, {where}, {_stay(b)}."
-    return f"Of the weakest loop, {where}, {listed(moved)}" + (f"; {listed(still)} as before." if still else ".")
+        return f"The loop's margins do not change: at the least, {_stay(b)}."
+    return f"Over loads and heights, {listed(moved)}" + (f"; {listed(still)} as before." if still else ".")
 
 
 def _stay(loop: LoopFigures) -> str:

@@ -101,7 +101,7 @@ def full_pi(late: bool = False) -> Controller:
         cut = p.b0 * raw + z1
         z1, z2 = p.b1 * raw - p.a1 * cut + z2, p.b2 * raw - p.a2 * cut
         smooth = smooth + p.alpha_u * (cut - smooth)
-        wanted = smooth + _feed_forward(p, r, (r - r_before) / dt)
+        wanted = smooth + feed_forward(p, r, (r - r_before) / dt)
         torque = clip(clip(wanted, -limit, limit), before - p.rate * dt, before + p.rate * dt)
         error = r - w
         deeper = (wanted - torque) * error > 0.0
@@ -113,7 +113,7 @@ def full_pi(late: bool = False) -> Controller:
         still = hold * (1.0 - p.ff_w)  # what the integral holds beside the feed-forward
         z2 = (p.b2 - p.a2) * still
         z1 = (p.b1 - p.a1) * still + z2
-        return [still, z1, z2, still, hold, 0.0, math.floor(angle * p.counts / TURN), 0.0]
+        return [still, z1, z2, still, hold, 0.0, floor(angle * p.counts / TURN), 0.0]
 
     def sensed(p: Any, memory: Sequence[Scalar], measured: Any, dt: Scalar) -> Scalar:
         return seen(p, memory, measured, dt)[1]
@@ -121,7 +121,7 @@ def full_pi(late: bool = False) -> Controller:
     return Controller((*LOOP, *EXTRAS), names, REFERENCES, step, start, sensed if late else None)
 
 
-def _feed_forward(p: Any, r: Scalar, acceleration: Scalar) -> Scalar:
+def feed_forward(p: Any, r: Scalar, acceleration: Scalar) -> Scalar:
     """Torque that the machine's own values ask of the reference: inertia, weight, guide friction."""
     lever = p.D_w / (4.0 * p.ratio)  # carriage speed over motor speed: two falls, drum and gear
     J = p.n_m * p.J_m + p.J_w / (p.ratio * p.ratio) + (p.m_c + p.s_p * p.m_p) * (lever * lever)

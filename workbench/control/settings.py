@@ -80,11 +80,6 @@ def lag_gain(time_constant_s: float, sample_time_s: float) -> float:
     return 1.0 if time_constant_s == 0.0 else 1.0 - math.exp(-sample_time_s / time_constant_s)
 
 
-def lag_left(time_constant_s: float, step_s: float) -> float:
-    """What a first-order lag leaves of a difference after a step."""
-    return 0.0 if time_constant_s == 0.0 else math.exp(-step_s / time_constant_s)
-
-
 def notch_coefficients(notch: Notch | None, sample_time_s: float) -> tuple[float, float, float, float, float]:
     """b0, b1, b2, a1, a2 of the sampled notch; (1, 0, 0, 0, 0) is no notch.
 

@@ -4,7 +4,19 @@
 plant; `names()` and `effects_for(kind)` say what there is; `load_effects(file)` adds a user's own.
 """
 
-from workbench.effects.active import RUN_SYMBOLS, Active, all_off, check, joined, of, ranges_of, searchable, sizes_of
+from workbench.effects.active import (
+    RUN_SYMBOLS,
+    Active,
+    Chosen,
+    all_off,
+    alone,
+    check,
+    joined,
+    of,
+    ranges_of,
+    searchable,
+    sizes_of,
+)
 from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
 from workbench.effects.registry import effects_for, find, forget_users, library_effects, load_effects, names
 from workbench.effects.series import (
@@ -22,12 +34,14 @@ __all__ = [
     "RUN_SYMBOLS",
     "SENSOR_PLACES",
     "Active",
+    "Chosen",
     "Effect",
     "EffectMemory",
     "Parameter",
     "Ranged",
     "Sizes",
     "all_off",
+    "alone",
     "check",
     "effect",
     "effects_for",

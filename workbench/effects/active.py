@@ -49,6 +49,16 @@ class Active:
         return {**self.values, RUN_SYMBOLS[0]: start_time_s} if self.effects is not NO_EFFECTS else dict(self.values)
 
 
+@dataclass(frozen=True)
+class Alone:
+    """The chosen effects in the plant, and no others; sensors_left_out: names of those on the log's sensors."""
+
+    effects: Effects
+    values: Mapping[str, float]
+    chosen: tuple[Effect, ...]
+    sensors_left_out: tuple[str, ...]
+
+
 def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "effects") -> Active:
     """The machine's own effects, `chosen` ones (a scenario's, a candidate's) in place of or beside them.
 
@@ -74,6 +84,17 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     held = _in_plants(kind) if all(each.id in own for each in in_plant) else _with_users(kind)
     everything = {symbol: value for each in held for symbol, value in vanished(each, sizes).items()}
     return corrected(Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors), machine)
+
+
+def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
+    """As `of`, but without the rest of the library at its vanishing values: for a model that stays as it is."""
+    kind, whole = plant_of(machine).kind, of(machine, chosen)
+    wanted = tuple(find(name, kind) for name in {**machine.effects, **(chosen or {})})
+    in_plant = tuple(each for each in wanted if not each.on_sensor)
+    numbers = {name: whole.values[name] for each in in_plant for name in vanished(each, sizes_of(machine))}
+    pieces = compiled(kind, in_plant) if in_plant else NO_EFFECTS
+    made = corrected(Active(kind, pieces, MappingProxyType(numbers)), machine)
+    return Alone(made.effects, made.values, in_plant, tuple(each.id for each in whole.sensors))
 
 
 def all_off(machine: Hoist | Axis) -> Active:
@@ -172,7 +193,7 @@ def _memory(effect: Effect, kind: str) -> Memory:
     return Memory(
         effect.memory_symbol,
         rate=lambda s, p: memory.rate(s, own(p), p),
-        start=lambda p: float(memory.start(own(p), p)),
+        start=lambda p: memory.start(own(p), p),
         scale=lambda p: float(memory.scale(own(p), p)),
     )
 

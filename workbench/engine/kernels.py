@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from workbench.engine.cache import load_functions
-from workbench.engine.source import driven_source, loop_source, replay_source
+from workbench.engine.source import LAG, driven_source, loop_source, replay_source
 from workbench.engine.text import KernelSource, delay_rows
 from workbench.plants import NO_EFFECTS, Effects, Plant
 from workbench.run import Array
@@ -82,7 +82,7 @@ def loop_kernel(
 
 def loop_parameters(plant: Plant, effects: Effects, controller: Any, observer: Any) -> tuple[str, ...]:
     """Every number that a closed loop needs, in the order of `loop`'s parameter rows."""
-    rows = (*plant.parameters, *effects.parameters, *controller.parameters, *observer.parameters, "decay")
+    rows = (*plant.parameters, *effects.parameters, *controller.parameters, *observer.parameters, *LAG)
     return tuple(dict.fromkeys(rows))
 
 

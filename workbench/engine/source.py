@@ -22,6 +22,8 @@ from workbench.plants import Effects, Plant
 from workbench.trace.derive import derivative
 from workbench.trace.expr import Scalar, symbol
 
+LAG = ("lag_left", "lag_start", "lag_slope")  # what a lagging drive's step needs, by symbol
+
 
 def _bound(plant: Plant, effects: Effects, p: Any) -> Any:
     def rates(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar) -> Sequence[Scalar]:
@@ -159,8 +161,9 @@ def loop_source(
 
     At each sample: read the signals, step the controller, feed the observer's
     accumulators, record every `every`-th sample; then `substeps` steps of the plant
-    under the held input or, `lagged`, under one that nears it as a first-order lag
-    (`decay`: what is left of a difference after one step, exact; linear within the step).
+    under the held input or, `lagged`, under one that nears it as a first-order lag: exact from step to step
+    (`lag_left` of the difference stays) and, within a step, the straight line of the same impulse and first moment
+    (`lag_start`, `lag_slope` of the difference).
     references: (n, controller's references, lanes); actual: (lanes,) the input at work; line: see `delayed`.
     """
     k = KernelText(lanes, parameters)
@@ -205,8 +208,9 @@ def loop_source(
     k.add(4, "t = t1")
     k.load(4, "state", states)
     if lagged:
-        k.add(4, "u = actual[l]", f"actual[l] = held[l] + (u - held[l]) * {k.parameter('decay')}")
-        k.add(4, "u_rate = (actual[l] - u) / h")
+        left, start, slope = (k.parameter(name) for name in LAG)
+        k.add(4, "gap = actual[l] - held[l]", f"actual[l] = held[l] + gap * {left}")
+        k.add(4, f"u = held[l] + gap * {start}", f"u_rate = gap * {slope}")
     else:
         k.add(4, "u = held[l]")
     q1, y1, _, _ = rodas3_step(rates, t, h, q, y, u, symbol("u_rate") if lagged else 0.0, len(effects.memory))

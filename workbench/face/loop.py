@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from workbench.analysis.family import Member, family, operating_points, weakest
+from workbench.analysis.family import Member, Weakest, family, operating_points, weakest
 from workbench.analysis.linearise import STIFFNESS_BY_LENGTH, Motion
 from workbench.analysis.tune import Goal
 from workbench.control import PiSettings
@@ -29,8 +29,8 @@ class LoopAnalysis(Shown):
     ms_limit: float
 
     @property
-    def weakest(self) -> Member:
-        """An unstable loop if there is any, else the one with the largest Ms."""
+    def weakest(self) -> Weakest:
+        """The least of each margin, with the loop that it is of; an unstable loop if there is any."""
         return weakest(self.members)
 
 

@@ -10,6 +10,7 @@ from workbench.control import Events, PiSettings
 from workbench.face.logs import run_figure
 from workbench.face.view import View
 from workbench.figures.study import overview
+from workbench.kinds import load_of
 from workbench.machine import Hoist, default_hoist
 from workbench.references import (
     LimitPair,
@@ -53,7 +54,7 @@ def simulate(
     controller = usual_controller(machine) if controller is None else controller
     steps = moves if isinstance(moves, Sequence) else [Step(by_m=float(moves))]
     chosen = usual_limits(machine) if limits is None else limits
-    plan = plan_motion(reference, steps, start, chosen, (low, high), LEAD_S, SETTLE_S)
+    plan = plan_motion(reference, steps, start, chosen, (low, high), LEAD_S, SETTLE_S, load_of(machine, payload_kg))
     carriage = plan.sample(controller.sample_time_s).speed_m_s
     speed = motor_speed_rad_s(carriage, machine.gearbox.ratio, machine.winch.drum_diameter_m)
     name = f"{payload_kg:g} kg, {reference}"

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from workbench.analysis.family import operating_points
-from workbench.analysis.tune import Candidate, Goal, Tuned, Weights
+from workbench.analysis.tune import Candidate, Goal, Tuned, TuneProgress, Weights
 from workbench.analysis.tune import tune as search_gains
 from workbench.control import PiSettings
 from workbench.face.logs import PathLike
@@ -50,16 +50,19 @@ def tune(
     heights_m: Sequence[float] | None = None,
     weights: Weights = USUAL_WEIGHTS,
     scenario: PathLike | None = None,
+    tell: Callable[[TuneProgress], object] = lambda progress: None,
 ) -> Tuning:
     """Find kp, ki and the set-point weight: loop shaping first, then runs of the nonlinear closed loop.
 
     bandwidth_hz: of the slowest payload; without it the best rejection of load steps is sought. ms_limit: of the worst
-    payload. controller: settings that stay as they are (filters, feed-forward). InputError for a goal out of reach.
+    payload. controller: settings that stay as they are (filters, feed-forward). tell: hears how far it is, and may
+    raise to end it. InputError for a goal out of reach, which says why.
     """
     goal = Goal(bandwidth_hz, ms_limit)
     case = loop_case(machine, given(controller), payloads_kg, heights_m, scenario)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m)
-    return Tuning(case, weights, search_gains(case.machine, case.settings, points, case.trial(), goal, weights))
+    tuned = search_gains(case.machine, case.settings, points, case.trial(), goal, weights, tell=tell)
+    return Tuning(case, weights, tuned)
 
 
 def _columns(t: Tuning) -> Mapping[str, Sequence[Any]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workbench.analysis.family import Member, weakest
+from workbench.analysis.family import Member, Weakest, weakest
 from workbench.analysis.step import step_response
 from workbench.figures.panels import Panels
 from workbench.figures.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
@@ -65,7 +65,7 @@ def _log_axes(figure: Figure, members: Sequence[Member], per_hz: float) -> Figur
 def bode(
     members: Sequence[Member], title: str = "Open loop L", height: int = 760, unit: tuple[str, float] = HZ
 ) -> Figure:
-    """|L| and its phase over frequency; the weakest member's gain and phase margin drawn and said.
+    """|L| and its phase over frequency; the least gain and phase margin drawn and said, each at its member.
 
     unit: of the frequency, HZ or RAD_S.
     """
@@ -82,8 +82,8 @@ def bode(
         for row, values, of in ((0, _db(L), "dB"), (1, phase, "°")):
             hover = f"%{{x:.4~g}} {name_of}: %{{y:.4~g}} {of}"
             panels.line(row, 0, per_hz * f, values, name, look, of, hovertemplate=hover)
-        if member is worst and member.margins.stable:
-            _draw_margins(panels, member, f, phase, name, unit)
+        if member.margins.stable:
+            _draw_margins(panels, member, worst, f, phase, unit)
         lowest_phase = min(lowest_phase, float(phase[_db(L) > -40.0].min()))
     panels.level(0, 0, 0.0, "0 dB")
     panels.level(1, 0, -180.0, "−180°")
@@ -91,18 +91,21 @@ def bode(
     return _log_axes(figure, members, per_hz)
 
 
-def _draw_margins(panels: Panels, member: Member, f: Array, phase: Array, name: str, unit: tuple[str, float]) -> None:
-    m = member.margins
+def _draw_margins(
+    panels: Panels, member: Member, worst: Weakest, f: Array, phase: Array, unit: tuple[str, float]
+) -> None:
+    """Those of the least margins that are this member's."""
+    m, name = member.margins, member_name(member)
     name_of, per_hz = unit
     dark = {"color": "#222222", "width": 2.2, "simplify": False}
-    if math.isfinite(m.crossover_hz):
+    if member is worst.member["phase_deg"] and math.isfinite(m.crossover_hz):
         at = float(np.interp(math.log(m.crossover_hz), np.log(f), phase))
         foot = -180.0 + 360.0 * round((at + 180.0) / 360.0)
         x = per_hz * m.crossover_hz
         _bar(panels, 1, x, foot, at, dark)
         _note(panels, 1, x, foot, f"phase margin {m.phase_deg:.0f}° at {x:.3g} {name_of}<br>{name}")
         _note(panels, 0, x, 0.0, f"crossover {x:.3g} {name_of}", up=True)
-    if math.isfinite(m.gain_up):
+    if member is worst.member["gain_up"] and math.isfinite(m.gain_up):
         gain = -20.0 * math.log10(m.gain_up)
         x = per_hz * m.gain_up_hz
         _bar(panels, 0, x, 0.0, gain, dark)

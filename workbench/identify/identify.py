@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from workbench import __version__
+from workbench.errors import InputError
 from workbench.identify.fit import Fit, fit
 from workbench.identify.iteration import Levels, friction_levels
 from workbench.identify.models import BalanceModel
@@ -42,7 +45,11 @@ def identify(
     levels = friction_levels(bench)
     parameters = free_parameters(machine, campaign.runs, free)
     ties = _ties(machine, [f.key for f in parameters])
-    result = fit(BalanceModel(bench), parameters, ties)
+    try:
+        result = fit(BalanceModel(bench), parameters, ties)
+    except (np.linalg.LinAlgError, ZeroDivisionError, OverflowError) as error:
+        said = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
+        raise InputError(said, file=campaign.path) from error
     identified = with_values(machine, result.values())
     identified = identified.model_copy(update={"identified": record(campaign, result, levels, bench.band_hz, date)})
     return Identification(

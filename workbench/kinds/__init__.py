@@ -9,6 +9,7 @@ from typing import Any, cast
 
 from workbench.kinds.axis import LINEAR, ROTARY
 from workbench.kinds.hoist import KIND as HOIST
+from workbench.kinds.load import Load
 from workbench.kinds.record import (
     STANDSTILL_LOG_STD,
     TIME,
@@ -35,6 +36,12 @@ KINDS = {kind.name: kind for kind in (HOIST, LINEAR, ROTARY, TWO_INERTIA)}
 def kind_of(machine: Any) -> Kind:
     """The kind that a machine record is of."""
     return KINDS[plant_of(machine).kind]
+
+
+def load_of(machine: Any, payload_kg: float) -> Load | None:
+    """The load as references that know their machine take it; None for a kind without one."""
+    load = kind_of(machine).load
+    return None if load is None else load(machine, payload_kg)
 
 
 STUDIED = " or ".join(f"kind '{kind.plant.kind}'" for kind in KINDS.values() if kind.studies)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench.kinds.load import Load
 from workbench.kinds.record import (
     TIME,
     BaseValue,
@@ -91,6 +92,23 @@ def _limits(m: Hoist) -> Limits:
         length=m.wire.segment_length_m,
         empty_mass_kg=m.carriage.mass_kg,
         motors=m.motor.count,
+    )
+
+
+def _load(m: Hoist, payload_kg: float) -> Load:
+    """Two falls over the sheave: the carriage hangs on twice a fall's stiffness, at the height of the wire's middle."""
+    one = m.motor.nominal_torque_nm * m.drive.overload
+    share = max(m.drive.torque_share, 1.0 - m.drive.torque_share) if m.motor.count == 2 else 1.0 / m.motor.count
+    turning = m.motor.count * m.motor.rotor_inertia_kg_m2 + m.winch.inertia_kg_m2 / m.gearbox.ratio**2
+    return Load(
+        drive_kg=turning / m.lift_m_per_rad**2,
+        mass_kg=_mass(m, payload_kg),
+        stiffness_n_per_m=2.0 * m.wire.youngs_modulus_pa * m.wire.effective_area_m2 / m.wire.segment_length_m,
+        damping_time_s=m.wire.damping_time_s,
+        hold_n=_weight(m, payload_kg),
+        friction_up_n=m.guide.coulomb_hoisting_n,
+        friction_down_n=m.guide.coulomb_lowering_n,
+        force_limit_n=one / share / m.lift_m_per_rad,
     )
 
 
@@ -226,6 +244,7 @@ KIND = Kind(
         lambda m: (0.0, m.wire.segment_length_m, "where the dead anchor is"),
     ),
     limits=_limits,
+    load=_load,
     weight=_weight,
     gravity=lambda m: float(m.gravity_m_s2),
     dead_line=DeadLine(

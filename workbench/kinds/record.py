@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from workbench.kinds.load import Load
 from workbench.kinds.sizes import Sizes
 from workbench.plants import Plant
 from workbench.run import Array, Run
@@ -258,7 +259,8 @@ class Kind:
     the runs tell rather than the nominal value: "input" or "input/speed", or a number.
     ties: ((two keys), third): what runs show of the three is two sums only, so the two are held alike in a fit.
     floor: what a machine without a gap leaves: its sensors' noise, or ripple and resonances of its own. traces,
-    discrepancy: what a diagnosis allows for besides.
+    discrepancy: what a diagnosis allows for besides. load(machine, payload_kg): as references that know their machine
+    take it.
     transmitted(p, frame, input, acceleration, payload_kg): of an input, (n,), what goes through to the load, and the
     mass or inertia that moves there. gravity: m/s^2.
     log_timing: whether one sampling step between the channels of a log is a base parameter.
@@ -301,6 +303,7 @@ class Kind:
     studies: bool = False
     start: Start | None = None
     limits: Callable[[Any], Limits] | None = None
+    load: Callable[[Any, float], Load] | None = None
     weight: Callable[[Any, float], float] | None = None
     gravity: Callable[[Any], float] = lambda machine: STANDARD_GRAVITY
     dead_line: DeadLine | None = None

@@ -2,15 +2,18 @@
 
 from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
 from workbench.machine.correction import HoistCorrection, LinearCorrection, MeasuredCorrection, RotaryCorrection
-from workbench.machine.files import default_hoist, load_machine, machine_from, save_machine
-from workbench.machine.hoist import Hoist
+from workbench.machine.files import SHIPPED, default_hoist, load_machine, machine_from, save_machine, shipped
+from workbench.machine.hoist import DRIVES, Drive, Hoist
 from workbench.machine.two_inertia import TwoInertia
 from workbench.machine.values import get_value, value_names, with_correction, with_values
 
 Machine = Hoist | Axis
 
 __all__ = [
+    "DRIVES",
+    "SHIPPED",
     "Axis",
+    "Drive",
     "Hoist",
     "HoistCorrection",
     "LinearAxis",
@@ -25,6 +28,7 @@ __all__ = [
     "load_machine",
     "machine_from",
     "save_machine",
+    "shipped",
     "value_names",
     "with_correction",
     "with_values",

@@ -102,7 +102,16 @@ def save_machine(machine: Hoist | Axis, path: str | os.PathLike[str]) -> None:
         raise InputError(f"cannot be written: {error.strerror}", file=file) from error
 
 
+# Machines that ship with the package, as scenarios name them.
+SHIPPED = {"default": "default_hoist.yaml", "lightly_damped": "lightly_damped_hoist.yaml"}
+
+
 @cache
+def shipped(name: str) -> Hoist:
+    """A machine that ships with the package. KeyError for another name."""
+    return validate(Hoist, load(Path(__file__).with_name(SHIPPED[name])))
+
+
 def default_hoist() -> Hoist:
-    """The machine that ships with the package: engineering estimates of a pipe racker's winch."""
-    return validate(Hoist, load(Path(__file__).with_name("default_hoist.yaml")))
+    """Engineering estimates of a pipe racker's winch."""
+    return shipped("default")

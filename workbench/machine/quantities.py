@@ -101,6 +101,10 @@ Delay = Annotated[
     float, Field(ge=0.0, le=0.2, strict=True, allow_inf_nan=False),
     Because("ten cycles of the slowest field bus; a speed loop is of no use behind more", MS),
 ]  # fmt: skip
+Cycle = Annotated[
+    float, Field(ge=1e-3, le=86400.0, strict=True, allow_inf_nan=False),
+    Because("motors and drives warm up within a day", MS),
+]  # fmt: skip
 Duration = Annotated[
     float, Field(ge=0.0, le=3600.0, strict=True, allow_inf_nan=False),
     Because("a run takes an hour at most", MS),

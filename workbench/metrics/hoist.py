@@ -57,12 +57,12 @@ def _root_mean(sums: Sequence[float], p: Any, duration: float) -> float:
 def _since_last(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     """Work and changes since the last sample.
 
-    Work at the shaft by sign: torque times the angle turned. The torque is the one held since
-    then or, behind a lagging drive, the mean of both ends. per_s: one over the time since then,
+    Work at the shaft by sign: torque times the angle turned. The torque is its mean since then: the one held or,
+    behind a lagging drive, what its exponential holds between both ends. per_s: one over the time since then,
     0 at the first sample, which has none before it.
     """
     motoring, regenerated, rate, jerk, torque, one, angle, acceleration, per_s = a
-    mean = where(p.t_lag > 0.0, 0.5 * (torque + _torque(s)), torque)
+    mean = p.before * torque + (1.0 - p.before) * _torque(s)
     work = where(per_s > 0.0, mean * (s["angle_motor_rad"] - angle), 0.0)
     one_now, acceleration_now = _torque(s) * _share(s, p), s["acceleration_carriage_m_s2"]
     return [
@@ -91,6 +91,13 @@ def _tops(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
 
 def _safety(sums: Sequence[float], p: Any, duration: float) -> float | None:
     return p.W_break / max(sums[0], sums[2]) if p.W_break > 0.0 else None
+
+
+def _overloaded(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+    """The heat above that of nominal torque, in seconds at nominal torque: now, and at most."""
+    one = _torque(s) * _share(s, p) / p.T_nominal
+    heat = maximum(a[0] + (one * one - 1.0) * dt, 0.0)
+    return [heat, maximum(a[1], heat)]
 
 
 def _speeds(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
@@ -140,7 +147,7 @@ METRICS: tuple[Metric, ...] = (
         name="peak_torque_percent", unit="%", label="torque peak of nominal", better="lower", visible=0.01,
         definition="the same in per cent of one motor's nominal torque",
         head="peak", decimals=0, note="torque of one motor", fixed=True,
-        views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES,
+        views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES | View.DECISION,
         sums=_PEAK, finish=lambda a, p, duration: a[0] * 100.0 / p.T_nominal,
     ),
     LoopMetric(
@@ -155,7 +162,7 @@ METRICS: tuple[Metric, ...] = (
         name="rms_torque_motor_nm", unit="N m", label="RMS torque per motor", better="lower", visible=0.1,
         definition="root mean square of the harder-worked motor's torque over the run",
         head="RMS", decimals=0, note="torque of one motor", fixed=True,
-        views=View.RUNS | View.QUANTILES | View.COMPARE,
+        views=View.RUNS | View.QUANTILES | View.COMPARE | View.DECISION,
         sums=_SQUARE, finish=_root_mean,
     ),
     LoopMetric(
@@ -170,7 +177,7 @@ METRICS: tuple[Metric, ...] = (
         definition="the same over the run's duration: 100 % heats as nominal torque does",
         head="thermal\nload", decimals=0, taken_at="one motor",
         note="mean square torque of one motor over that of nominal torque",
-        views=View.DRIVE | View.COMPARE,
+        views=View.DRIVE | View.COMPARE | View.DECISION,
         sums=_SQUARE, finish=lambda a, p, duration: 100.0 * a[0] / (p.T_nominal**2 * duration),
     ),
     LoopMetric(
@@ -181,6 +188,14 @@ METRICS: tuple[Metric, ...] = (
         finish=as_summed(0),
     ),
     LoopMetric(
+        name="overload_use_percent", unit="%", label="use of the overload", better="lower", visible=0.01,
+        definition="largest value of ∫ ((T/T_nominal)² − 1) dt, never below 0, of the harder-worked motor, over what "
+        "the drive bears: its overload for its overload time",
+        head="overload\nused", decimals=0, note="of what the drive bears, one motor", taken_at="one motor",
+        views=View.DRIVE,
+        sums=Sums((0.0, 0.0), _overloaded), finish=lambda a, p, duration: 100.0 * a[1] / p.overload_s,
+    ),
+    LoopMetric(
         name="torque_rate_max_nm_per_s", unit="N m/s", label="largest torque rate", better="lower", visible=1.0,
         definition="largest change of the harder-worked motor's torque from one sample to the next, by the time "
         "between them",
@@ -188,10 +203,16 @@ METRICS: tuple[Metric, ...] = (
         sums=_SINCE_LAST, finish=as_summed(2),
     ),
     LoopMetric(
+        name="peak_speed_percent", unit="%", label="largest motor speed", better="lower", visible=0.01,
+        definition="largest motor speed, either way, in per cent of nominal",
+        views=INDEX_ONLY,
+        sums=largest(lambda s, p: absolute(s["speed_motor_rad_s"]) * 100.0 / p.w_nominal), finish=as_summed(0),
+    ),
+    LoopMetric(
         name="speed_error_rms_rad_s", unit="rad/s", label="RMS speed error", better="lower", visible=1e-3,
         definition="root mean square of reference minus motor speed",
         head="error RMS", decimals=2, note="motor speed against its set point", taken_at="motor side", fixed=True,
-        views=View.RUNS | View.COMPARE,
+        views=View.RUNS | View.COMPARE | View.DECISION,
         sums=integral(lambda s, p: _error(s) * _error(s)), finish=_root_mean,
     ),
     LoopMetric(
@@ -229,7 +250,7 @@ METRICS: tuple[Metric, ...] = (
         "error summed up, times the carriage's travel per angle (drum diameter / (4 · ratio)). Exact for a rigid "
         "drive; the stretch of the wire is not in it",
         shown_in="mm", scale=1e3, head="position\nmax", decimals=1, note="largest error, seen at the motor shaft",
-        taken_at="carriage side", views=View.MOTION | View.COMPARE,
+        taken_at="carriage side", views=View.MOTION | View.COMPARE | View.DECISION,
         sums=_BEHIND, finish=lambda a, p, duration: a[1] * _lift(p),
     ),
     LoopMetric(
@@ -264,7 +285,7 @@ METRICS: tuple[Metric, ...] = (
         name="wire_tension_swing_n", unit="N", label="wire tension swing", better="lower", visible=1.0,
         definition="largest minus smallest tension at the top of a fall, of the fall that swings more",
         shown_in="kN", scale=1e-3, head="swing", decimals=1, note="of a fall's tension",
-        views=View.QUANTILES | View.MOTION | View.SENTENCES | View.SWEEP | View.COMPARE,
+        views=View.QUANTILES | View.MOTION | View.SENTENCES | View.SWEEP | View.COMPARE | View.DECISION,
         sums=_TOPS, finish=lambda a, p, duration: max(a[0] - a[1], a[2] - a[3]),
     ),
     LoopMetric(
@@ -291,7 +312,8 @@ METRICS: tuple[Metric, ...] = (
         definition="time in motion of the reference, all moves together, dwells left out",
         head="moves", decimals=2, note="time in motion", fixed=True, known_before=True,
         extremes=(("shortest moves", -1), ("longest moves", 1)),
-        views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES | View.EXTREMES | View.SWEEP | View.COMPARE | View.CARDS,
+        views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES | View.EXTREMES | View.SWEEP | View.COMPARE | View.CARDS
+        | View.DECISION,
         value=lambda run: sum(end - start for start, end in run.move_windows),
     ),
     LoopMetric(
@@ -314,7 +336,7 @@ METRICS: tuple[Metric, ...] = (
         name="energy_motoring_j", unit="J", label="work of the motors", better="lower", visible=1.0,
         definition="work of the motors on the machine",
         shown_in="kJ", scale=1e-3, head="work in", decimals=0, note="work of both motors on the machine", fixed=True,
-        views=View.DRIVE | View.COMPARE,
+        views=View.DRIVE | View.COMPARE | View.DECISION,
         sums=_SINCE_LAST, finish=as_summed(0),
     ),
     LoopMetric(
@@ -362,6 +384,6 @@ METRICS: tuple[Metric, ...] = (
 
 # Of the machine and its drive, by the loop's symbols.
 PARAMETERS = (
-    "T_nominal", "T_hold", "share", "share_failed", "t_fail", "t_lag", "x_low", "x_high", "w_nominal", "W_break",
-    "D_w", "ratio",
+    "T_nominal", "T_hold", "share", "share_failed", "t_fail", "before", "x_low", "x_high", "w_nominal", "W_break",
+    "D_w", "ratio", "overload_s",
 )  # fmt: skip

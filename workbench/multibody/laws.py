@@ -39,7 +39,8 @@ def _symbolic() -> Operations:
     )
 
 
-PLAIN = Operations(math.exp, math.cos, max, lambda v, up, down: up if v > 0.0 else down)
+_LARGEST = 700.0  # that exp of a float can take
+PLAIN = Operations(lambda v: math.exp(min(v, _LARGEST)), math.cos, max, lambda v, up, down: up if v > 0.0 else down)
 
 
 def guide_level(o: Operations, machine: Hoist, s: Switches, payload_n: float) -> Callable[[Any, Any, Any], Any]:
@@ -59,8 +60,8 @@ def guide_level(o: Operations, machine: Hoist, s: Switches, payload_n: float) ->
         if s.bell_n:
             off = (x - s.bell_m) / s.bell_width_m
             F = F + s.bell_n * o.exp(-0.5 * off * off)
-        if s.rail_step_n:  # over 5 cm
-            F = F + s.rail_step_n / (1.0 + o.exp((s.rail_step_m - x) / 0.0125))
+        if s.rail_step_n:  # as steep in its middle as a ramp of its width
+            F = F + s.rail_step_n / (1.0 + o.exp((s.rail_step_m - x) * (4.0 / s.rail_step_width_m)))
         if s.flat_n:
             F = F + 0.5 * s.flat_n * (1.0 + o.cos(x * (2.0 * math.pi / s.flat_period_m) + s.flat_rad))
         return o.largest(0.0, F)

@@ -17,7 +17,8 @@ class Switches:
 
     Guide: roller_friction (of the normal forces), clearance_m, bristle_m, viscous up and down (N s/m), extra
     Coulomb levels (N), Stribeck peaks (N) with their speed, load_fraction (of the payload's weight), a bell
-    (N, m, m), a step of the rail (N, m), a roller's flat (N, period m, rad), quadratic drag, drift (relative, s).
+    (N, m, m), a step of the rail (N, m, over m), a roller's flat (N, period m, rad), quadratic drag, drift
+    (relative, s).
     Wire: follows_length (the share of the free length's change that the stiffness follows), wire_inertia,
     hose_kg_per_m beyond the bare wire. Drum: layer, eccentricity. Drive: gear_loss, gear_inertia, two ripples,
     motor_viscous and fan (N m s, N m s²). Platform: heave.
@@ -39,6 +40,7 @@ class Switches:
     bell_width_m: float = 1.0
     rail_step_n: float = 0.0
     rail_step_m: float = 0.0
+    rail_step_width_m: float = 0.05
     flat_n: float = 0.0
     flat_period_m: float = 1.0
     flat_rad: float = 0.0
@@ -87,6 +89,18 @@ _EFFECTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     },
     "friction_load_dependent": {"friction_fraction": ("load_fraction",)},
     "friction_position_dependent": {"peak_n": ("bell_n",), "centre_m": ("bell_m",), "width_m": ("bell_width_m",)},
+    "friction_quadratic": {"drag_n_s2_per_m2": ("drag_n_s2_per_m2",)},
+    "friction_step": {
+        "level_n": ("rail_step_n",),
+        "position_m": ("rail_step_m",),
+        "width_m": ("rail_step_width_m",),
+    },
+    "friction_periodic": {
+        "amplitude_n": ("flat_n",),
+        "period_m": ("flat_period_m",),
+        "phase_rad": ("flat_rad",),
+    },
+    "motor_fan": {"drag_nm_s2": ("fan_nm_s2",)},
     "friction_thermal_drift": {"friction_fraction": ("drift",), "time_constant_s": ("drift_s",)},
     "gearbox_efficiency": {"loss_fraction": ("gear_loss",)},
     "gearbox_inertia": {"inertia_kg_m2": ("gear_inertia",)},

@@ -51,7 +51,7 @@ def accelerations(
 
 def equilibrium(position: float, p: Any) -> tuple[list[float], float]:
     """Standing still at a position, and the input that holds it without friction's help."""
-    return [position], float(p.G * sin(position) + p.C)
+    return [position], p.G * sin(position) + p.C
 
 
 def start_of(position: float, speed: float, p: Any) -> tuple[list[float], list[float], float]:

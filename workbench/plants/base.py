@@ -85,6 +85,7 @@ class Plant:
     equilibrium(height, p): positions hanging still there, and the input that holds it.
     placed: the position that says where the machine is, the one `equilibrium` is given.
     start_of(height, speed, p): positions, speeds and holding input of an even motion.
+    guess: as start_of, without branches, near enough for Newton's method; None where start_of itself can be traced.
     band_hz(p): up to which frequency the balance of forces is worth comparing.
     energy(q, y, p) and dissipation(t, q, y, u, p): J and W, for the balance
     input power = d energy/dt + dissipation.
@@ -105,6 +106,7 @@ class Plant:
     start_of: Callable[..., tuple[list[float], list[float], float]]
     band_hz: Callable[[Any], float]
     placed: int = 0
+    guess: Callable[..., tuple[list[Any], list[Any], Any]] | None = None
 
     def rates(
         self, t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS

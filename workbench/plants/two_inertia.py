@@ -171,6 +171,13 @@ def start_of(angle: float, speed: float, p: Any) -> tuple[list[float], list[floa
     return q, [speed, speed], hold
 
 
+def guess(angle: Scalar, speed: Scalar, p: Any) -> tuple[list[Scalar], list[Scalar], Scalar]:
+    """Near `start_of`, without branches: the load on the flank that it presses."""
+    load = p.G * sin(angle) + p.C
+    flank = where(load > 0.0, 0.5, where(load < 0.0, -0.5, 0.0)) * p.b
+    return [angle, angle - load / p.k - flank], [speed, speed], load
+
+
 def band_hz(p: Any) -> float:
     """0.85 of the frequency of the load on its coupling with the motor held, at most an axis' 90 Hz.
 
@@ -209,4 +216,5 @@ TWO_INERTIA = Plant(
     dissipation=dissipation,
     start_of=start_of,
     band_hz=band_hz,
+    guess=guess,
 )

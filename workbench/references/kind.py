@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from workbench.errors import InputError
+from workbench.kinds.load import Load
 from workbench.references.limits import Limits
 from workbench.references.shape import Shape
 
@@ -29,12 +30,20 @@ from workbench.references.shape import Shape
 class Move:
     """A move from rest to rest, to be planned.
 
-    distance_m: up positive. time_s: what the kind named by `same_time_as` takes for it; NaN without one.
+    distance_m: up positive. time_s: what the kind named by `same_time_as` takes for it; NaN without one. load: of the
+    machine, for the kinds that declare `needs_load`.
     """
 
     distance_m: float
     limits: Limits
     time_s: float = math.nan
+    load: Load | None = None
+
+    @property
+    def known_load(self) -> Load:
+        """The load of a kind that declares `needs_load`."""
+        assert self.load is not None
+        return self.load
 
 
 @dataclass(frozen=True)
@@ -48,6 +57,7 @@ class Ramp:
     next_speed_m_s: float
     limits: Limits
     time_s: float = math.nan
+    load: Load | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +81,9 @@ class PlannedKind(ReferenceKind):
 
     move: the shape of a move from rest to rest. ramp: the shape of a change of speed, which a jog holds afterwards.
     duration: what a move takes (s) without its shape, where that is cheaper. same_time_as: the kind whose duration
-    the functions get as `time_s`, "" for none. needs_jerk: a finite jerk limit is asked for. words: the subject of
-    a sentence that compares it with the baseline. usual: a scenario that names no references runs it.
+    the functions get as `time_s`, "" for none. needs_load: the functions get the machine's `load`. needs_jerk: a
+    finite jerk limit is asked for. words: the subject of a sentence that compares it with the baseline. usual: a
+    scenario that names no references runs it.
     """
 
     words: str
@@ -81,10 +92,15 @@ class PlannedKind(ReferenceKind):
     duration: Callable[[Move], float] | None = field(default=None, repr=False)
     same_time_as: str = ""
     needs_jerk: bool = True
+    needs_load: bool = False
     usual: bool = False
 
-    def check(self, limits: Limits) -> None:
-        """InputError where a jerk limit is missing."""
+    def check(self, limits: Limits, load: Load | None = None) -> None:
+        """InputError where a jerk limit is missing, or the machine that the kind has to know."""
+        if self.needs_load and load is None:
+            raise InputError(
+                f"'{self.name}' is planned for a machine's load, which is not known here", place="references"
+            )
         if self.needs_jerk and math.isinf(limits.jerk_m_s3):
             raise InputError(f"'{self.name}' needs a finite jerk limit; without one use 'trapezoid'", place="jerk_m_s3")
 

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.kinds.load import Load
 from workbench.references.kind import Move, PlannedKind, Ramp
 from workbench.references.limits import LimitPair, Limits, Step
 from workbench.references.registry import planned_kind
@@ -134,12 +135,14 @@ def plan_motion(
     rail_m: tuple[float, float],
     lead_s: float = 0.0,
     settle_s: float = 0.0,
+    load: Load | None = None,
 ) -> MotionPlan:
     """Plan the steps one after the other, at rest for `lead_s` before and `settle_s` after.
 
     kind: the name of a planned kind. limits: the same both ways, or a pair. rail_m: lowest and highest carriage
-    height. Raises InputError for an unknown kind, a list without a move, a move of 0 m, a start or a
-    move that leaves the rail, a jog that its limits or its time do not allow; `place` names the step.
+    height. load: what a kind that knows its machine is planned for. Raises InputError for an unknown kind, a list
+    without a move, a move of 0 m, a start or a move that leaves the rail, a jog that its limits or its time do not
+    allow; `place` names the step.
     """
     declared, pair = planned_kind(kind), LimitPair.of(limits)
     moves: list[tuple[float, Shape]] = []
@@ -149,11 +152,11 @@ def plan_motion(
         if step.dwell_s is not None:
             now += step.dwell_s
         elif distance is not None:
-            moves.append((now, move_shape(declared, distance, pair.towards(distance))))
+            moves.append((now, move_shape(declared, distance, pair.towards(distance), load)))
             now += moves[-1][1].duration_s
             here += distance
         else:
-            shape = _jog(declared, speed, step, pair, place)
+            shape = _jog(declared, speed, step, pair, place, load)
             moves.append((now, shape))
             _stays_on_rail(shape, here, rail_m, place)
             now += step.for_s or 0.0
@@ -163,7 +166,7 @@ def plan_motion(
 
 def motion_time_s(
     kinds: Sequence[str], steps: Sequence[Step], start_position_m: float, limits: Limits | LimitPair,
-    rail_m: tuple[float, float],
+    rail_m: tuple[float, float], load: Load | None = None,
 ) -> float:  # fmt: skip
     """What the steps take with the slowest of the kinds, without the shapes.
 
@@ -174,7 +177,7 @@ def motion_time_s(
     for _, step, distance in _walk(steps, start_position_m, rail_m):
         now += step.dwell_s or step.for_s or 0.0
         if distance is not None:
-            now += max(move_time_s(kind, distance, pair.towards(distance)) for kind in declared)
+            now += max(move_time_s(kind, distance, pair.towards(distance), load) for kind in declared)
     return now
 
 
@@ -239,40 +242,49 @@ def _distance(step: Step, here: float | None, rail_m: tuple[float, float], place
     return distance, target
 
 
-def move_shape(kind: PlannedKind, distance_m: float, limits: Limits) -> Shape:
+def move_shape(kind: PlannedKind, distance_m: float, limits: Limits, load: Load | None = None) -> Shape:
     """The shape of a move from rest to rest. InputError for limits that do not allow it."""
-    kind.check(limits)
+    kind.check(limits, load)
     time_s = math.nan
     if kind.same_time_as:
         time_s = move_shape(planned_kind(kind.same_time_as), distance_m, limits).duration_s
-    return kind.move(Move(distance_m, limits, time_s))
+    return kind.move(Move(distance_m, limits, time_s, load))
 
 
-def move_time_s(kind: PlannedKind, distance_m: float, limits: Limits) -> float:
+def move_time_s(kind: PlannedKind, distance_m: float, limits: Limits, load: Load | None = None) -> float:
     """What a move takes, without its shape where the kind knows that. InputError as for the shape."""
-    kind.check(limits)
+    kind.check(limits, load)
     if kind.duration is not None:
-        return kind.duration(Move(distance_m, limits))
+        return kind.duration(Move(distance_m, limits, load=load))
     if kind.same_time_as:
         return move_time_s(planned_kind(kind.same_time_as), distance_m, limits)
-    return move_shape(kind, distance_m, limits).duration_s
+    return move_shape(kind, distance_m, limits, load).duration_s
 
 
-def ramp_shape(kind: PlannedKind, speed_m_s: float, next_speed_m_s: float, limits: Limits) -> Shape:
+def ramp_shape(
+    kind: PlannedKind, speed_m_s: float, next_speed_m_s: float, limits: Limits, load: Load | None = None
+) -> Shape:
     """The shape of a change of speed. InputError for limits that do not allow it."""
-    kind.check(limits)
+    kind.check(limits, load)
     time_s = math.nan
     if kind.same_time_as:
         time_s = ramp_shape(planned_kind(kind.same_time_as), speed_m_s, next_speed_m_s, limits).duration_s
-    return kind.ramp(Ramp(speed_m_s, next_speed_m_s, limits, time_s))
+    return kind.ramp(Ramp(speed_m_s, next_speed_m_s, limits, time_s, load))
 
 
-def jog(kind: PlannedKind, speed_m_s: float, next_speed_m_s: float, limits: Limits, for_s: float) -> Shape:
+def jog(
+    kind: PlannedKind,
+    speed_m_s: float,
+    next_speed_m_s: float,
+    limits: Limits,
+    for_s: float,
+    load: Load | None = None,
+) -> Shape:
     """From one speed over to the next, then on at it until `for_s` is over; over to rest, it ends with its ramp.
 
     InputError where the ramp takes longer than `for_s`.
     """
-    ramp = ramp_shape(kind, speed_m_s, next_speed_m_s, limits)
+    ramp = ramp_shape(kind, speed_m_s, next_speed_m_s, limits, load)
     if ramp.duration_s > for_s * (1.0 + 1e-9):
         raise InputError(
             f"from {speed_m_s:g} m/s to {next_speed_m_s:g} m/s takes {ramp.duration_s:.3g} s within the limits, "
@@ -281,14 +293,14 @@ def jog(kind: PlannedKind, speed_m_s: float, next_speed_m_s: float, limits: Limi
     return ramp.held(for_s)
 
 
-def _jog(kind: PlannedKind, speed: float, step: Step, pair: LimitPair, place: str) -> Shape:
+def _jog(kind: PlannedKind, speed: float, step: Step, pair: LimitPair, place: str, load: Load | None) -> Shape:
     assert step.speed_m_s is not None and step.for_s is not None
     limits = pair.between(speed, step.speed_m_s)
     most = pair.towards(step.speed_m_s).speed_m_s
     if abs(step.speed_m_s) > most * (1.0 + 1e-9):
         raise InputError(f"{step.speed_m_s:g} m/s, the limit is {most:g} m/s that way", place=place)
     try:
-        return jog(kind, speed, step.speed_m_s, limits, step.for_s)
+        return jog(kind, speed, step.speed_m_s, limits, step.for_s, load)
     except InputError as error:
         raise InputError(error.problem, place=error.place or place) from error
 

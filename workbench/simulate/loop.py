@@ -11,9 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from workbench.control import BRAKE, PI, Controller, Events, PiSettings, full_pi, loop_values
+from workbench.control import (
+    BRAKE,
+    PI,
+    Controller,
+    Events,
+    PiSettings,
+    full_pi,
+    lag_step,
+    loop_values,
+    weight_before,
+)
 from workbench.control.pi import NEVER
-from workbench.control.settings import lag_left
 from workbench.effects import joined, of
 from workbench.engine import kernels
 from workbench.machine import Hoist
@@ -130,7 +139,7 @@ def _simulate_alike(
             **loop_values(case.controller, case.machine.drive, hold),
             **case_limits(case),
             **case.events.values(),
-            "decay": lag_left(case.machine.drive.torque_lag_s, sample_time / substeps),
+            **lag_values(case, sample_time / substeps),
         }
         values.append(numbers)
         memory.append(controller.start(SimpleNamespace(**numbers), hold, angle))
@@ -188,22 +197,37 @@ def shares(machine: Hoist) -> tuple[float, float]:
     return max(first, 1.0 - first) if n == 2 else first, 1.0 / (n - 1)
 
 
-def case_limits(case: LoopCase) -> dict[str, float]:
-    """Torque limits, shares and ends of the rail by symbol. The harder-worked motor limits them all."""
-    machine = case.machine
+def lag_values(case: LoopCase, step_s: float) -> dict[str, float]:
+    """The torque's lag over one step of the plant, by symbol."""
+    lag = lag_step(case.machine.drive.torque_lag_s, step_s)
+    return {"lag_left": lag.left, "lag_start": lag.start, "lag_slope": lag.slope_per_s, "lag_mean": lag.mean}
+
+
+def torque_limits(machine: Hoist) -> dict[str, float]:
+    """By symbol: the torque of all motors (N m), after one failed, and the speed (rad/s) above which it falls."""
     one = machine.motor.nominal_torque_nm * machine.drive.overload
     share, share_failed = shares(machine)
-    fails = case.events.motor_fails_s
     return {
         "u_all": one / share,
         "u_one": one / share_failed if machine.motor.count > 1 else 0.0,
-        "t_fail": NEVER if fails is None else fails,
         "w_weak": machine.motor.nominal_speed_rad_s if machine.drive.field_weakening else NEVER,
+    }
+
+
+def case_limits(case: LoopCase) -> dict[str, float]:
+    """Torque limits, shares and ends of the rail by symbol. The harder-worked motor limits them all."""
+    machine = case.machine
+    share, share_failed = shares(machine)
+    fails = case.events.motor_fails_s
+    return {
+        **torque_limits(machine),
+        "t_fail": NEVER if fails is None else fails,
         "T_nominal": machine.motor.nominal_torque_nm,
         "share": share,
         "share_failed": share_failed,
-        "t_lag": machine.drive.torque_lag_s,
+        "before": weight_before(machine.drive.torque_lag_s, case.controller.sample_time_s),
         "w_nominal": machine.motor.nominal_speed_rad_s,
+        "overload_s": max((machine.drive.overload**2 - 1.0) * machine.drive.overload_time_s, 1e-9),
         "W_break": machine.wire.breaking_load_n or 0.0,
         "x_low": machine.rail.lowest_position_m,
         "x_high": machine.highest_position_m,

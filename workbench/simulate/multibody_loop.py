@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from workbench.control import PI, full_pi, loop_values
-from workbench.control.settings import lag_left
 from workbench.engine.sampled import Step, observe
 from workbench.machine import Hoist
 from workbench.metrics import observer
@@ -18,7 +17,7 @@ from workbench.multibody import Driven, MotionResult, Shaft, engine, move, switc
 from workbench.multibody import Outcome as MotionOutcome
 from workbench.plants import HOIST
 from workbench.run import Array, Run
-from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, loop_outcome, motor_torques
+from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, lag_values, loop_outcome, motor_torques
 
 
 def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: float = 0.001) -> LoopResult:
@@ -59,7 +58,7 @@ def _values(case: LoopCase, hold_nm: float, step_s: float) -> dict[str, float]:
         **loop_values(case.controller, case.machine.drive, hold_nm),
         **case_limits(case),
         **case.events.values(),
-        "decay": lag_left(case.machine.drive.torque_lag_s, step_s),
+        **lag_values(case, step_s),
     }
 
 
@@ -82,9 +81,10 @@ def _drive(case: LoopCase, values: dict[str, float], hold_nm: float) -> Driven:
             taken = sample
             reference = float(references[min(sample, len(references) - 1)])
             command = step(reference, shaft.time_s, shaft.speed_rad_s, shaft.angle_rad)
-        torque = command + (torque - command) * p.decay
+        gap = torque - command
+        torque = command + gap * p.lag_left
         closed = shaft.time_s < p.t_release or shaft.time_s >= p.t_close
-        return torque, p.T_brake if closed and case.events.brakes else 0.0
+        return command + gap * p.lag_mean, p.T_brake if closed and case.events.brakes else 0.0
 
     return driven
 

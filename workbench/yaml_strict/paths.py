@@ -15,6 +15,8 @@ def readable_file(path: str | os.PathLike[str]) -> Path:
     try:
         if file.is_dir():
             raise InputError("is a folder; expected a file", file=file)
+        if file.is_symlink() and not file.exists():
+            raise InputError("is a link that leads nowhere, or to itself; expected a file", file=file)
         if not file.exists():
             raise InputError(f"no such file{_similar(file)}", file=file)
         if not file.is_file():

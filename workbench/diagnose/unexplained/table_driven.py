@@ -17,7 +17,7 @@ from workbench.diagnose.unexplained.records import Curve
 from workbench.diagnose.unexplained.table_fit import TableFit, TableFitter, telling_points
 from workbench.diagnose.unexplained.tables import columns_of, gain_of, lever_of, points_of, rides_of
 from workbench.kinds import Table
-from workbench.machine import Axis, Hoist, with_correction
+from workbench.machine import Axis, Hoist, value_names, with_correction
 from workbench.run import Array
 
 ROUNDS = 4  # driven simulations with the table, at most
@@ -137,11 +137,20 @@ class Tables:
         return HeldOut(residual, self.fitter.groups, tuple(settings)), tuple(machines)
 
     def _residual(self, setting: Setting, curve: Curve) -> Array:
-        """(samples,) measured minus predicted at a setting of base parameters and traces, with the table beside."""
+        """(samples,) measured minus predicted, of a machine as a file says it, beside what no file holds."""
         problem = self.problem
-        with_it = Problem(with_table(problem.machine, curve), problem.runs, problem.band_hz)
+        machine = with_table(refitted_machine(problem, self.keys, setting), curve)
+        with_it = Problem(machine, problem.runs, problem.band_hz)
         with_it.rows, with_it.noise = problem.rows, problem.noise  # the tension's rows are scaled by the noise
-        return with_it.residuals([setting])[0]
+        return with_it.residuals([in_no_file(problem, setting)])[0]
+
+
+def in_no_file(problem: Problem, setting: Setting) -> Setting:
+    """Of a setting of base parameters and traces what machine.yaml does not get: traces, and what is the log's own."""
+    known = set(value_names(problem.machine))
+    keys = base_knobs(problem.machine, problem.runs)
+    said = {knob.symbol for key, knob in keys.items() if key in known}
+    return {symbol: value for symbol, value in setting.items() if symbol not in said}
 
 
 def _rounded(value: float, digits: int) -> float:

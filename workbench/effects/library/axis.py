@@ -100,7 +100,7 @@ def _load(s: Any, p: Any) -> Scalar:
     equation="F = share (1 − n²)(friction + load);  n' = (v − |v| n)/(play/2), held at the load's flank",
     reference="M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002",
     shows="a gap in friction and load for a short way after each reversal; the blow at its end is left out",
-    memory=EffectMemory("n", _flank_rate, start=lambda e, p: 1.0 if p.C >= 0.0 else -1.0, scale=lambda e, p: 1.0),
+    memory=EffectMemory("n", _flank_rate, start=lambda e, p: where(p.C >= 0.0, 1.0, -1.0), scale=lambda e, p: 1.0),
 )  # fmt: skip
 def backlash(s: Any, e: Any, p: Any) -> Scalar:
     """Play in the drive: after a reversal what lies beyond it asks nothing until the teeth meet again."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from workbench.analysis.usual import USUAL_CROSSOVER_HZ, usual_controller, usual_heights
-from workbench.control import PiSettings
+from workbench.control import Events, PiSettings
 from workbench.effects import check
 from workbench.errors import InputError
 from workbench.kinds import STUDIED, of_kind, studied
@@ -36,8 +36,13 @@ class LoopCaseFile:
     heights_m: tuple[float, ...]
     study: Study | None
 
+    @property
+    def events(self) -> Events:
+        """Of the scenario; none without one."""
+        return Events() if self.study is None else self.study.scenario.events
+
     def trial(self) -> Trial:
-        """The moves of the scenario under this family's payloads, or the usual ones."""
+        """The moves and events of the scenario under this family's payloads, or the usual moves."""
         from workbench.analysis.trial import Trial, usual_trial
 
         if self.study is None:
@@ -51,8 +56,9 @@ class LoopCaseFile:
             for kind, plan in self.study.plans.items()
         }
         n = min(len(speed) for speed in speeds.values())
-        start = self.study.specs[0].start_position_m
-        return Trial(self.machine, self.payloads_kg, start, {kind: speed[:n] for kind, speed in speeds.items()})
+        first = self.study.specs[0]
+        references = {kind: speed[:n] for kind, speed in speeds.items()}
+        return Trial(self.machine, self.payloads_kg, first.start_position_m, references, first.events, first.step_s)
 
 
 def load_case(

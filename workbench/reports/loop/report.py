@@ -11,6 +11,7 @@ import numpy as np
 
 from workbench.analysis.family import Member, weakest
 from workbench.analysis.margins import Margins
+from workbench.analysis.step import load_step
 from workbench.effects import find
 from workbench.figures.loop import bode, gang_of_four, nyquist, steps
 from workbench.figures.save import Section, save_page
@@ -23,13 +24,15 @@ from workbench.whole_folder import write_json
 
 COLUMNS = (
     Column("load", "kg"), Column("height", "m"), Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),
-    Column("disk"), Column("Ms"), Column("Mt"), Column("cross", "Hz"), Column("band", "Hz"), Column("slowest", "1/s"),
-    Column("least ζ"),
+    Column("disk"), Column("Ms"), Column("Mt"), Column("cross", "Hz"), Column("band", "Hz"), Column("reject", "Hz"),
+    Column("slowest", "1/s"), Column("least ζ"),
 )  # fmt: skip
+LOAD_NM = 100.0  # that sentences name
 CAPTION = (
     "Margins: how much more gain (after a slash: less), phase and delay the loop bears; disk: gain and phase at once "
     "(0 nothing, 2 the most). Ms, Mt: largest |1/(1+L)| and |L/(1+L)|. cross: where |L| is 1; band: where |T| falls "
-    "below -3 dB. slowest, ζ: real part of the slowest and damping of the least damped closed-loop pole."
+    "below -3 dB; reject: where |S| first rises above -3 dB. slowest, ζ: real part of the slowest and damping of the "
+    "least damped closed-loop pole."
 )
 
 
@@ -43,10 +46,11 @@ def _line(member: Member) -> list[str]:
     where = [f"{point.payload_kg:g}", f"{point.height_m:g}"]
     slowest, damping = poles_in_s(member)
     if not m.stable:
-        return [*where, "unstable", *[NOTHING] * 7, figures(slowest), figures(damping)]
+        return [*where, "unstable", *[NOTHING] * 8, figures(slowest), figures(damping)]
     return [
         *where, gain_text(m), figures(m.phase_deg), figures(1000.0 * m.delay_s), figures(m.disk), figures(m.ms),
-        figures(m.mt), figures(m.crossover_hz), figures(m.bandwidth_hz), figures(slowest), figures(damping),
+        figures(m.mt), figures(m.crossover_hz), figures(m.bandwidth_hz), figures(m.rejection_hz),
+        figures(slowest), figures(damping),
     ]  # fmt: skip
 
 
@@ -71,16 +75,7 @@ def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
     if unstable:
         where = ", ".join(f"{m.point.payload_kg:g} kg at {m.point.height_m:g} m" for m in unstable)
         return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive, *known]
-    worst = weakest(members)
-    m = worst.margins
-    where = f"{worst.point.payload_kg:g} kg at {worst.point.height_m:g} m"
-    said = [
-        f"All {len(members)} loops are stable. The weakest, {where}, "
-        f"has Ms {m.ms:.2f} at {figures(m.ms_hz)} Hz, phase margin {m.phase_deg:.0f}° and bears "
-        f"{figures(1000.0 * m.delay_s)} ms more delay.",
-        drive,
-        *known,
-    ]
+    said = [f"All {len(members)} loops are stable. {least_sentence(members)}", drive, *known, load_sentence(members)]
     heights = {m.point.height_m for m in members}
     spread = [max(x.margins.ms for x in same) - min(x.margins.ms for x in same) for same in _by_payload(members)]
     if len(heights) > 1 and max(spread) < 0.01 and "wire_stiffness_length" not in case.machine.effects:
@@ -89,6 +84,36 @@ def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
             "and with a stiffness that follows the free length the drive's inertia still decides."
         )
     return said
+
+
+def least_sentence(members: Sequence[Member]) -> str:
+    """The least of each margin, with the loop it is of."""
+    worst = weakest(members)
+    m = worst.margins
+    said = {
+        "ms": f"largest Ms {m.ms:.2f} at {figures(m.ms_hz)} Hz",
+        "phase_deg": f"smallest phase margin {m.phase_deg:.0f}°",
+        "gain_up": f"smallest gain margin {gain_text(m).partition('/')[0]} dB" if math.isfinite(m.gain_up) else "",
+        "delay_s": f"smallest delay margin {figures(1000.0 * m.delay_s)} ms",
+        "bandwidth_hz": f"narrowest bandwidth {figures(m.bandwidth_hz)} Hz",
+        "rejection_hz": f"disturbances rejected up to {figures(m.rejection_hz)} Hz",
+    }
+    by_member: dict[str, list[str]] = {}
+    for name, words in said.items():
+        point = worst.member[name].point
+        if words:
+            by_member.setdefault(f"{point.payload_kg:g} kg at {point.height_m:g} m", []).append(words)
+    return "Weakest of them: " + "; ".join(f"at {where}: {', '.join(w)}" for where, w in by_member.items()) + "."
+
+
+def load_sentence(members: Sequence[Member]) -> str:
+    """The largest answer to a load step."""
+    steps_ = [load_step(member.loop) for member in members]
+    peak, iae, last = (max(getattr(s, n) for s in steps_) for n in ("peak_rad_s", "iae_rad", "recovery_s"))
+    return (
+        f"{LOAD_NM:g} N m on the shaft move the speed by at most {figures(LOAD_NM * peak)} rad/s, its error integrates "
+        f"to {figures(LOAD_NM * iae)} rad and is down to a tenth after {figures(last)} s."
+    )
 
 
 def _by_payload(members: Sequence[Member]) -> list[list[Member]]:
@@ -130,7 +155,23 @@ def as_json(case: LoopCaseFile, members: Sequence[Member]) -> dict[str, Any]:
         "controller": case.settings.model_dump(mode="json"),
         "drive": case.machine.drive.model_dump(mode="json"),
         "effects": {name: dict(values) for name, values in case.machine.effects.items()},
+        "weakest": _weakest_json(members),
         "loops": [_loop_json(member) for member in members],
+    }
+
+
+def _weakest_json(members: Sequence[Member]) -> dict[str, Any]:
+    """The least of each margin, with payload and height of the loop it is of; empty where a loop is unstable."""
+    worst = weakest(members)
+    if not worst.margins.stable:
+        return {}
+    return {
+        name: {
+            "value": rounded(getattr(worst.margins, name), 8),
+            "payload_kg": member.point.payload_kg,
+            "height_m": member.point.height_m,
+        }
+        for name, member in worst.member.items()
     }
 
 
@@ -141,7 +182,9 @@ def _loop_json(member: Member) -> dict[str, Any]:
     z = sorted(member.loop.poles(), key=lambda p: (-abs(p), p.imag))
     poles = [[rounded(float(p.real), 12), rounded(float(p.imag), 12)] for p in z]
     where = {"payload_kg": member.point.payload_kg, "height_m": member.point.height_m, "motion": member.point.motion}
-    return {**where, **values, "poles_z": poles}
+    answer = load_step(member.loop) if member.margins.stable else None
+    load = None if answer is None else {name: rounded(value, 8) for name, value in vars(answer).items()}
+    return {**where, **values, "load_step_1_nm": load, "poles_z": poles}
 
 
 def save_loop_page(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, path: Path) -> None:
@@ -152,8 +195,8 @@ def save_loop_page(case: LoopCaseFile, members: Sequence[Member], ms_limit: floa
         figures=[
             (
                 bode(members),
-                "Drawn: gain and phase margin of the weakest loop. The phase begins at −180°: two integrals, the "
-                "controller's and the machine's.",
+                "Drawn: the least gain and the least phase margin of all loops. The phase begins at −180°: two "
+                "integrals, the controller's and the machine's.",
             ),
             (nyquist(members, ms_limit), "A curve outside the grey disk keeps Ms below the limit."),
             (

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from workbench.analysis.family import weakest
-from workbench.analysis.step import load_step
 from workbench.analysis.tune import Candidate, Tuned, Weights
 from workbench.control import PiSettings
 from workbench.errors import InputError
 from workbench.machine import Hoist
 from workbench.reports.loop.case import LoopCaseFile
-from workbench.reports.loop.report import drive_sentence, effect_sentences
+from workbench.reports.loop.report import drive_sentence, effect_sentences, least_sentence, load_sentence
 from workbench.reports.numbers import figures
 from workbench.tables import Column, Table, words
 from workbench.yaml_strict import dumps
@@ -31,7 +30,6 @@ CAPTION = (
     "slowest payload. cost: weighted, shaped = 1."
 )
 SHOWN = 9
-LOAD_NM = 100.0
 
 
 def rows(tuned: Tuned) -> list[Candidate]:
@@ -64,15 +62,12 @@ def _line(tuned: Tuned, c: Candidate) -> list[str]:
 def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
     """What was asked, what came out, why it won, what it costs."""
     win, start, goal = tuned.winner, tuned.shaped, tuned.goal
-    worst = weakest(tuned.members)
-    m = worst.margins
     asked = (
         f"Asked for: the best rejection of load steps with Ms at most {goal.ms_limit:g}"
         if goal.bandwidth_hz is None
         else f"Asked for: a bandwidth of {goal.bandwidth_hz:g} Hz with Ms and Mt at most {goal.ms_limit:g}"
     )
     drive = " ".join([drive_sentence(case.machine, win.settings.sample_time_s), *effect_sentences(case.machine)])
-    load = max((load_step(member.loop) for member in tuned.members), key=lambda step: step.iae_rad)
     said = [
         f"{asked}, at {len(tuned.members)} points of payload and height. {drive} "
         f"The widest bandwidth that this allows is {figures(tuned.attainable_hz)} Hz.",
@@ -80,10 +75,7 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
         f"{weights.peak:g}, effort {weights.effort:g}): against the shaped gains tracking error "
         f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, torque peak "
         f"{_change(start.score.peak_percent, win.score.peak_percent)}.",
-        f"Weakest of the winner's loops, {worst.point.payload_kg:g} kg at {worst.point.height_m:g} m: Ms {m.ms:.3f}, "
-        f"phase margin {m.phase_deg:.0f}°, delay margin {figures(1000.0 * m.delay_s)} ms. {LOAD_NM:g} N m on the shaft "
-        f"move the speed by at most {figures(LOAD_NM * load.peak_rad_s)} rad/s, its error integrates to "
-        f"{figures(LOAD_NM * load.iae_rad)} rad.",
+        f"Of the winner's loops: {least_sentence(tuned.members)} {load_sentence(tuned.members)}",
     ]
     if win.score.peak_percent >= 99.9 * case.machine.drive.overload:
         said.append(
@@ -129,8 +121,8 @@ def write_controller(tuned: Tuned, path: Path, machine: Hoist) -> None:
     worst = weakest(tuned.members).margins
     comments = [
         f"Written by workbench tune: {asked}, Ms at most {goal.ms_limit:g}.",
-        f"Weakest loop: Ms {worst.ms:.3f}, phase margin {worst.phase_deg:.1f} deg, bandwidth "
-        f"{min(m.margins.bandwidth_hz for m in tuned.members):.3g} Hz. Put this block into a scenario.",
+        f"Weakest of its loops: Ms {worst.ms:.3f}, phase margin {worst.phase_deg:.1f} deg, bandwidth "
+        f"{worst.bandwidth_hz:.3g} Hz. Put this block into a scenario.",
     ]
     if (said := warning(machine)) is not None:
         comments.append(said)

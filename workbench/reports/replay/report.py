@@ -8,7 +8,7 @@ from workbench.json_records import rounded
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.reports.numbers import figures
+from workbench.reports.numbers import MOST, figures
 from workbench.reports.words import words_of
 from workbench.simulate.replay import Replay, ReplayResult
 from workbench.tables import Column, Table, words
@@ -35,12 +35,17 @@ def columns(machine: Hoist | Axis, first: str) -> list[Column]:
     ]  # fmt: skip
 
 
+def _percent(value: float) -> str:
+    """Two decimals; of a replay that diverges three digits and an exponent."""
+    return f"{value:.2f}" if abs(value) < MOST else figures(value)
+
+
 def measures(name: str, replay: Replay | ReplayResult, noise_rms: float) -> list[str]:
     """The row of a run, or of all: speed errors, residuals, noise."""
     return [
         name,
-        f"{replay.speed_rmse_percent:.2f}",
-        f"{replay.speed_rmse_percent_restarted_2s:.2f}",
+        _percent(replay.speed_rmse_percent),
+        _percent(replay.speed_rmse_percent_restarted_2s),
         figures(replay.residual_rms),
         figures(replay.residual_rms_moving),
         figures(noise_rms),
@@ -86,8 +91,8 @@ def _residual(machine: Hoist | Axis, result: ReplayResult, remedy: str) -> str:
         return "The machine never moves in these runs: they say nothing of friction or inertia."
     if not noise_is_floor(machine, result):
         return (
-            f"The {w.quantity} residual is {result.residual_percent:.2f} % of the {w.quantity} itself. Its floor lies "
-            "above the noise given: that of the position, differentiated twice, comes on top."
+            f"The {w.quantity} residual is {_percent(result.residual_percent)} % of the {w.quantity} itself. "
+            "Its floor lies above the noise given: that of the position, differentiated twice, comes on top."
         )
     if moving <= EXPLAINED * noise:
         return f"While moving, the residual is {moving / noise:.1f} times the noise: the model explains these runs."

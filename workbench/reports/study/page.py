@@ -7,7 +7,7 @@ from pathlib import Path
 from workbench.errors import InputError
 from workbench.figures.save import Section, save_page
 from workbench.reports.study.figures import figures_of
-from workbench.reports.study.tables import run_tables, what_was_run
+from workbench.reports.study.tables import decision, run_tables, what_was_run
 from workbench.reports.study.words import conclusions
 from workbench.study.results.finished import Finished
 
@@ -24,7 +24,7 @@ def write_study_report(result: Finished, path: Path) -> None:
     section = Section(
         sentences=[description] if description else [],
         points=conclusions(result),
-        tables=[*run_tables(result.rows), what_was_run(result)],
+        tables=[*decision(result), *run_tables(result.rows), what_was_run(result)],
         figures=figures_of(result),
     )
     temporary = path.with_name(f".{path.name}.part")

@@ -8,6 +8,8 @@ from typing import Any
 
 from workbench.metrics import View, shown_in
 from workbench.study.conclude import tables
+from workbench.study.conclude.decide import decision_table
+from workbench.study.conclude.utilisation import utilisation, utilisation_table
 from workbench.study.results.finished import Finished
 from workbench.study.results.labels import field_label, shown
 from workbench.study.results.row import Row
@@ -15,6 +17,13 @@ from workbench.study.variations.varying import drawn_columns, swept_axes
 from workbench.tables import Table, words
 
 MOST_LINES = 60
+
+
+def decision(result: Finished) -> list[Table]:
+    """What decides: a row a reference, then how much of what machine and drive bear is used."""
+    uses = utilisation(result.rows, result.machine)
+    first = decision_table(result.rows)
+    return [*([first] if first is not None else []), *([utilisation_table(uses)] if uses else [])]
 
 
 def run_tables(rows: Sequence[Row]) -> list[Table]:

@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pydantic import ValidationError
+
+from workbench.errors import InputError
 from workbench.references import BASELINE, planned_kinds
+from workbench.study.conclude.damping import damping_sentence
+from workbench.study.conclude.decide import verdict
 from workbench.study.conclude.sentences import sentences
+from workbench.study.conclude.utilisation import alarm, utilisation
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.finished import Finished
 from workbench.study.results.row import Row
+from workbench.study.scenario.record import Scenario
 from workbench.study.variations.varying import run_in_words, swept_axes
 
 
@@ -18,12 +25,21 @@ def conclusions(result: Finished) -> list[str]:
     rows = result.rows
     good = [row for row in rows if row.ok]
     return [
+        *(said for said in (verdict(rows), alarm(utilisation(rows, result.machine)), _damping(result)) if said),
         *_against_baseline(good, result.scenario),
         *sentences(rows, motor_torque_limit_nm(result.machine)),
         *_heat(good),
         *_power(good),
         *_wire(good),
     ]
+
+
+def _damping(result: Finished) -> str | None:
+    """What a ringing wire makes of it; None where the scenario cannot be run again from here."""
+    try:
+        return damping_sentence(Scenario.model_validate(dict(result.scenario)), result.machine)
+    except (InputError, ValidationError):
+        return None
 
 
 def _against_baseline(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:

@@ -12,6 +12,7 @@ from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_
 
 MOST_FAILED = 5
 ASTRAY_M = 0.05
+AT_THE_LIMIT = 0.85  # rms over limit: three quarters of the time are spent there
 
 
 def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
@@ -90,7 +91,15 @@ def _limits(good: Sequence[Row], torque_limit_nm: float, axes: Sequence[SweptAxi
     at_limit = [row for row in good if row["peak_torque_motor_nm"] >= torque_limit_nm * (1.0 - 1e-9)]
     if not at_limit:
         return []
-    return [f"The torque limit of {torque_limit_nm:.0f} N m per motor is reached{_which(at_limit, good, axes)}."]
+    said = [f"The torque limit of {torque_limit_nm:.0f} N m per motor is reached{_which(at_limit, good, axes)}."]
+    stuck = [row for row in at_limit if row["rms_torque_motor_nm"] >= AT_THE_LIMIT * torque_limit_nm]
+    if stuck:
+        said.append(
+            f"The torque is at its limit, one way or the other, nearly all the time{_which(stuck, good, axes)}: the "
+            "loop swings from limit to limit, or the motors cannot carry the load. Such a run is ok only in that it "
+            "came to its end."
+        )
+    return said
 
 
 def _slack(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:

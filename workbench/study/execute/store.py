@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -106,7 +107,13 @@ class Part:
         """Give a whole result its name. `target` is free."""
         shutil.rmtree(self.folder / "chunks", ignore_errors=True)
         (self.folder / LOCK).unlink(missing_ok=True)
-        self.folder.rename(target)
+        try:
+            self.folder.rename(target)
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+                raise
+            said = f"is taken by now; this result is whole in {self.folder}: call again with another --out, or move it"
+            raise InputError(said, file=target) from error
         _settle(target.parent)
 
     def _file(self, number: int) -> Path:

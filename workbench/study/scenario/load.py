@@ -19,7 +19,7 @@ from workbench.effects import check
 from workbench.effects.registry import digests_of
 from workbench.errors import InputError, nearest
 from workbench.kinds import STUDIED, of_kind, studied
-from workbench.machine import Hoist, default_hoist, load_machine
+from workbench.machine import SHIPPED, Hoist, load_machine, shipped
 from workbench.metrics import added
 from workbench.references import Plan
 from workbench.references import digests_of as digests_of_references
@@ -181,11 +181,13 @@ def _clearer(text: str, place: Place, data: Any) -> tuple[str, Place]:
 
 def _machine(scenario: Scenario, layers: Layered) -> Hoist:
     """The machine a scenario names, as its file has it."""
-    if scenario.machine == "default":
-        return default_hoist()
+    if scenario.machine in SHIPPED:
+        return shipped(scenario.machine)
     path = layers.at(("machine",))[0].parent / scenario.machine
     if "\0" in scenario.machine or not path.exists():
-        said = f"no machine file {str(path)!r}; expected a path beside the scenario, or 'default'"
+        said = (
+            f"no machine file {str(path)!r}; expected a path beside the scenario, or {' or '.join(map(repr, SHIPPED))}"
+        )
         raise layers.error(said, ("machine",))
     read = load_machine(path, check_effects=check)
     machine = studied(read)

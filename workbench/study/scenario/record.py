@@ -22,7 +22,7 @@ from pydantic_core import CoreSchema
 
 from workbench.control import Events, PiSettings
 from workbench.errors import InputError
-from workbench.machine.hoist import Drive
+from workbench.machine.hoist import BY_NAME, Drive
 from workbench.machine.quantities import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Speed
 from workbench.machine.record import Record
 from workbench.references import ReferenceKind, Step, planned_kind, planned_kinds, recorded_kinds, usual_kinds
@@ -172,7 +172,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 class Scenario(Record):
     """A scenario, whole. Every payload is run with every reference at every point of sweep and sample.
 
-    machine: `default`, or a machine.yaml, sought beside the file. machine_overrides: its values by
+    machine: `default`, `lightly_damped`, or a machine.yaml, sought beside the file. machine_overrides: its values by
     dotted name or in blocks. plant: the lumped equations, or rigid bodies and joints. drive: the machine's
     drive, key by key. lead_s, settle_s: held at rest before the first and after the last move. extends: another
     scenario that this one goes on from.
@@ -185,7 +185,7 @@ class Scenario(Record):
     machine: Annotated[str, Field(min_length=1)] = "default"
     machine_overrides: dict[str, Any] = Field(default_factory=dict)
     plant: Literal["lumped", "multibody"] = "lumped"
-    drive: DriveChanges | None = None
+    drive: Annotated[DriveChanges | None, *BY_NAME] = None
     payloads_kg: Annotated[tuple[NotNegative, ...], Field(json_schema_extra=SOME)] | None = None
     start_position_m: Position | None = None
     moves: Annotated[tuple[MoveBlock, ...], Field(max_length=1000)] = ()

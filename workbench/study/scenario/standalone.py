@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from workbench.errors import InputError
-from workbench.machine import Hoist, default_hoist
+from workbench.machine import SHIPPED, Hoist, default_hoist, shipped
 from workbench.study.scenario.layers import layer_of
 from workbench.study.scenario.load import planned, scenario_of
 from workbench.study.scenario.record import Scenario
@@ -33,10 +33,10 @@ def read_standalone(document: Document, machine: Hoist | None = None) -> Scenari
     for number, reference in enumerate(scenario.references):
         if not isinstance(reference, str):
             raise layers.error("a recorded campaign, which is not here", ("references", number))
-    if scenario.machine != "default" and machine is None:
+    if scenario.machine not in SHIPPED and machine is None:
         said = f"{scenario.machine!r} is another file, which is not here; choose that machine first, or write 'default'"
         raise layers.error(said, ("machine",))
-    planned(scenario, machine or default_hoist(), {}, layers)
+    planned(scenario, machine or shipped(scenario.machine), {}, layers)
     return scenario
 
 

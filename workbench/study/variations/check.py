@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.kinds import load_of
 from workbench.machine import Hoist
 from workbench.references import motion_time_s
 from workbench.study.scenario.fields import Assigned, Fields, Parts
@@ -112,7 +113,10 @@ def _time_s(specs: RunList, parts: Parts) -> float:
         if parts.limits is None or parts.start_position_m is None:
             raise InputError("is missing", place="limits" if parts.limits is None else "start_position_m")
         check_speed(parts.limits, machine)
-        times.append(motion_time_s(kinds, parts.moves, parts.start_position_m, parts.limits, rail))
+        # The heaviest load swings slowest, and what is shaped for it takes longest.
+        payload = max(scenario.payloads_kg or (0.0,)) if parts.payload_kg is None else parts.payload_kg
+        load = load_of(machine, payload)
+        times.append(motion_time_s(kinds, parts.moves, parts.start_position_m, parts.limits, rail, load))
     return parts.lead_s + float(max(times)) + parts.settle_s
 
 

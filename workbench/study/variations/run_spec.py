@@ -8,6 +8,7 @@ from functools import lru_cache
 
 from workbench.control import Events, PiSettings
 from workbench.errors import InputError
+from workbench.kinds import load_of
 from workbench.machine import Hoist
 from workbench.references import (
     LimitPair,
@@ -17,6 +18,7 @@ from workbench.references import (
     StoppedPlan,
     allowed_carriage_speed_m_s,
     plan_motion,
+    planned_kind,
 )
 from workbench.run import Array
 
@@ -82,8 +84,9 @@ class RunSpec:
             return _recorded_plan(self.recording, rail, self.lead_s, self.settle_s)
         assert self.limits is not None
         check_speed(self.limits, self.machine)
+        load = load_of(self.machine, self.payload_kg) if planned_kind(self.reference).needs_load else None
         return _planned(
-            self.reference, self.moves, self.start_position_m, self.limits, rail, self.lead_s, self.settle_s
+            self.reference, self.moves, self.start_position_m, self.limits, rail, self.lead_s, self.settle_s, load
         )
 
 

@@ -47,7 +47,7 @@ def _by_rule(case: LoopCaseFile) -> LoopCaseFile:
 
 
 def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Member]) -> None:
-    """The weakest of all loops, against the weakest under the gains by rule."""
+    """The least of each margin over all loops, against that under the gains by rule."""
     now, then = weakest(members).margins, weakest(before).margins
     if not now.stable:
         st.error("Unstable with these gains: no margin means anything.", icon=":material/warning:")
@@ -73,7 +73,7 @@ def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Mem
     ]  # fmt: skip
     numbers(said)
     rule = "" if same else "; below, the difference to gains by rule, crossover about 2.5 Hz"
-    st.caption(f"The weakest of the {len(members)} loops{rule}.")
+    st.caption(f"The least of each over the {len(members)} loops{rule}.")
 
 
 def _bode_and_nyquist(members: Sequence[Member], asked: Question) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import streamlit as st
 
 from workbench.analysis.family import operating_points
-from workbench.analysis.tune import Goal, Tuned, Weights, tune
+from workbench.analysis.tune import STEPS, Goal, Tuned, TuneProgress, Weights, tune
 from workbench.dashboard import session
 from workbench.dashboard.pages.loop.controls import Question, put_gains
 from workbench.dashboard.widgets import plain, problem, table
@@ -42,8 +43,13 @@ def tuning(case: LoopCaseFile, asked: Question, goal: Goal | None) -> None:
     if goal is None:
         return
     try:
-        with st.spinner("Shaping the loop, then trying gains on the nonlinear machine"):
-            tuned = _tune(case, asked, goal)
+        bar = st.empty()
+        stop = st.empty()
+        stop.button("Cancel", icon=":material/cancel:", key="loop cancel")
+        # A press of any widget ends the run of the page at the next word to the bar, and the tuning with it.
+        tuned = _tune(case, asked, goal, lambda p: bar.progress(p.step / STEPS, text=f"Tuning: {p.doing}"))
+        bar.empty()
+        stop.empty()
     except InputError as error:  # the loop under the present gains is still worth seeing
         problem(error)
         return
@@ -60,9 +66,9 @@ def tuned_before(case: LoopCaseFile) -> None:
             _result(last, last.machine == machine_text(case.machine))
 
 
-def _tune(case: LoopCaseFile, asked: Question, goal: Goal) -> Tuned:
+def _tune(case: LoopCaseFile, asked: Question, goal: Goal, tell: Callable[[TuneProgress], object]) -> Tuned:
     points = operating_points(case.machine, case.payloads_kg, case.heights_m)
-    return tune(case.machine, case.settings, points, case.trial(), goal, Weights())
+    return tune(case.machine, case.settings, points, case.trial(), goal, Weights(), tell=tell)
 
 
 def _result(last: TunedCase, same_machine: bool) -> None:

@@ -10,7 +10,7 @@ from workbench.dashboard.campaigns import last_campaign
 from workbench.dashboard.machines import chosen_machine
 from workbench.dashboard.pages.compare.kept import kept
 from workbench.errors import InputError
-from workbench.kinds import STUDIED, of_kind, studied
+from workbench.kinds import STUDIED, load_of, of_kind, studied
 from workbench.machine import Hoist
 from workbench.machine.files import machine_text
 from workbench.references import (
@@ -86,7 +86,8 @@ def _moved(said: str, payload_kg: float, reference: str, ramp_s: float, _machine
     start, way = low + 0.2 * (high - low), 0.5 * (high - low)
     limits = Limits(speed, speed / ramp_s, 2.0 * speed / ramp_s**2)
     steps = [Step(by_m=way), Step(dwell_s=1.5), Step(by_m=-way)]
-    plan = plan_motion(reference, steps, start, limits, (low, high), lead_s=1.0, settle_s=2.0)
+    load = load_of(_machine, payload_kg)
+    plan = plan_motion(reference, steps, start, limits, (low, high), lead_s=1.0, settle_s=2.0, load=load)
     controller = usual_controller(_machine)
     motor = motor_speed_rad_s(plan.sample(controller.sample_time_s, plan.duration_s).speed_m_s, ratio, drum)
     (result,) = simulate_loop([LoopCase(reference, _machine, payload_kg, start, controller, motor)])

@@ -57,6 +57,7 @@ class Controls:
     ki_nm_per_rad: float = 122.0
     set_point_weight: float = 1.0
     feed_forward: Three = (0.0, 0.0, 0.0)
+    plant: str = "lumped"
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ def desk_of(scenario: Scenario, machine: Hoist) -> Desk:
         ki_nm_per_rad=own.ki_nm_per_rad,
         set_point_weight=own.set_point_weight,
         feed_forward=(own.feed_forward.inertia, own.feed_forward.weight, own.feed_forward.friction),
+        plant=scenario.plant,
     )
     return Desk(controls, scenario)
 
@@ -141,6 +143,7 @@ def scenario_of(desk: Desk, machine: Hoist) -> Scenario:
         "payloads_kg": tuple(sorted(c.payloads_kg)),
         "references": (BASELINE, *c.references),
         "start_position_m": c.start_position_m,
+        "plant": c.plant,
         "limits": dict(zip(LIMITS, c.hoisting, strict=True)),
         "controller": desk.base.controller.model_dump()
         | {"kp_nm_s_per_rad": kp, "ki_nm_per_rad": ki, "set_point_weight": c.set_point_weight}

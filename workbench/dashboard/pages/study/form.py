@@ -31,6 +31,7 @@ from workbench.yaml_strict import Document, load
 
 DESK, LOADED = "study desk", "study file"
 PAYLOADS = (0.0, 1500.0, 3000.0, 4500.0, 6000.0, 7500.0, 9000.0)
+PLANTS = {"lumped": "lumped", "multibody": "multi-body"}
 LEAST_MOVE_M = 0.5
 ROOM_M = 1.0  # to move in, that the start leaves
 
@@ -50,6 +51,12 @@ def controls(machine: Hoist) -> Desk:
             c = _limits(_motion(c, machine), fastest)
         with st.expander("Speed controller", expanded=True, icon=":material/tune:"):
             c = _controller(c, machine)
+        plant = st.selectbox(
+            "Model", list(PLANTS), key=_kept("plant", c.plant), format_func=lambda name: PLANTS[name],
+            help="The multi-body machine has rigid bodies, joints, rollers and wire; a run of it takes some seconds. "
+            "The curves beside the study stay on the lumped model.",
+        )  # fmt: skip
+        c = replace(c, plant=plant)
     desk = replace(desk, controls=c)
     session.put(DESK, desk)
     return desk

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from workbench.dashboard.machines import chosen_machine
 from workbench.dashboard.pages.compare.kept import is_kept, keep
 from workbench.dashboard.pages.study.controls import scenario_of
 from workbench.dashboard.pages.study.form import controls
 from workbench.dashboard.pages.study.runs import beside_payloads, beside_ramps, results, told
-from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain
+from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, table
 from workbench.figures.pareto import pareto
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_plane import torque_speed_plane
@@ -20,8 +21,10 @@ from workbench.figures.style import label
 from workbench.machine import Hoist
 from workbench.metrics import Metric, View, shown_in
 from workbench.references import BASELINE
+from workbench.study.conclude.decide import decision_table, verdict
 from workbench.study.conclude.pareto import fronts
 from workbench.study.conclude.sentences import sentences
+from workbench.study.conclude.utilisation import SIGN, alarm, utilisation
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
 from workbench.study.results.row import Row
 from workbench.study.scenario.record import Scenario
@@ -44,12 +47,39 @@ def show() -> None:
     with head:
         _head(scenario, machine, result)
     with top:
-        _numbers(result)
+        sentence = st.empty()
+        _decision(result, sentence)
+        with st.expander("One reference against the trapezoid", icon=":material/compare:"):
+            _numbers(result)
     _over_time(result)
     _plane(result)
     with guarded():
         _over_payload(beside_payloads(scenario, machine))
-        _ramps(scenario, machine, result)
+        said = _ramps(scenario, machine, result)
+        if (better := verdict(result.rows, said)) is not None:
+            _say(sentence, better)
+
+
+def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
+    """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne is used."""
+    said = verdict(result.rows)
+    if said is not None:
+        _say(sentence, said)
+    uses = utilisation(result.rows, result.study.machine)
+    if (alarmed := alarm(uses)) is not None:
+        st.error(plain(alarmed), icon=":material/warning:")
+    if (shown := decision_table(result.rows)) is not None:
+        table(shown)
+    for column, use in zip(st.columns(max(len(uses), 1)), uses, strict=False):
+        colour = {"green": "green", "amber": "orange", "red": "red"}[use.light]
+        column.markdown(
+            f":{colour}[{SIGN[use.light]}] {use.what}  \n**{use.percent:.0f} %**",
+            help=plain(f"{use.percent:.0f} % of {use.bound}; {use.where}"),
+        )
+
+
+def _say(place: DeltaGenerator, sentence: str) -> None:
+    place.info(plain(sentence), icon=":material/gavel:")
 
 
 def _head(scenario: Scenario, machine: Hoist, result: StudyResult) -> None:
@@ -145,13 +175,15 @@ def _over_payload(result: StudyResult) -> None:
     chart(figure, "study payload", "Torque peak over payload for each reference")
 
 
-def _ramps(scenario: Scenario, machine: Hoist, result: StudyResult) -> None:
+def _ramps(scenario: Scenario, machine: Hoist, result: StudyResult) -> Sequence[Row]:
+    """The front of move time and peak over other limits; the runs that it is of."""
     rows = [row for row in beside_ramps(scenario, machine) if row.ok]
     if not rows:
-        return
+        return []
     heaviest = max(row.payload_kg for row in result.rows)
     chosen = [row for row in result.rows if row.ok and row.payload_kg == heaviest]
     axes = swept_axes(rows)
     figure = pareto(rows, fronts(rows), axes, PEAK, height=480, chosen=chosen)
     figure.update_layout(title_text=f"Move time against torque peak, {heaviest:g} kg")
     chart(figure, "study pareto", "Move time against torque peak over accelerations and jerks")
+    return rows

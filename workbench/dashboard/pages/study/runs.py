@@ -21,6 +21,7 @@ from workbench.study.scenario.standalone import changed
 RAMPS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.25, 1.6)  # of the acceleration that is set
 JERKS = (0.25, 0.4, 0.63, 1.0, 1.6, 2.5, 4.0)  # of the jerk that is set
 POINTS = 7
+LUMPED = {"plant": "lumped"}  # of the curves beside a study: dozens of runs
 
 
 def results(scenario: Scenario, machine: Hoist) -> StudyResult:
@@ -32,7 +33,7 @@ def results(scenario: Scenario, machine: Hoist) -> StudyResult:
 def beside_payloads(scenario: Scenario, machine: Hoist) -> StudyResult:
     """The same at payloads from none to the heaviest."""
     most = max(9000.0, *(scenario.payloads_kg or (0.0,)))
-    study = over_payload(scenario, machine, [most * k / (POINTS - 1) for k in range(POINTS)])
+    study = over_payload(changed(scenario, LUMPED), machine, [most * k / (POINTS - 1) for k in range(POINTS)])
     return _run(*_values(study), study)
 
 
@@ -43,7 +44,7 @@ def beside_ramps(scenario: Scenario, machine: Hoist) -> Sequence[Row]:
     jerks = [round(limits.jerk_m_s3 * k, 4) for k in JERKS if limits.jerk_m_s3]
     rows: list[Row] = []
     for kinds, other in ((("trapezoid",), jerks[3:4]), (("ruckig",), jerks)):
-        study = over_ramps(changed(scenario, {"references": kinds}), machine, accelerations, other)
+        study = over_ramps(changed(scenario, {"references": kinds} | LUMPED), machine, accelerations, other)
         rows += _run(*_values(study), study).rows
     return rows
 

@@ -1,1 +1,0 @@
-"""How well `workbench diagnose` names what is hidden in simulated machines: run, calibrate, score."""

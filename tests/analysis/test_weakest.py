@@ -1,0 +1,113 @@
+"""The least of each margin, and what ends a bandwidth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.support.ideal import ideal_hoist
+from workbench.analysis.family import family, operating_points, weakest
+from workbench.analysis.linearise import OperatingPoint, linearise
+from workbench.analysis.obstacle import anti_resonances
+from workbench.analysis.search import make_search
+from workbench.analysis.shape import for_bandwidth
+from workbench.analysis.tune import Goal, TuneProgress, tune
+from workbench.analysis.usual import usual_controller
+from workbench.control import Events, PiSettings
+from workbench.errors import InputError
+from workbench.machine import with_values
+from workbench.reports.loop.case import loop_case
+
+SLOW = {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002}
+MACHINE = with_values(ideal_hoist(), SLOW)
+RINGING = with_values(ideal_hoist(), SLOW | {"wire.damping_time_s": 0.002})
+
+
+def test_the_weakest_has_the_least_of_each_margin_and_names_its_member():
+    members = family(MACHINE, usual_controller(MACHINE), operating_points(MACHINE, (0.0, 9000.0), (0.0, 20.0)))
+    worst = weakest(members)
+    for name, least in (
+        ("phase_deg", min),
+        ("gain_up", min),
+        ("delay_s", min),
+        ("disk", min),
+        ("ms", max),
+        ("mt", max),
+    ):
+        expected = least(getattr(m.margins, name) for m in members)
+        assert getattr(worst.margins, name) == expected == getattr(worst.member[name].margins, name)
+    assert worst.margins.rejection_hz == min(m.margins.rejection_hz for m in members)
+
+
+def test_the_margins_of_a_family_stand_at_different_members():
+    rule = usual_controller(MACHINE)
+    members = family(MACHINE, rule, operating_points(MACHINE, (0.0, 9000.0), (0.0,)))
+    # With its integral in the way of the load, the heavy carriage has the larger Ms and yet bears more gain.
+    worst = weakest(members)
+    assert len({member.point.payload_kg for member in worst.member.values()}) == 2
+    assert worst.member["delay_s"] is min(members, key=lambda m: m.margins.delay_s)
+
+
+def test_an_unstable_member_leaves_no_margin():
+    wild = PiSettings(kp_nm_s_per_rad=2000.0, ki_nm_per_rad=300.0)
+    worst = weakest(family(MACHINE, wild, operating_points(MACHINE, (0.0,), (5.0,))))
+    assert not worst.margins.stable
+    assert not worst.member["phase_deg"].margins.stable
+
+
+def test_below_the_rejection_bandwidth_every_disturbance_is_held_below_3_db():
+    (member,) = family(MACHINE, usual_controller(MACHINE), [OperatingPoint(4500.0, 10.0)])
+    f = member.margins.rejection_hz
+    assert abs(member.loop.responses(np.array([f])).S[0]) == pytest.approx(math.sqrt(0.5), rel=1e-9)
+    assert np.all(np.abs(member.loop.responses(np.geomspace(1e-2, 0.999 * f, 200)).S) < math.sqrt(0.5))
+
+
+def test_the_anti_resonance_is_the_load_on_its_two_falls_while_the_motor_stands():
+    point = OperatingPoint(9000.0, 10.0)
+    plant = linearise(RINGING, point)
+    zero = anti_resonances(plant, point)[0]
+    wire, mass = RINGING.wire, RINGING.carriage.mass_kg + 9000.0
+    k = 2.0 * wire.youngs_modulus_pa * wire.effective_area_m2 / wire.segment_length_m
+    assert zero.frequency_hz == pytest.approx(math.sqrt(k / mass) / (2.0 * math.pi), rel=0.01)
+    assert zero.damping == pytest.approx(0.5 * 0.002 * math.sqrt(k / mass), rel=0.05)
+
+
+def test_a_bandwidth_out_of_reach_is_refused_with_its_reason():
+    search = make_search(MACHINE, usual_controller(MACHINE), [OperatingPoint(0.0, 10.0)])
+    with pytest.raises(InputError, match="phase is lost to the torque lag"):
+        for_bandwidth(search, 80.0, 1.4)
+
+
+def test_a_dip_of_a_ringing_wire_is_named_by_its_frequency():
+    slow = with_values(RINGING, {"drive.torque_lag_s": 0.02, "drive.speed_delay_s": 0.02})
+    point = OperatingPoint(20000.0, 10.0)
+    search = make_search(slow, usual_controller(slow), [point])
+    zero = anti_resonances(linearise(slow, point), point)[0]
+    with pytest.raises(InputError, match=f"anti-resonance at {zero.frequency_hz:.3g} Hz"):
+        for_bandwidth(search, 30.0, 1.2)
+
+
+class StopError(Exception):
+    pass
+
+
+def test_a_tuning_tells_its_steps_and_ends_where_it_is_told_to():
+    case = loop_case(MACHINE, None, (0.0,), (10.0,), None)
+    heard: list[TuneProgress] = []
+
+    def stop(progress: TuneProgress) -> None:
+        heard.append(progress)
+        if progress.step == 2:
+            raise StopError
+
+    points = [OperatingPoint(0.0, 10.0)]
+    with pytest.raises(StopError):
+        tune(case.machine, case.settings, points, case.trial(), Goal(4.0), tell=stop)
+    assert [p.step for p in heard] == [0, 1, 2]
+
+
+def test_a_tuning_runs_under_the_scenarios_events():
+    case = loop_case(None, None, None, (10.0,), "scenarios/motor_failure.yaml")
+    assert case.trial().events == case.events != Events()

@@ -1,0 +1,65 @@
+"""Campaigns of the multi-body machine: read like any other, and labelled with how large their causes are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from workbench.blind import make
+from workbench.blind.orders import Order, families_of, orders
+from workbench.blind.sources import multibody
+from workbench.blind.sources.simulator.campaign import built
+from workbench.blind.sources.simulator.content import Content, draw
+from workbench.blind.sources.simulator.size import input_change
+from workbench.logs import read_campaign
+
+
+def short(*names: str) -> Content:
+    """One machine, one run of 8 s, with causes."""
+    content = draw((5, 1), "hoist_clean", "singles" if names else "none", names)
+    return multibody.SOURCE.content(replace(content, runs=(replace(content.runs[0], duration_s=8.0),)))
+
+
+def test_the_label_says_how_much_torque_the_cause_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(make, "draw", lambda seed, family, case, names: short(*names))
+    order = Order(1, (5, 1), "multibody", "hoist_clean", "singles", ("friction_coulomb",))
+    _, label = make.made(tmp_path, None, order)
+    assert (label.source, label.effects) == ("multibody", ("friction_coulomb",))
+    (run,) = read_campaign(tmp_path / "001").runs
+    assert label.truth["multibody_arm.reach_m"] > 0.0
+    (seconds,) = label.torque_change_by_second_nm.values()
+    assert len(seconds) == 8 and run.duration_s == pytest.approx(8.0, abs=0.1)
+    assert 0.0 < label.torque_change_rms_nm < max(seconds)
+
+
+def test_without_a_cause_nothing_changes_and_a_torque_offset_changes_by_itself():
+    well, ill = short(), short("torque_offset")
+    assert input_change(well, (5, 1)).rms_nm == 0.0
+    more = built(ill, (5, 1)).sensors.offset - built(well, (5, 1)).sensors.offset
+    assert input_change(ill, (5, 1)).rms_nm == pytest.approx(abs(more), rel=1e-3)
+
+
+def test_causes_that_this_machine_does_not_have_are_not_ordered():
+    wanted = orders(3, {"multibody": families_of(multibody.USUAL)}, counts={"unknown": 40})
+    assert len(wanted) == 40
+    assert {order.names[0] for order in wanted} == set(multibody.UNLISTED)
+    assert np.all(np.diff([order.number for order in wanted]) == 1)
+
+
+def test_an_engine_that_gives_up_is_given_the_next_seed_and_after_three_the_case_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    seen = []
+
+    def gives_up(folder: Path, seeds: tuple[int, ...], content: Content):
+        seen.append(tuple(seeds))
+        raise RuntimeError("did not converge at 3.1 s")
+
+    monkeypatch.setattr(make, "make_campaign", gives_up)
+    order = Order(7, (5, 7), "multibody", "hoist_small", "none", ())
+    with pytest.raises(make.InputError, match="campaign 007 of multibody cannot be simulated: did not converge"):
+        make.made(tmp_path, None, order)
+    assert seen == [(5, 7), (5, 7, 1), (5, 7, 2)]

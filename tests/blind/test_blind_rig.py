@@ -1,0 +1,308 @@
+"""A machine and runs of one's own: what is taken from them, and the power of an experiment."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from workbench.blind import later
+from workbench.blind.amounts import scaled
+from workbench.blind.answer import Answer
+from workbench.blind.ask import LARGEST, SMALLEST, Asked, ordered
+from workbench.blind.criteria import of_the_oracle
+from workbench.blind.make import content_of, made
+from workbench.blind.power import LEAST, power_of, thresholds
+from workbench.blind.rig import Rig, rig_from
+from workbench.blind.rig_files import rig_of
+from workbench.blind.share import Share
+from workbench.blind.sources.simulator.campaign import make_campaign
+from workbench.blind.sources.simulator.content import draw
+from workbench.blind.sources.simulator.hoist.listed import LISTED, scales_of
+from workbench.errors import InputError
+from workbench.figures import blind as figures
+from workbench.logs import read_campaign
+from workbench.reports.blind import tables
+
+ROOT = Path(__file__).resolve().parents[2]
+DEMO = ROOT / "scenarios" / "demo_campaign"
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return rig_of(None, DEMO)
+
+
+def noise(values: np.ndarray) -> float:
+    return 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
+
+
+def test_a_campaign_gives_its_speeds_payloads_heights_rate_and_noise(rig: Rig):
+    recorded = read_campaign(DEMO)
+    assert rig.drawn.machine == recorded.machine
+    assert [(r.name, r.payload_kg, r.start) for r in rig.runs] == [
+        (run.name, run.payload_kg, run.start_position_m) for run in recorded.runs
+    ]
+    assert rig.logging.rate_hz == pytest.approx(50.0)
+    one = recorded.runs[0]
+    assert rig.sensors["input_noise"] == pytest.approx(noise(one["torque_motor1_nm"]), rel=0.2)
+    reference = np.array(rig.runs[0].reference)
+    t = np.arange(len(reference)) * 1e-3
+    assert np.interp(one.time_s, t, reference) == pytest.approx(one["speed_reference_rad_s"], abs=0.02)
+
+
+def test_what_is_sealed_of_a_rig_gives_it_back(rig: Rig):
+    assert rig_from(json.loads(json.dumps(rig.said()))) == rig
+
+
+def test_a_case_of_a_rig_repeats_its_runs_on_another_true_machine(rig: Rig, tmp_path: Path):
+    short = replace(rig, runs=rig.runs[1:2])
+    (order,) = ordered(Asked(runs=DEMO, cases=1, case="singles", effects="friction_viscous"), 7)[0]
+    assert SMALLEST <= order.size <= LARGEST
+    _, label = made(tmp_path, short, order)
+    again, recorded = read_campaign(tmp_path / "001"), read_campaign(DEMO)
+    (run,), measured = again.runs, recorded.run(short.runs[0].name)
+    assert again.machine == recorded.machine
+    assert run.payload_kg == measured.payload_kg
+    assert run.sample_time_s == pytest.approx(measured.sample_time_s)
+    assert noise(run["torque_motor1_nm"]) == pytest.approx(noise(measured["torque_motor1_nm"]), rel=0.15)
+    speed = np.interp(measured.time_s, run.time_s, run["speed_motor_rad_s"])
+    off = np.std(speed - measured["speed_motor_rad_s"])
+    assert off < 0.02 * np.max(np.abs(speed))  # the same motion, from another drive
+    assert label.effects == ("friction_viscous",) and label.family == "yours"
+    assert label.torque_change_rms_nm > 0.0
+
+
+def test_an_axis_gives_its_motion_and_plays_it_again(tmp_path: Path):
+    content = draw((5, 1), "axis_std", "none")
+    make_campaign(tmp_path / "own", (5, 1), replace(content, runs=content.runs[:2]))
+    rig = rig_of(None, tmp_path / "own")
+    assert rig.kind == "axis"
+    assert rig_from(json.loads(json.dumps(rig.said()))) == rig
+    wanted, _ = ordered(Asked(runs=tmp_path / "own", cases=1, case="none"), 3)
+    made(tmp_path, replace(rig, runs=rig.runs[:1]), wanted[0])
+    ours, theirs = (read_campaign(tmp_path / name).runs[0] for name in ("001", "own"))
+    (speed,) = {"velocity_m_s", "speed_rad_s"} & set(theirs.signals)
+    seen = np.interp(theirs.time_s, ours.time_s, ours[speed])
+    assert np.std(seen - theirs[speed]) < 0.1 * np.std(theirs[speed])
+
+
+PLAN = """\
+rate_hz: 100
+input_noise: 2.0
+signals: [reference, position]
+runs:
+  - {name: empty, profile: fast, payload_kg: 0, start_position_m: 9.0, duration_s: 40}
+  - {name: loaded, profile: slow, payload_kg: 9000, start_position_m: 9.0, duration_s: 40, top_speed: 60}
+"""
+
+
+def test_a_plan_gives_runs_that_were_never_recorded(tmp_path: Path):
+    (tmp_path / "plan.yaml").write_text(PLAN)
+    rig = rig_of(DEMO / "machine.yaml", tmp_path / "plan.yaml")
+    assert [run.payload_kg for run in rig.runs] == [0.0, 9000.0]
+    assert rig.sensors["input_noise"] == 2.0
+    assert rig.logging.logs == ("reference", "position")
+    assert max(map(abs, rig.runs[1].reference or ())) < 60.0 * 0.31  # a slow run's part of the top speed
+    assert rig == rig_of(DEMO / "machine.yaml", tmp_path / "plan.yaml")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "sentence"),
+    [
+        ("profile: fast", "profile: fats", r"plan.yaml:5: runs.0.profile: unknown profile 'fats'; did you mean 'fast'"),
+        ("name: loaded", "name: empty", "plan.yaml:6: run 'empty' is there twice"),
+        ("rate_hz: 100", "rate_hz: 0", "rate_hz"),
+        ("rate_hz: 100", "rate: 100", "did you mean 'rate_hz'"),
+        ("start_position_m: 9.0, duration_s: 40}", "start_position_m: 0.5, duration_s: 40}", "the rail reaches from"),
+        (PLAN[PLAN.index("runs:") :], "runs: []\n", "runs"),
+    ],
+)
+def test_a_plan_that_cannot_be_driven_is_one_line(tmp_path: Path, before: str, after: str, sentence: str):
+    assert before in PLAN
+    (tmp_path / "plan.yaml").write_text(PLAN.replace(before, after, 1))
+    with pytest.raises(InputError, match=sentence):
+        rig_of(DEMO / "machine.yaml", tmp_path / "plan.yaml")
+
+
+def test_what_does_not_belong_together_is_said(tmp_path: Path, rig: Rig):
+    (tmp_path / "plan.yaml").write_text(PLAN)
+    with pytest.raises(InputError, match="a plan of runs needs a machine beside it"):
+        rig_of(None, tmp_path / "plan.yaml")
+    friction = "{coulomb_forward_n: 1.0, coulomb_backward_n: 1.0, viscous_n_s_per_m: 1.0}"
+    (tmp_path / "axis.yaml").write_text(f"kind: axis\nmotion: linear\nmass_kg: 1.0\nfriction: {friction}\n")
+    with pytest.raises(InputError, match="another kind of machine"):
+        rig_of(tmp_path / "axis.yaml", DEMO)
+    text = (DEMO / "machine.yaml").read_text() + "effects: {friction_viscous: {viscous_n_s_per_m: 900.0}}\n"
+    (tmp_path / "corrected.yaml").write_text(text)
+    with pytest.raises(InputError, match="holds effects already"):
+        rig_of(tmp_path / "corrected.yaml", DEMO)
+
+
+@pytest.mark.parametrize("name", ["friction_viscous", "torque_scale", "drum_layer_change", "heave"])
+def test_a_smaller_effect_is_nearer_to_nothing_and_of_the_same_shape(name: str, rig: Rig):
+    scales = scales_of(rig.drawn.machine, 9000.0, 3.0, 9.0)
+    whole = LISTED[name](np.random.default_rng(5), scales)
+    half = scaled(whole, 0.5, "hoist")
+    for cause, again in ((whole, half),):
+        ((effect, numbers),) = cause.library.items()
+        for key, value in numbers.items():
+            expected = {"gain": 1.0 + 0.5 * (value - 1.0), "drum_angle_rad": value, "frequency_rad_s": value}
+            assert again.library[effect][key] == pytest.approx(expected.get(key, 0.5 * value)), key
+    changed = {key for key in whole.truth if whole.truth[key] != half.truth[key]}
+    changed |= {key for key in whole.log if whole.log[key] != half.log[key]}
+    assert len(changed) == (2 if name == "friction_viscous" else 1)
+    assert scaled(whole, 1.0, "hoist") is whole
+
+
+# Power
+
+
+def test_thresholds_of_a_known_logistic_law_are_recovered():
+    """logit P = 3 (ln size − middle): nine of ten pass at middle · 9^(1/3)."""
+    rng = np.random.default_rng(1)
+    middles = (0.5, 1.0, 2.0)
+    sizes = [np.exp(rng.uniform(-2.0, 2.5, 400)) for _ in middles]
+    passed = [rng.random(400) < 1.0 / (1.0 + (m / x) ** 3.0) for m, x in zip(middles, sizes, strict=True)]
+    fit = thresholds([list(x) for x in sizes], [list(p) for p in passed])
+    true = np.log(np.multiply(middles, 9.0 ** (1.0 / 3.0)))
+    assert fit.threshold == pytest.approx(true, abs=0.3)
+    assert np.all(np.abs(fit.threshold - true) < 3.5 * fit.std)
+    assert np.all((fit.std > 0.03) & (fit.std < 0.3))
+    assert len(thresholds([], []).threshold) == 0
+
+
+def power_score(rig: Rig) -> Any:
+    """Twenty cases of two effects: one is named from 4 N m on, the other one never."""
+    rows = []
+    for k in range(20):
+        size = 0.5 * 1.25**k
+        for name, key in (("friction_viscous", "viscous_n_s_per_m"), ("torque_offset", "offset_nm")):
+            label = {
+                "effects": [name], "parameters": {name: {key: 100.0 * size}}, "torque_change_rms_nm": size,
+                "family": "yours", "kind": "hoist", "where": [],
+            }  # fmt: skip
+            right = name == "friction_viscous" and size > 4.0
+            names = [name] if right else ["heave"]
+            rows.append({"label": label, "word": "named", "names": names, "alike": [], "noise": 0.5})
+    return SimpleNamespace(rows=rows, truth=SimpleNamespace(rig=json.loads(json.dumps(rig.said()))))
+
+
+def test_the_power_is_the_size_from_which_nine_of_ten_are_named_and_what_never_is_says_so(rig: Rig):
+    power = power_of(power_score(rig), {"friction_viscous": 0.5}, "the quickest one again")
+    assert power is not None and power.unit == "N m"
+    never, named = sorted(power.effects, key=lambda each: each.change is not None)
+    assert (named.effect, named.parameter) == ("friction_viscous", "viscous_n_s_per_m")
+    assert named.change and named.amount and named.interval and named.change_interval
+    assert 4.0 < named.change < 10.0  # twenty cases do not say how sharp the edge at 4 is
+    assert named.change_interval[0] < 5.0
+    assert named.amount == pytest.approx(100.0 * named.change)
+    assert named.one_more == pytest.approx(0.5 * named.amount)
+    assert named.interval[0] < named.amount < named.interval[1]
+    assert (never.effect, never.amount, never.interval) == ("torque_offset", None, None)
+    assert "not in the sizes tried" in tables.power(power).by_column["named in 9 of 10 from"]
+    drawn = figures.power(power.effects, power.unit)
+    assert [trace.name for trace in drawn.data] == ["these runs", "with one more run", "not within the sizes tried"]
+    few = power_score(rig)
+    few.rows = few.rows[: 2 * LEAST - 2]
+    none = power_of(few)
+    assert none is not None and none.effects == ()
+    few.truth.rig = None
+    assert power_of(few) is None
+
+
+def test_one_more_run_makes_smaller_effects_show(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+    """Two runs, and one of them again: noise alone gives 1/sqrt(2) at best, tolerances less."""
+    short = replace(
+        rig,
+        runs=tuple(replace(run, reference=(run.reference or ())[:20_000], duration_s=20.0) for run in rig.runs[1:3]),
+    )
+    order = ordered(Asked(runs=DEMO, cases=1, case="none"), 5)[0][0]
+    content = content_of(order, short)
+    now = later.shows(content, order.seed)
+    (words, plan), *_ = later._trials(short)
+    assert words.startswith("the quickest one")
+    then = later.shows(replace(content, runs=(*content.runs, plan)), order.seed)
+    both = [name for name in now if name in then and math.isfinite(now[name])]
+    ratios = [then[name] / now[name] for name in both]
+    assert len(both) > 15
+    assert 0.3 < np.median(ratios) < 1.0
+
+
+# What is computed once the seal is open
+
+
+def test_the_recommended_run_is_driven_as_the_menu_has_it_by_the_same_machine(rig: Rig, tmp_path: Path):
+    short = replace(rig, runs=tuple(cut(run, 20.0) for run in rig.runs[1:3]))
+    content = content_of(ordered(Asked(runs=DEMO, cases=1, case="none"), 5)[0][0], short)
+    make_campaign(tmp_path / "before", (5, 1), content)
+    asked = {
+        "payload_kg": 0.0, "profile": "slow (9.9 m/s), both ways, with reversals at half height",
+        "signals": ["tension_dead_line_n"],
+    }  # fmt: skip
+    more = later.extended(content, asked, tmp_path / "before")
+    assert more.drawn == content.drawn and more.runs[:-1] == content.runs
+    assert "tension" in more.logging.logs
+    last = more.runs[-1]
+    assert last.payload_kg == 0.0 and last.start_time_s > content.runs[-1].start_time_s
+    speed = np.array(last.reference)
+    assert np.sum(np.diff(np.sign(speed[np.abs(speed) > 1e-3])) != 0) == 5  # up, back, up, down, back, down
+    with pytest.raises(InputError, match="no run 'sideways' on the menu"):
+        later.extended(content, {**asked, "profile": "sideways"}, tmp_path / "before")
+
+
+def cut(run: Any, length_s: float) -> Any:
+    return replace(run, reference=(run.reference or ())[: round(1000 * length_s)], duration_s=length_s)
+
+
+def open_score(folder: Path) -> Any:
+    """Three cases of which two are open; the second one's label says friction_viscous."""
+    rows = []
+    for k, effect in enumerate(("heave", "friction_viscous", "torque_offset")):
+        label = {"effects": [effect], "where": [], "parameters": {}, "seed": [5, k], "torque_change_rms_nm": 5.0}
+        rows.append(
+            {
+                "folder": f"{k:03d}", "label": label, "word": "unknown", "names": [], "alike": [], "noise": 0.5,
+                "after": 1.0, "held_out": [], "next_run": {"profile": "slow"} if k else None,
+            }
+        )  # fmt: skip
+    said = {"number": 1, "seed": [5, 1], "source": "simulator", "family": "hoist_small", "case": "singles", "names": []}
+    truth = SimpleNamespace(orders={row["folder"]: said for row in rows}, rig=None)
+    score = SimpleNamespace(folder=folder, rows=tuple(rows), truth=truth)
+    score.with_rows = lambda changed: SimpleNamespace(rows=tuple(changed))
+    return score
+
+
+def test_a_next_run_settles_an_open_case_where_the_answer_becomes_right(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    asked = []
+
+    def anew(order: Any, rig: Any, row: Any) -> Answer:
+        asked.append(row["folder"])
+        return Answer("after", "named", names=("friction_viscous",))
+
+    monkeypatch.setattr(later, "_with_next_run", anew)
+    score, lines = open_score(tmp_path), []
+    assert later.with_next_runs(score, 9, 1, lines.append) == Share(1, 2)
+    assert asked == ["001", "002"] and lines[0] == "1/2 next run of campaign 001: friction_viscous"
+    assert later.with_next_runs(score, 9, 1, lines.append) == Share(1, 2)
+    assert asked == ["001", "002"]  # what was answered is kept
+    assert later.with_next_runs(score, 1, 1, lines.append) == Share(1, 1)
+
+
+def test_the_true_effect_is_fitted_where_the_diagnosis_has_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def fitted(campaigns: Path, row: Any) -> Any:
+        return {**row, "held_out": [[row["label"]["effects"], 0.8]]}
+
+    monkeypatch.setattr(later, "fitted_truth", fitted)
+    score = open_score(tmp_path)
+    score.rows[0]["held_out"] = [[["heave"], 0.5]]
+    rows = later.with_oracle(score, 1, lambda line: None).rows
+    assert [of_the_oracle(row) for row in rows] == pytest.approx([0.5, 0.8, 0.8])

@@ -1,0 +1,476 @@
+"""The score of a blind test and the calibration, on answers made by hand."""
+
+from __future__ import annotations
+
+import json
+import math
+import types
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import calibrate, practice
+from workbench.blind import criteria, measures
+from workbench.blind.answer import Answer, load
+from workbench.blind.ask import Asked, ordered
+from workbench.blind.baselines import BIC, COMMONEST, SPARSE, TRAINING, baselines
+from workbench.blind.share import Share
+from workbench.blind.sources.simulator.families import FAMILIES
+from workbench.diagnose.verdict.judge import calibration, rank
+from workbench.reports.blind import tables
+
+EVIDENCE = dict.fromkeys(calibrate.EVIDENCE, 0.0)
+GUIDE = {"subsystem": "guide", "regime": "speed"}
+
+
+def made(
+    told: Sequence[str],
+    word: str,
+    names: Sequence[str] = (),
+    *,
+    alike: Sequence[str] = (),
+    withheld: Sequence[str] = (),
+    size: float = 5.0,
+    probability: float = 0.9,
+    after: float = 0.55,
+    merits: Sequence[tuple[Sequence[str], float]] = (),
+    evidence: Mapping[str, float] = EVIDENCE,
+    truth: Mapping[str, Mapping[str, float]] | None = None,
+    found: Mapping[str, Mapping[str, tuple[float, float]]] | None = None,
+    folder: str = "001",
+    family: str = "hoist_small",
+    where: Mapping[str, str] = GUIDE,
+    places: Sequence[tuple[str, float]] = (),
+    events: Sequence[Mapping[str, Any]] = (),
+    windows: Sequence[tuple[str, float, float]] = (),
+    regime: str = "speed",
+    twins: Sequence[str] = (),
+) -> dict[str, Any]:
+    """An answer as it is kept: what the label told, and what was said."""
+    return {
+        "folder": folder, "withheld": list(withheld), "word": word, "names": list(names), "alike": list(alike),
+        "label": {
+            "effects": list(told), "where": [where], "torque_change_rms_nm": size, "parameters": truth or {},
+            "family": family, "kind": family.partition("_")[0], "events": list(events), "alike": list(twins),
+        },
+        "ranking": [[word, list(names), probability]], "evidence": dict(evidence), "estimates": found or {},
+        "weighed": [{"names": list(n), "merit": m, "fit": list(n)} for n, m in merits],
+        "counted": [[list(n), m] for n, m in merits], "places": list(places), "windows": list(windows),
+        "before": 5.0, "after": after, "noise": 0.5, "cpu_s": 12.0, "subsystem": "guide", "regime": regime,
+    }  # fmt: skip
+
+
+VISCOUS, OFFSET = "friction_viscous", "torque_offset"
+ANSWERS = [
+    made([VISCOUS], "named", [VISCOUS], probability=0.99),
+    made([VISCOUS], "named", [OFFSET], size=9.0, folder="002"),
+    made([OFFSET], "named", ["carriage_mass_error"], alike=[OFFSET], folder="003"),
+    made([OFFSET], "no_gap", size=0.3, folder="004"),  # below the noise: nobody could see it
+    made([], "no_gap", size=0.0, folder="005"),
+    made([], "named", [VISCOUS], size=0.0, folder="006"),
+    made([VISCOUS, OFFSET], "named", [OFFSET, VISCOUS], folder="007", after=0.9),
+    made([VISCOUS, OFFSET], "named", [VISCOUS], folder="008"),
+    made(["unlisted: a fan"], "unknown", folder="009"),
+    made(["unlisted: a fan"], "named", [VISCOUS], size=7.0, folder="010"),
+    made(["heave"], "unknown", withheld=["heave"], folder="011"),
+    made(["heave"], "named", ["heave"], after=0.95, folder="012"),
+]
+
+
+def share(key: str, rows: Sequence[Mapping[str, Any]] = ANSWERS) -> tuple[int, int]:
+    """How many of how many cases pass a measure."""
+    counted = measures.measure(key).share(rows)
+    return counted.count, counted.of
+
+
+def test_shares_are_of_the_campaigns_they_speak_of():
+    assert share("named") == (2, 5)
+    assert share("named_or_alike") == (3, 5)
+    assert share("pair_both") == (1, 2)
+    assert share("pair_one") == (2, 2)
+    assert share("false_alarm") == (1, 2)
+    assert share("false_unknown") == (0, 2)
+    assert share("unknown_caught") == (1, 2)  # a withheld effect counts in none
+    assert share("pair_both", ANSWERS[:1]) == (0, 0)
+
+
+def test_what_was_never_asked_has_no_line_in_the_sheet():
+    shown = tables.sheet(ANSWERS[:1]).by_column["measured"]
+    assert "single effect named" in shown
+    assert "pair: both named" not in shown
+    assert "pair: both named" in tables.sheet(ANSWERS).by_column["measured"]
+
+
+def test_the_sheet_has_a_column_for_each_kind_and_source_and_one_for_all_of_a_kind():
+    axis = made([], "unknown", family="axis_std")
+    other = made([VISCOUS], "named", [VISCOUS])
+    other["label"] = {**other["label"], "source": "multibody"}
+    simulated = [{**row, "label": {**row["label"], "source": "simulator"}} for row in [*ANSWERS, axis]]
+    sheet = tables.sheet([*simulated, other])
+    assert sheet.heads == (
+        "measured", "axis, asked %", "axis, simulator", "hoist, asked %", "hoist, multibody", "hoist, simulator",
+        "hoist, all",
+    )  # fmt: skip
+    line = dict(zip(sheet.heads, sheet.rows[0], strict=True))
+    assert line["hoist, asked %"] == "≥ 95"
+    assert line["hoist, multibody"].startswith("1/1")
+    assert line["hoist, all"].startswith("3/6")
+    recorded = {**made([], "no_gap"), "source": "campaigns"}
+    recorded["label"] = {"effects": [], "where": []}
+    assert (criteria.family_of(recorded), criteria.source_of(recorded)) == ("campaigns", "recorded")
+
+
+def test_cases_stand_with_others_of_their_size_over_the_noise():
+    """The noise is 0.5 in all answers made here."""
+    sized = {name: len(rows) for name, rows in measures.by_size(ANSWERS).items()}
+    assert sized == {"below the noise": 1, "10 and more": 9}
+    at = {3.9: "3 to 10", 2.9: "1 to 3", 0.9: "below", 11.0: "10 and more"}
+    for ratio, name in at.items():
+        (found,) = measures.by_size([made([VISCOUS], "no_gap", size=0.5 * ratio)])
+        assert name in found
+    unknown = made([VISCOUS], "no_gap")
+    unknown["label"]["torque_change_rms_nm"] = None
+    assert list(measures.by_size([unknown])) == ["size not known"]
+
+
+def test_a_correction_that_makes_it_worse_is_harmful_and_a_shrink_is_held_against_the_true_effects():
+    row = made([VISCOUS], "named", [OFFSET], after=5.2)
+    assert criteria.harmful(row)
+    assert not criteria.harmful({**row, "after": 4.9})
+    assert not criteria.harmful({**row, "word": "no_gap"})
+    assert criteria.of_the_oracle(row) is None
+    row = {**row, "after": 1.0, "held_out": [[[], 5.0], [[OFFSET], 1.0], [[VISCOUS], 0.9]]}
+    assert criteria.of_the_oracle(row) == pytest.approx(0.9)
+    assert measures.numbers([row]).of_oracle == pytest.approx((0.9,))
+    assert measures.numbers(ANSWERS).without_oracle == 7
+
+
+def test_the_calibration_error_is_the_distance_of_what_is_said_from_what_is_right():
+    """G. W. Brier's and Naeini's textbook case: ten answers of 0.9, of which seven are right, are off by 0.2."""
+    rows = [made([VISCOUS], "named", [VISCOUS if k < 7 else OFFSET], probability=0.9) for k in range(10)]
+    assert measures.calibration_error(rows) == pytest.approx(0.2)
+    (only,) = measures.reliability(rows)
+    assert (only.low, only.right) == (0.9, Share(7, 10))
+    assert only.said == pytest.approx(0.9)
+    assert measures.calibration_error([]) is None
+
+
+# Other methods
+
+
+def weighed(*rows: tuple[Sequence[str], float, int]) -> list[dict[str, Any]]:
+    return [{"names": list(names), "chi2": chi2, "parameters": k, "merit": 0.0} for names, chi2, k in rows]
+
+
+def test_the_training_error_always_names_the_best_fit_and_bic_only_what_pays_for_its_parameters():
+    row = made([], "no_gap")
+    row |= {"none": {"chi2": 1000.0, "samples": 1000}, "sparse": []}
+    row["weighed"] = weighed(((VISCOUS,), 995.0, 1), ((OFFSET,), 996.0, 1), ((VISCOUS, OFFSET), 990.0, 2))
+    said = {name: (rows[0]["word"], rows[0]["names"]) for name, rows in baselines([row]).items()}
+    assert said[TRAINING] == ("named", [VISCOUS])
+    assert said[BIC] == ("no_gap", [])  # 5 is less than ln 1000 = 6.9
+    assert said[SPARSE] == ("no_gap", [])
+    row["weighed"] = weighed(((VISCOUS,), 900.0, 1), ((VISCOUS, OFFSET), 880.0, 2))
+    assert baselines([row])[BIC][0]["names"] == [VISCOUS, OFFSET]
+
+
+def test_methods_stand_beside_each_other_on_the_same_cases():
+    shown = tables.methods(ANSWERS).by_column
+    single = shown["measured"].index("single effect named")
+    assert shown["cases"][single] == "5"
+    assert shown["workbench diagnose %"][single] == "40 (12–77)"
+    assert len(shown) == 6  # no sparse regression here
+
+
+def test_sparse_regression_that_was_not_installed_is_left_out_and_the_commonest_answer_is_of_each_kind():
+    rows = [*ANSWERS, *[made([], "named", [VISCOUS], family="axis_std") for _ in range(3)]]
+    found = baselines(rows)
+    assert SPARSE not in found
+    assert {row["word"] for row in found[COMMONEST] if criteria.kind_of(row) == "axis"} == {"no_gap"}
+    assert len({(row["word"], *row["names"]) for row in found[COMMONEST] if criteria.kind_of(row) == "hoist"}) == 1
+
+
+@pytest.mark.parametrize(
+    ("count", "of", "low", "high"),
+    [(10, 10, 0.7225, 1.0), (0, 10, 0.0, 0.2775), (81, 263, 0.2553, 0.3662), (0, 0, 0.0, 1.0)],
+)
+def test_intervals_are_wilsons(count: int, of: int, low: float, high: float):
+    """81 of 263: R. G. Newcombe, Statistics in Medicine 17 (1998), table I; at 0 and n by the closed form."""
+    assert Share(count, of).interval() == pytest.approx((low, high), abs=5e-5)
+
+
+UNLISTED = "unlisted: a fan"
+
+
+def test_a_place_is_right_by_the_likeliest_one_and_weighed_by_its_probability():
+    motor = {"subsystem": "motor", "regime": "speed"}
+    row = made([UNLISTED], "unknown", where=motor, places=[("guide", 0.3), ("motor", 0.6), ("drum", 0.1)])
+    assert criteria.likeliest_place(row) == "motor"
+    assert criteria.place_right(row)
+    assert criteria.probability_of_place(row) == pytest.approx(0.6)
+    wrong = made([UNLISTED], "unknown", where=motor, places=[("guide", 0.8), ("motor", 0.2)])
+    assert not criteria.place_right(wrong)
+    assert criteria.probability_of_place(wrong) == pytest.approx(0.2)
+    single = made([UNLISTED], "unknown", where=motor)  # an answer of one place, without probabilities
+    assert not criteria.place_right(single)
+    assert criteria.probability_of_place(single) == 0.0
+    assert share("unknown_place", [row, wrong, single]) == (1, 3)
+
+
+@pytest.mark.parametrize(
+    ("regime", "window", "found"),
+    [
+        ("event", ("half_fast", 12.0, 13.0), True),
+        ("event", ("half_fast", 10.2, 11.8), True),  # half a second beside it
+        ("event", ("half_fast", 20.0, 21.0), False),
+        ("event", ("empty_fast", 12.0, 13.0), False),
+        ("time", ("half_fast", 12.0, 13.0), False),
+    ],
+)
+def test_an_event_is_found_in_its_run_at_its_time_and_by_its_name(regime: str, window: Any, found: bool):
+    event = {"run": "half_fast", "from_s": 12.2, "to_s": 13.1, "subsystem": "guide"}
+    row = made([UNLISTED], "unknown", events=[event], windows=[window], regime=regime)
+    assert criteria.event_found(row) == found
+    assert share("event", [row, ANSWERS[0]]) == (int(found), 1)
+
+
+def test_twins_by_nature_are_one_answer_with_two_names():
+    row = made(["gearbox_efficiency"], "named", ["friction_load_dependent"], twins=["friction_load_dependent"])
+    assert not criteria.right(row)
+    assert criteria.right_or_alike(row)
+    assert not criteria.right_or_alike({**row, "names": [OFFSET]})
+
+
+def test_the_label_among_the_first_three_counts_however_the_answer_reads():
+    row = made([VISCOUS], "unknown")
+    ranking = [["unknown", [], 0.5], ["named", [OFFSET], 0.3], ["named", [VISCOUS], 0.15], ["no_gap", [], 0.05]]
+    assert criteria.among_first_three({**row, "ranking": ranking})
+    assert not criteria.among_first_three({**row, "ranking": [ranking[0], ranking[1], ranking[3], ranking[2]]})
+
+
+@pytest.mark.parametrize(
+    ("row", "word"),
+    [(ANSWERS[0], "named"), (ANSWERS[4], "no_gap"), (ANSWERS[8], "unknown"), (ANSWERS[10], "unknown")],
+)
+def test_the_right_word_is_of_the_label_and_of_what_was_taken_out(row: Mapping[str, Any], word: str):
+    assert criteria.right_word(row) == word
+
+
+def test_the_order_of_two_effects_does_not_matter_and_one_of_them_is_not_enough():
+    assert criteria.right(ANSWERS[6])
+    assert not criteria.right(ANSWERS[7])
+
+
+def test_the_confusion_says_what_was_answered_instead():
+    lines = tables.confusion(ANSWERS).markdown().splitlines()
+    assert "| friction_viscous | 2 | friction_viscous 1, torque_offset 1 |" in lines
+    assert "| two effects | 2 | both 1, 1 of them 1 |" in lines
+    assert "| none | 2 | no gap 1, friction_viscous 1 |" in lines
+    assert "| heave (taken out of the library) | 1 | unknown 1 |" in lines
+
+
+def test_misses_are_listed_largest_first_and_no_more_than_asked():
+    shown = tables.misses(ANSWERS, 3)
+    assert shown.by_column["campaign"] == ["002", "010", "003"]
+    assert shown.rows[0][3:6] == ["18.0", "torque_offset", "0.90"]
+    assert shown.rows[2][6] == "the right one is said to be alike"
+    assert "The first 3 of 6" in shown.note
+    said = tables.miss_lines(ANSWERS, 1)[0]
+    assert said.startswith(
+        "002 (hoist_small, recorded): friction_viscous, 18.0 times the noise, answered torque_offset"
+    )
+    assert tables.miss_lines(ANSWERS[:1], 3) == []
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [
+        (made([OFFSET], "no_gap", size=0.3), "smaller than the noise"),
+        (made([], "named", [VISCOUS], size=0.0), "10.0 times the noise"),
+        (made([VISCOUS], "named", [VISCOUS, OFFSET]), f"with {OFFSET} beside it"),
+        (made([VISCOUS, OFFSET], "named", [VISCOUS]), "the other one is missed"),
+        (made([VISCOUS], "named", [OFFSET], merits=[((VISCOUS,), 3.0)]), "worth less than the answer"),
+        (made([VISCOUS], "named", [OFFSET]), "not among the fits"),
+    ],
+)
+def test_each_miss_says_how_it_came(row: Mapping[str, Any], why: str):
+    assert why in tables.why(row)
+
+
+def test_answers_are_counted_by_how_sure_they_were():
+    said = dict(zip(*(tables.reliability(ANSWERS).by_column[k] for k in ("probability said", "right")), strict=True))
+    assert said["0.99–1.00"].startswith("1/1")
+    assert said["0.90–0.95"].startswith("5/11")
+
+
+def test_errors_are_relative_to_what_the_effect_changes():
+    """A gain of 1.06 that is found as 1.09 is off by half of what is wrong with it."""
+    row = made(
+        ["torque_scale"], "named", ["torque_scale"],
+        truth={"torque_scale": {"gain": 1.06}}, found={"torque_scale": {"gain": (1.09, 0.02)}},
+    )  # fmt: skip
+    ((name, relative, errors),) = criteria.estimates_within(row)
+    assert name == "torque_scale.gain"
+    assert (relative, errors) == pytest.approx((0.5, 1.5))
+    assert list(criteria.estimates_within({**row, "names": [OFFSET]})) == []
+    wave = {"heave": {"amplitude_m": 0.2, "phase_rad": 1.0}}
+    waves = made(["heave"], "named", ["heave"], truth=wave, found={"heave": {"phase_rad": (6.0, 0.1)}})
+    assert list(criteria.estimates_within(waves)) == []
+
+
+def test_a_campaign_that_the_diagnosis_refuses_is_a_miss_that_says_so(tmp_path: Path):
+    """Runs that all stand still."""
+    (tmp_path / "labels").mkdir()
+    label = tmp_path / "labels" / "still.json"
+    label.write_text(json.dumps({"effects": [VISCOUS], "torque_change_rms_nm": 5.0}))
+    folder = tmp_path / "still"
+    folder.mkdir()
+    friction = "{coulomb_forward_n: 1.0, coulomb_backward_n: 1.0, viscous_n_s_per_m: 1.0}"
+    (folder / "machine.yaml").write_text(f"kind: axis\nmotion: linear\nmass_kg: 1.0\nfriction: {friction}\n")
+    (folder / "runs.yaml").write_text("runs: [{name: still, file: still.csv}]\n")
+    rows = "".join(f"{0.01 * k:.2f},{0.1 * (k % 7)},1.0\n" for k in range(2000))
+    (folder / "still.csv").write_text("time_s,force_n,position_m\n" + rows)
+    for line in practice.answered(tmp_path, tmp_path / "answers", None, False, 1):
+        assert line.startswith(f"still: {VISCOUS} -> refused")
+    (row,) = practice.rows_of(tmp_path, tmp_path / "answers")
+    assert row["word"] == "refused"
+    assert row["warnings"]
+    assert share("named", [row]) == (0, 1)
+    assert tables.misses([row]).rows[0][4:6] == ["refused", "1.00"]
+
+
+def test_answers_are_read_in_the_order_of_their_names(tmp_path: Path):
+    for row in reversed(ANSWERS):
+        (tmp_path / f"{row['folder']}.json").write_text(json.dumps(row))
+    assert list(load(tmp_path)) == [row["folder"] for row in ANSWERS]
+
+
+# Calibration
+# What is left, in whatever measure the verdict has of it.
+MAIN = next(name for name in calibrate.EVIDENCE if name not in ("prior", "bound", "against"))
+
+
+def none_of(merit: float) -> dict[str, Any]:
+    return made([], "no_gap", merits=[((VISCOUS,), merit), ((OFFSET,), merit - 3.0)])
+
+
+def test_the_threshold_lies_above_all_but_two_per_cent_of_machines_without_a_gap():
+    rows = [none_of(float(k)) for k in range(100)] + [made([VISCOUS], "named", merits=[((VISCOUS,), 500.0)])]
+    assert calibrate._threshold(rows) == 98.0
+    assert calibrate._threshold([none_of(-5.0)] * 10) == calibrate.LEAST_THRESHOLD
+    assert calibrate._threshold(rows[-1:]) == calibration()["threshold"]
+
+
+def test_the_interval_is_widened_until_nine_of_ten_true_values_are_inside():
+    rows = [
+        made(
+            [OFFSET], "named", [OFFSET],
+            truth={OFFSET: {"offset_nm": 30.0}}, found={OFFSET: {"offset_nm": (30.0 + 0.1 * k, 1.0)}},
+        )
+        for k in range(1, 51)
+    ]  # fmt: skip
+    factor = calibrate._interval(rows)
+    inside = [s <= 1.6449 * factor for row in rows for _, _, s in criteria.estimates_within(row)]
+    assert sum(inside) / len(inside) == pytest.approx(0.9)
+    assert calibrate._interval([]) == 1.0
+
+
+def sure(lead: float, right: bool) -> dict[str, Any]:
+    """Two causes, of which the first leads by so much merit."""
+    told = VISCOUS if right else OFFSET
+    return made([told], "named", [VISCOUS], merits=[((VISCOUS,), 60.0), ((OFFSET,), 60.0 - lead)])
+
+
+def test_answers_that_are_wrong_more_often_make_the_temperature_higher():
+    numbers = dict(calibration())
+    often = calibrate._temperature([sure(8.0, k % 3 != 0) for k in range(30)], numbers)
+    seldom = calibrate._temperature([sure(8.0, k % 15 != 0) for k in range(30)], numbers)
+    assert often > seldom > 0.0
+    given = rank([((VISCOUS,), 60.0), ((OFFSET,), 52.0)], EVIDENCE, {**numbers, "temperature": often})
+    assert given[0].probability == pytest.approx(2.0 / 3.0, abs=0.12)
+
+
+def campaigns() -> list[dict[str, Any]]:
+    """Known causes leave noise, unknown ones leave structure; the bound says nothing, rather the opposite."""
+    rows = [none_of(float(k % 7) - 3.0) for k in range(20)]
+    for k in range(30):
+        left = {**EVIDENCE, MAIN: 0.03 * (k % 5), "prior": 0.1 * (k % 3), "bound": float(k % 4 == 0)}
+        rows.append({**sure(5.0 + k, k % 10 != 0), "evidence": left})
+        left = {**EVIDENCE, MAIN: 0.2 + 0.05 * (k % 6), "prior": 0.4 * (k % 3)}
+        rows.append(
+            made(["unlisted: a fan"], "unknown", merits=[((VISCOUS,), 30.0 + k)], evidence=left, folder=f"{k:03d}")
+        )
+    return rows
+
+
+def test_calibration_gives_finite_numbers_and_no_negative_weight():
+    pytest.importorskip("sklearn", reason="allowed: scikit-learn comes with the bench extra")
+    numbers = calibrate.fitted(campaigns())
+    assert set(numbers) == set(calibration())
+    assert all(math.isfinite(value) for value in numbers.values())
+    weights = {name: value for name, value in numbers.items() if name.startswith("unknown_") and name != "unknown_bias"}
+    assert set(weights) == {f"unknown_{name}" for name in calibrate.EVIDENCE}
+    assert all(value >= 0.0 for value in weights.values())
+    assert weights["unknown_bound"] == 0.0
+    assert weights[f"unknown_{MAIN}"] > 0.0
+    assert numbers["temperature"] > 0.0
+    assert numbers["threshold"] == pytest.approx(4.0)
+
+
+def test_calibrated_numbers_tell_the_campaigns_that_they_were_fitted_to():
+    pytest.importorskip("sklearn", reason="allowed: scikit-learn comes with the bench extra")
+    rows = campaigns()
+    numbers = calibrate.fitted(rows)
+    hits = 0
+    for row in rows:
+        hits += rank(calibrate._merits(row), row["evidence"], numbers)[0].verdict == criteria.right_word(row)
+    assert hits > 0.95 * len(rows)
+
+
+def test_a_family_is_judged_by_what_the_others_give(monkeypatch: pytest.MonkeyPatch):
+    """Its own answers play no part in the numbers that it is judged by, and each keeps its label and its fits."""
+    families = ("hoist_small", "hoist_large", "axis_std")
+    rows = [{**row, "label": {**row["label"], "family": families[k % 3]}} for k, row in enumerate(campaigns())]
+    asked: list[set[str]] = []
+
+    def fitted(others: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+        asked.append({criteria.family_of(row) for row in others})
+        return {**calibration(), "threshold": 1e9 if "axis_std" not in asked[-1] else 4.0}
+
+    monkeypatch.setattr(calibrate, "fitted", fitted)
+    anew = calibrate.left_out(rows)
+    assert len(anew) == len(rows)
+    assert sorted(map(sorted, asked)) == sorted(sorted(set(families) - {family}) for family in families)
+    by_name = {family: [row for row in anew if criteria.family_of(row) == family] for family in families}
+    assert all(row["word"] != "named" for row in by_name["axis_std"])  # nothing beats that threshold
+    assert any(row["word"] == "named" for row in by_name["hoist_small"])
+    for row in anew:
+        assert row["word"] == row["ranking"][0][0]
+        assert sum(probability for _, _, probability in row["ranking"]) == pytest.approx(1.0)
+
+
+def test_refused_campaigns_stay_refused_whatever_the_numbers():
+    rows = [made([], "refused", folder="x"), made([VISCOUS], "refused", family="axis_std")]
+    assert [calibrate._anew(row, calibration())["word"] for row in rows] == ["refused", "refused"]
+
+
+def test_one_command_makes_and_diagnoses_what_calibrates_on_a_seed_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    asked: list[Any] = []
+    wanted, _ = ordered(Asked(cases=60, seed=calibrate.SEED), calibrate.SEED)
+    assert {order.family for order in wanted} == set(FAMILIES)
+    rows = tuple({**row, "folder": f"{k:03d}"} for k, row in enumerate(ANSWERS))
+    kept = types.SimpleNamespace(folder=tmp_path / "sealed", rows=rows)
+    monkeypatch.setattr(calibrate, "make_asked", lambda what, folder, **more: asked.append((what.seed, what.cases)))
+    monkeypatch.setattr(calibrate, "run", lambda folder, **more: asked.append(folder.name))
+    monkeypatch.setattr(calibrate, "open_and_score", lambda folder, key: kept)
+    monkeypatch.setattr(calibrate, "answer", lambda folder, gone: Answer(folder.name, "unknown", tuple(gone)))
+    calibrate.made(tmp_path, 60, 1)
+    assert asked == [(calibrate.SEED, 60), "sealed"]
+    again = calibrate.rows_of(tmp_path)
+    withheld = [row for row in again[len(rows) :] if row["withheld"]]
+    assert len(withheld) == sum(map(criteria.single, ANSWERS))
+    assert all(criteria.right(row) for row in withheld)

@@ -1,0 +1,363 @@
+"""The seal: nothing leaks, every change after it is found out and named, and a stop in the middle loses nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from workbench.blind import ask, run, seal
+from workbench.blind import make as making
+from workbench.blind.answer import Answer, text_of
+from workbench.blind.ask import Asked, make_asked
+from workbench.blind.make import Made
+from workbench.blind.orders import Order
+from workbench.blind.score import OPENED, open_and_score
+from workbench.blind.sources.simulator.campaign import Label
+from workbench.cli import main
+from workbench.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+SEED = 424242424242
+TRUTH = ("friction_viscous", "heave", "torque_offset", "")
+
+
+def fake(folder: Path, rig: object, order: Order) -> tuple[Order, Label]:
+    """A campaign of a few bytes; of four, three withhold an effect and one none."""
+    campaign = folder / order.name
+    (campaign / "runs").mkdir(parents=True)
+    for name in ("machine.yaml", "runs.yaml", "runs/first.csv"):
+        (campaign / name).write_text(f"{name} of {order.name}\n")
+    name = TRUTH[(order.number - 1) % len(TRUTH)]
+    effects = (name,) if name else ()
+    label = Label(
+        effects, (), {}, tuple({"subsystem": "guide", "regime": "speed"} for _ in effects), (), "", {}, "singles",
+        "hoist", order.family, "a hoist", order.seed, {"B_up": 1.0}, order.source, 5.0 if effects else 0.0,
+    )  # fmt: skip
+    return order, label
+
+
+def said(campaign: Path) -> str:
+    """An answer that needs no campaign: friction_viscous throughout."""
+    assert sorted(path.name for path in campaign.iterdir()) == ["machine.yaml", "runs", "runs.yaml"]
+    names = ("friction_viscous",)
+    row = Answer(campaign.name, "named", names=names, ranking=[("named", list(names), 0.9)], noise=0.5, kind="hoist")
+    return text_of(replace(row, before=5.0, after=0.6, cpu_s=1.0, subsystem="guide"))
+
+
+@pytest.fixture
+def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Made:
+    monkeypatch.setattr(making, "made", fake)
+    asked = Asked(cases=4, seed=SEED, families=("hoist_small",))
+    return make_asked(asked, tmp_path / "test", processes=1, tell=lambda line: None)
+
+
+def answered(made: Made, **more: Any) -> run.Ran:
+    return run.run(made.folder, processes=1, diagnose=said, **more)
+
+
+def every_file(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_neither_label_nor_seed_nor_key_stands_in_the_folder(made: Made):
+    files = every_file(made.folder)
+    key = made.key.read_bytes().strip()
+    for name, data in files.items():
+        for secret in (b"heave", b"friction_viscous", b"torque_offset", str(SEED).encode(), key):
+            assert secret not in data, name
+    assert made.key == made.folder.with_name("test.key")
+    assert stat.S_IMODE(made.key.stat().st_mode) == 0o600 or os.name != "posix"
+
+
+def test_the_manifest_holds_the_hash_of_the_seal_and_of_every_file_from_the_start(made: Made):
+    manifest = seal.read_manifest(made.folder)
+    assert manifest.seal_sha256 == made.seal_sha256 == seal.sha256((made.folder / seal.SEALED).read_bytes())
+    assert sorted(manifest.cases) == ["001", "002", "003", "004"]
+    assert sorted(manifest.cases["002"]) == ["machine.yaml", "runs.yaml", "runs/first.csv"]
+    assert manifest.cases["002"]["machine.yaml"] == seal.sha256(b"machine.yaml of 002\n")
+
+
+def test_with_the_key_the_labels_come_out_as_they_went_in(made: Made):
+    answered(made)
+    score = open_and_score(made.folder, made.key)
+    assert score.truth.seed == SEED
+    assert [row["label"]["effects"] for row in score.rows] == [[name] if name else [] for name in TRUTH]
+    assert not score.partial
+    assert "truth" not in score.rows[0]["label"]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda f: (f / "campaigns/002/runs/first.csv").write_text("other"), "campaign 002: the file was changed"),
+        (lambda f: (f / "campaigns/002/runs/first.csv").unlink(), "campaign 002: the file is gone"),
+        (lambda f: (f / "campaigns/003/notes.txt").write_text("hint"), "campaign 003: the file was added"),
+        (lambda f: (f / seal.SEALED).write_bytes(b"x" + (f / seal.SEALED).read_bytes()), "sealed labels were changed"),
+        (lambda f: (f / seal.SEALED).unlink(), "sealed labels cannot be read"),
+        (lambda f: altered(f / "answers/001.json", "friction_viscous", "heave"), "campaign 001 was changed since"),
+        (lambda f: shutil.copy(f / "answers/001.json", f / "answers/009.json"), "which the manifest does not have"),
+        (lambda f: (f / "answers.jsonl").unlink(), "was not given by `workbench blind run`"),
+        (lambda f: altered(f / "manifest.json", '"version": "', '"version": "9'), "changed since campaign 001"),
+        (lambda f: altered(f / "manifest.json", '"seal_sha256": "', '"seal_sha256": "0'), "manifest.json"),
+        (lambda f: (f / "manifest.json").write_text("{"), "is damaged"),
+        (lambda f: (f / "answers.jsonl").write_text("{}\n"), "is damaged"),
+    ],
+)
+def test_a_change_after_sealing_is_found_out_and_named(made: Made, change: Any, sentence: str):
+    answered(made)
+    change(made.folder)
+    with pytest.raises(InputError, match=sentence):
+        open_and_score(made.folder, made.key)
+    assert not (made.folder / OPENED).exists()
+
+
+def altered(file: Path, before: str, after: str) -> None:
+    text = file.read_text()
+    assert before in text
+    file.write_text(text.replace(before, after))
+
+
+def test_a_manifest_that_was_made_to_fit_a_changed_campaign_does_not_fit_the_seal(made: Made):
+    file = made.folder / "campaigns" / "002" / "machine.yaml"
+    before = seal.sha256(file.read_bytes())
+    file.write_text("another machine\n")
+    altered(made.folder / "manifest.json", before, seal.sha256(file.read_bytes()))
+    answered(made)
+    with pytest.raises(InputError, match="other files or hashes of campaign 002 than the seal"):
+        open_and_score(made.folder, made.key)
+
+
+def test_labels_sealed_anew_by_another_key_are_no_labels(made: Made, tmp_path: Path):
+    answered(made)
+    manifest = seal.read_manifest(made.folder)
+    truth = seal.unseal(made.folder, manifest, made.key)
+    other = tmp_path / "other.key"
+    forged = replace(truth, labels={name: {**label, "effects": []} for name, label in truth.labels.items()})
+    seal.write_key(other, seal.seal(made.folder, forged, manifest.made, manifest.version, manifest.asked))
+    with pytest.raises(InputError, match=r"manifest\.json: was changed since campaign 001"):
+        open_and_score(made.folder, other)
+    with pytest.raises(InputError, match="was changed since"):
+        open_and_score(made.folder, made.key)
+
+
+@pytest.mark.parametrize(
+    ("key", "sentence"),
+    [("", "no key there"), ("short", "is not the key"), ("A" * 43 + "=", "is not the key")],
+)
+def test_without_the_right_key_nothing_is_opened(made: Made, tmp_path: Path, key: str, sentence: str):
+    answered(made)
+    file = tmp_path / "given.key"
+    if key:
+        file.write_text(key)
+    with pytest.raises(InputError, match=sentence):
+        open_and_score(made.folder, file)
+    assert not (made.folder / OPENED).exists()
+
+
+def test_a_campaign_that_was_changed_is_not_diagnosed(made: Made):
+    altered(made.folder / "campaigns" / "003" / "runs.yaml", "runs", "races")
+    with pytest.raises(InputError, match="campaign 003: the file was changed after sealing"):
+        answered(made)
+
+
+def test_each_diagnosis_is_given_a_folder_of_its_own_away_from_the_seal(made: Made):
+    seen: list[Path] = []
+
+    def look(campaign: Path) -> str:
+        seen.append(campaign)
+        assert campaign.resolve().parents[0] != (made.folder / "campaigns").resolve()
+        assert not list(campaign.resolve().parents[0].glob("*.sealed"))
+        assert len(list(campaign.parent.iterdir())) == 1
+        return said(campaign)
+
+    run.run(made.folder, processes=1, diagnose=look)
+    assert len({path.parent for path in seen}) == 1
+    assert not any(path.exists() for path in seen)
+
+
+def test_a_run_goes_on_where_it_stopped_and_a_part_can_be_scored(made: Made):
+    assert answered(made, count=1) == run.Ran(4, 0, 1)
+    first = open_and_score(made.folder, made.key)
+    assert first.partial and len(first.rows) == 1
+    lines: list[str] = []
+    time.sleep(1.1)  # the clock of the ledger has seconds
+    assert answered(made, tell=lines.append) == run.Ran(4, 1, 4)
+    assert lines[0] == "goes on after 1 of 4"
+    assert lines[-1].startswith("4/4 campaign 004: friction_viscous (0.90), 1 s; 0 min left")
+    second = open_and_score(made.folder, made.key)
+    assert second.opened == first.opened
+    assert second.after_opening == ("002", "003", "004")
+    openings = json.loads((made.folder / OPENED).read_text())["openings"]
+    assert [len(each["answers"]) for each in openings] == [1, 4]
+    open_and_score(made.folder, made.key)
+    assert len(json.loads((made.folder / OPENED).read_text())["openings"]) == 2
+
+
+def test_an_answer_given_anew_after_the_opening_is_found_out(made: Made):
+    answered(made)
+    open_and_score(made.folder, made.key)
+    (made.folder / "answers" / "002.json").unlink()
+    run.run(made.folder, processes=1, diagnose=lambda campaign: said(campaign).replace("viscous", "coulomb"))
+    with pytest.raises(InputError, match="campaign 002 is answered otherwise than when the seal was opened"):
+        open_and_score(made.folder, made.key)
+
+
+def test_what_breaks_off_keeps_what_is_answered(made: Made):
+    def stopped(campaign: Path) -> str:
+        if campaign.name == "003":
+            raise KeyboardInterrupt
+        return said(campaign)
+
+    with pytest.raises(KeyboardInterrupt):
+        run.run(made.folder, processes=1, diagnose=stopped)
+    assert sorted(path.name for path in (made.folder / "answers").iterdir()) == ["001.json", "002.json"]
+    assert answered(made).kept == 2
+
+
+def test_processes_share_the_work_and_stand_in_a_folder_without_the_seal(made: Made):
+    assert run.run(made.folder, processes=2, diagnose=standing).done == 4
+    rows = open_and_score(made.folder, made.key).rows
+    assert {row["subsystem"] for row in rows} == {"guide"}
+    assert all("workbench-blind-" in row["warnings"][0] for row in rows)
+
+
+def standing(campaign: Path) -> str:
+    row = json.loads(said(campaign))
+    return json.dumps({**row, "warnings": [os.getcwd()]})
+
+
+@pytest.mark.skipif(os.name != "posix", reason="allowed: signals of POSIX")
+def test_ctrl_c_ends_a_run_of_processes_with_what_is_answered(made: Made, tmp_path: Path):
+    code = (
+        "import sys, time\nfrom pathlib import Path\nfrom workbench.blind import run\n"
+        "from tests.blind.slow_answer import slow\n"
+        "if __name__ == '__main__':\n"
+        "    run.run(Path(sys.argv[1]), processes=2, diagnose=slow, tell=lambda line: print(line, flush=True))\n"
+    )
+    file = tmp_path / "program.py"
+    file.write_text(code)
+    words = [sys.executable, str(file), str(made.folder)]
+    program = subprocess.Popen(
+        words, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        text=True, start_new_session=True,
+    )  # fmt: skip
+    assert program.stdout is not None
+    assert program.stdout.readline().startswith("1/4 campaign")
+    os.killpg(program.pid, signal.SIGINT)
+    assert program.wait(timeout=120) != 0
+    kept = len(list((made.folder / "answers").glob("*.json")))
+    assert 1 <= kept < 4
+    assert answered(made).kept == kept
+
+
+# The command
+
+
+def exit_of(*words: object) -> object:
+    with pytest.raises(SystemExit) as ended:
+        main([str(word) for word in words])
+    return ended.value.code
+
+
+def test_the_command_makes_runs_and_scores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    monkeypatch.setattr(making, "made", fake)
+    monkeypatch.setattr(run, "answered", lambda folder, most_effects: said(folder))
+    folder = tmp_path / "proof"
+    make = ("blind", "make", "--out", folder, "--cases", 4, "--seed", 3, "--family", "hoist_small", "--processes", 1)
+    assert exit_of(*make) == 0
+    assert "Seal (SHA-256)" in capsys.readouterr().out
+    assert exit_of("blind", "run", folder, "--processes", 1) == 0
+    assert "4 of 4 campaigns have an answer, 4 of them new." in capsys.readouterr().out
+    assert exit_of("blind", "score", folder, "--out", tmp_path / "sheet") == 0
+    out = capsys.readouterr().out
+    assert "single effect named" in out and "1/3 (6–79)" in out and "no gap, but named" in out
+    said_there = json.loads((tmp_path / "sheet" / "score.json").read_text())
+    assert said_there["groups"]["hoist, simulator"]["named"] == pytest.approx(
+        {"count": 1, "of": 3, "low_95": 0.0614919, "high_95": 0.792345}, rel=1e-5
+    )
+    assert [case["right"] for case in said_there["cases"]] == [True, False, False, False]
+    page = (tmp_path / "sheet" / "score.html").read_text()
+    assert "Wilson" in page and "http" not in page.split("<body>")[1].split("plotly")[0]
+    assert exit_of(*make) == 2
+    assert "nothing is overwritten" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["make", "--out", "x", "--cases", "0"], "0 is not in the range"),
+        (
+            ["make", "--out", "x", "--source", "simulater"],
+            "--source: unknown source 'simulater'; did you mean 'simulator'?",
+        ),
+        (["make", "--out", "x", "--family", "hoist_smal"], "did you mean 'hoist_small'?"),
+        (["make", "--out", "x", "--effects", "friction_viscos"], "did you mean 'friction_viscous'?"),
+        (["make", "--out", "x", "--effects", " , "], "no effect is named"),
+        (["make", "--out", "x", "--source", "multibody", "--kind", "axis"], "does not play machines of kind axis"),
+        (["make", "--out", "x", "--machine", "machine.yaml"], "--machine: needs runs"),
+        (["run", "nowhere"], "no such folder"),
+        (["run", "."], "has no manifest.json"),
+        (["score", "nowhere"], "no such folder"),
+        (["scroe", "x"], "did you mean 'score'?"),
+    ],
+)
+def test_what_does_not_fit_is_one_line_and_writes_nothing(
+    words: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert exit_of("blind", *words) == 2
+    err = capsys.readouterr().err
+    assert sentence in err and "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_scoring_what_is_not_answered_says_what_comes_first(made: Made, capsys):
+    assert exit_of("blind", "score", made.folder) == 2
+    assert "no campaign is answered yet; first: workbench blind run" in capsys.readouterr().err
+
+
+def test_a_key_that_is_there_is_not_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(making, "made", fake)
+    (tmp_path / "test.key").write_text("mine")
+    with pytest.raises(InputError, match="nothing is overwritten"):
+        make_asked(Asked(cases=1, seed=1), tmp_path / "test", processes=1, tell=lambda line: None)
+    assert (tmp_path / "test.key").read_text() == "mine"
+    assert not (tmp_path / "test").exists()
+
+
+def test_without_the_extra_the_error_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "cryptography.fernet", None)
+    with pytest.raises(InputError, match=r"needs the extra 'blind'; from a checkout: pip install '\.\[blind\]'"):
+        make_asked(Asked(cases=1, seed=1), tmp_path / "test", processes=1, tell=lambda line: None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_seed_that_nobody_names_is_the_systems_own(monkeypatch: pytest.MonkeyPatch):
+    seen = []
+    monkeypatch.setattr(ask, "make", lambda folder, wanted, seed, **more: seen.append(seed))
+    for _ in range(2):
+        make_asked(Asked(cases=1), Path("nowhere"), tell=lambda line: None)
+    assert seen[0] != seen[1]
+
+
+def test_every_option_of_the_parts_has_help():
+    import click
+
+    from workbench.cli.blind import PARTS, command
+
+    context = click.Context(command)
+    for name in PARTS:
+        part = command.get_command(context, name)
+        assert part is not None and part.help
+        assert [p.name for p in part.params if isinstance(p, click.Option) and not p.help] == []

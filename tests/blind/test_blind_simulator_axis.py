@@ -1,0 +1,490 @@
+"""The simulator of axis campaigns: honest machines, effects of the size and at the place that their labels say."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from workbench import effects
+from workbench.blind.make import made
+from workbench.blind.orders import families_of, orders
+from workbench.blind.sources.simulator.axis.kernel import (
+    ACCELERATION,
+    FORCE,
+    FRICTION,
+    LOAD_POSITION,
+    LOAD_SPEED,
+    POSITION,
+    RECORD_S,
+    SPEED,
+    simulate,
+)
+from workbench.blind.sources.simulator.axis.listed import ALIKE, LISTED, drawn_pair, scales_of, usual
+from workbench.blind.sources.simulator.axis.machines import MOTIONS, drawn_axis
+from workbench.blind.sources.simulator.axis.profiles import KINDS, excitation
+from workbench.blind.sources.simulator.axis.truth import coupled, nominal_truth
+from workbench.blind.sources.simulator.axis.unlisted import EVENTS, IN_THE_LIBRARY, UNLISTED
+from workbench.blind.sources.simulator.campaign import built, log_columns, make_campaign, simulated
+from workbench.blind.sources.simulator.content import CASES, draw
+from workbench.blind.sources.simulator.families import FAMILIES
+from workbench.blind.sources.simulator.sensors import Sensors, Window, encoder_speed, sampled, shown_input
+from workbench.blind.sources.simulator.size import input_change
+from workbench.identify.identify import identify
+from workbench.logs import read_campaign
+
+FAMILY_NAMES = [name for name, family in FAMILIES.items() if family.kind == "axis"]
+
+
+@cache
+def axis_of(motion="linear", loaded=True):
+    return drawn_axis(np.random.default_rng(4), motion, loaded)
+
+
+@cache
+def plain_run(profile="shuttle", motion="linear", **truth):
+    """Axis, truth, record and reference of the nominal axis, without noise; truth: in place of its own numbers."""
+    axis = axis_of(motion)
+    p = nominal_truth(axis)._replace(x_0=axis.low, **truth)
+    given = excitation(profile, np.random.default_rng(7), axis, 9.0)
+    return axis, p, simulate(p, given.speed, given.pulses, np.zeros(len(given.speed))), given.speed
+
+
+def under_way(axis, record):
+    """Faster than a fiftieth of the axis' speed, and for some while already."""
+    fast = np.abs(record[:, SPEED]) > 0.02 * axis.speed
+    return fast & (np.convolve(~fast, np.ones(100), "full")[: len(fast)] < 0.5)
+
+
+def plain_force(p, record):
+    """What the equation of docs/formats.md asks for the motion of a rigid axis."""
+    v = record[:, SPEED]
+    level = np.where(v > 0.0, p.F_f, -p.F_b)
+    return p.M_m * record[:, ACCELERATION] + p.B * v + level + p.G * np.sin(record[:, POSITION]) + p.C
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("profile", KINDS)
+def test_a_rigid_axis_takes_the_force_of_its_equation(motion, profile):
+    axis, p, record, _ = plain_run(profile, motion)
+    moving = under_way(axis, record)
+    assert np.sum(moving) * RECORD_S > 2.0
+    assert rms((record[:, FORCE] - plain_force(p, record))[moving]) < 0.01 * axis.force
+
+
+F, V, L = axis_of().force, axis_of().speed, axis_of().travel
+MID = axis_of().low + 0.4 * L
+
+
+def sign(r):
+    return np.sign(r[:, SPEED])
+
+
+# effect in the truth -> the force that it takes, from its law and the run's own motion.
+LAWS = {
+    "viscous": ("steps", {"B_f": 0.1 * F / V, "B_b": 0.1 * F / V}, lambda p, r, t: 0.1 * F / V * r[:, SPEED]),
+    "viscous forward": ("steps", {"B_f": 0.1 * F / V}, lambda p, r, t: 0.1 * F / V * np.maximum(r[:, SPEED], 0.0)),
+    "coulomb": ("shuttle", {"dF_f": 0.1 * F, "dF_b": 0.1 * F}, lambda p, r, t: 0.1 * F * sign(r)),
+    "coulomb backward": ("shuttle", {"dF_b": 0.1 * F}, lambda p, r, t: -0.1 * F * (r[:, SPEED] < 0.0)),
+    "stribeck": (
+        "slow",
+        {"Fs_f": 0.1 * F, "Fs_b": 0.1 * F, "v_str": 0.1 * V},
+        lambda p, r, t: 0.1 * F * sign(r) * np.exp(-((r[:, SPEED] / (0.1 * V)) ** 2)),
+    ),
+    "load": ("shuttle", {"a_load": 0.2}, lambda p, r, t: 0.2 * abs(p.C) * sign(r)),
+    "bump": (
+        "shuttle",
+        {"bump_A": 0.1 * F, "bump_x": MID, "bump_w": 0.1 * L},
+        lambda p, r, t: 0.1 * F * sign(r) * np.exp(-0.5 * ((r[:, POSITION] - MID) / (0.1 * L)) ** 2),
+    ),
+    "drift": (
+        "shuttle",
+        {"drift_a": 1.0, "drift_tau": 5.0},
+        lambda p, r, t: np.exp(-t / 5.0) * (np.where(r[:, SPEED] > 0.0, p.F_f, -p.F_b) + p.B * r[:, SPEED]),
+    ),
+    "quadratic drag": (
+        "steps",
+        {"drag_c": 0.1 * F / V**2},
+        lambda p, r, t: 0.1 * F / V**2 * r[:, SPEED] * np.abs(r[:, SPEED]),
+    ),
+    "guide step": (
+        "shuttle",
+        {"step_A": 0.1 * F, "step_x": MID, "step_w": 0.01 * L},
+        lambda p, r, t: 0.1 * F * sign(r) * np.clip((r[:, POSITION] - MID) / (0.01 * L) + 0.5, 0.0, 1.0),
+    ),
+    "friction wave": (
+        "shuttle",
+        {"wave_A": 0.1 * F, "wave_d": 0.3 * L, "wave_ph": 0.5},
+        lambda p, r, t: 0.05 * F * sign(r) * (1.0 + np.cos(2.0 * math.pi * r[:, POSITION] / (0.3 * L) + 0.5)),
+    ),
+    "foreign body": (
+        "shuttle",
+        {"body_F": 0.1 * F, "body_t": 3.0, "body_tau": 0.5},
+        lambda p, r, t: 0.1 * F * sign(r) * (t > 3.0) * (1.0 - np.exp(-np.maximum(t - 3.0, 0.0) / 0.5)),
+    ),
+    "cable chain": (
+        "shuttle",
+        {"spring_k": 0.2 * F / L, "spring_x": MID},
+        lambda p, r, t: 0.2 * F / L * (r[:, POSITION] - MID),
+    ),
+    "cogging": (
+        "slow",
+        {"cog1_A": 0.05 * F, "cog1_k": 60.0 / L, "cog1_ph": 0.3},
+        lambda p, r, t: -0.05 * F * np.sin(60.0 / L * r[:, POSITION] + 0.3),
+    ),
+    "ripple": (
+        "slow",
+        {"ripple_A": 0.05 * F, "ripple_n": 40.0 / L, "ripple_ph": 0.3},
+        lambda p, r, t: -0.05 * F * np.sin(40.0 / L * r[:, POSITION] + 0.3),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_an_effect_takes_the_force_of_its_law(name):
+    profile, truth, law = LAWS[name]
+    axis, p, record, _ = plain_run(profile, **truth)
+    time = np.arange(len(record)) * RECORD_S
+    moving = under_way(axis, record)
+    expected = law(p, record, time)[moving]
+    found = (record[:, FORCE] - plain_force(p, record))[moving]
+    assert rms(expected) > 0.01 * axis.force
+    assert rms(found - expected) < 0.01 * axis.force
+
+
+def test_friction_before_sliding_comes_back_over_its_distance():
+    """Dahl's law while it moves one way: 1 − z falls with exp(−x/d)."""
+    d = 0.01 * L
+    _, p, record, speed = plain_run("shuttle", bristles=1.0, bristle=d, bristle_tau=0.0, B=0.0)
+    begins = np.flatnonzero((speed[:-1] == 0.0) & (speed[1:] > 0.0))
+    start = begins[1]  # the first move back has bent the bristles the other way
+    ahead = slice(start, start + np.argmax(speed[start + 1 :] == 0.0))
+    assert record[start, FRICTION] < 0.0
+    way = record[ahead, POSITION] - record[start, POSITION]
+    slid = record[ahead, FRICTION] / p.F_f
+    one, two, five = np.searchsorted(np.maximum.accumulate(way), d * np.array([1.0, 2.0, 5.0]))
+    assert 1.0 - slid[two] == pytest.approx((1.0 - slid[one]) * math.exp(-1.0), rel=0.1)
+    assert slid[five] > 0.95
+
+
+def test_a_load_beyond_play_lags_by_half_of_it_each_way():
+    axis, play = axis_of(loaded=False), 0.01 * L
+    p = coupled(nominal_truth(axis), 0.5, 150.0, 0.05, 0.3)._replace(play=play, x_0=axis.low)
+    given = excitation("shuttle", np.random.default_rng(7), axis, 9.0)
+    record = simulate(p, given.speed, given.pulses, np.zeros(len(given.speed)))
+    stretch = record[:, POSITION] - record[:, LOAD_POSITION]
+    at_speed = np.abs(given.speed) > 0.99 * np.max(given.speed)
+    assert np.sum(at_speed) > 500
+    friction = 0.7 * (p.F_f + p.F_b) / 2.0 + 0.7 * p.B * V
+    behind = np.median((stretch * np.sign(given.speed))[at_speed])
+    assert behind == pytest.approx(0.5 * play + friction / p.k_c, rel=0.1)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_two_sides_take_the_force_of_their_sum(motion):
+    axis = axis_of(motion)
+    p = coupled(nominal_truth(axis), 0.6, 120.0, 0.05, 0.4)._replace(x_0=axis.low)
+    given = excitation("moves", np.random.default_rng(3), axis, 9.0)
+    record = simulate(p, given.speed, given.pulses, np.zeros(len(given.speed)))
+    load_acceleration = np.gradient(record[:, LOAD_SPEED], RECORD_S)
+    v, v_l = record[:, SPEED], record[:, LOAD_SPEED]
+    side = [np.where(s > 0.0, p.F_f, -p.F_b) + p.B * s for s in (v, v_l)]
+    expected = p.M_m * record[:, ACCELERATION] + p.M_l * load_acceleration
+    expected += 0.4 * side[0] + 0.6 * side[1] + p.G * np.sin(record[:, LOAD_POSITION]) + p.C
+    moving = under_way(axis, record) & (np.sign(v) == np.sign(v_l))
+    assert rms((record[:, FORCE] - expected)[moving]) < 0.015 * axis.force
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_load_is_held_at_rest(motion):
+    axis = axis_of(motion)
+    x = axis.low + 0.3 * axis.travel
+    nothing = np.zeros(3000)
+    for p in (nominal_truth(axis), coupled(nominal_truth(axis), 0.5, 150.0, 0.05, 0.5)):
+        record = simulate(p._replace(x_0=x, F_f=0.0, F_b=0.0), nothing, nothing, nothing)
+        held = p.G * math.sin(x) + p.C
+        assert np.mean(record[1000:, FORCE]) == pytest.approx(held, abs=0.002 * axis.force)
+        assert np.ptp(record[1000:, POSITION]) < 1e-4 * axis.travel
+
+
+def test_friction_only_takes_energy():
+    axis, _, record, _ = plain_run("moves")
+    power = record[:, FRICTION] * record[:, SPEED]
+    assert np.mean(power < -1e-9 * axis.force * axis.speed) < 0.01
+    assert np.sum(power) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "law"),
+    [
+        ({"gain": 1.07}, lambda f, v: 1.07 * f),
+        ({"offset": 0.1 * F}, lambda f, v: f + 0.1 * F),
+        ({"gain_forward": 0.05}, lambda f, v: f * (1.0 + 0.05 * np.tanh(v / (0.01 * V)))),
+        ({"bend": 0.1 / F}, lambda f, v: f + 0.1 / F * f * np.abs(f)),
+    ],
+)
+def test_the_logged_force_is_what_its_sensor_makes_of_the_true_one(changed, law):
+    _, _, record, _ = plain_run()
+    sensors = Sensors(input_noise=0.0, speed_noise=0.0, count=1e-6, speed_turn=0.01 * V, **changed)
+    shown, _ = shown_input(record[:, FORCE], record[:, SPEED], RECORD_S, sensors, np.random.default_rng(1), 0.0)
+    assert shown == pytest.approx(law(record[:, FORCE], record[:, SPEED]), rel=1e-12)
+
+
+def test_a_filtered_force_lags_by_its_time_constant():
+    _, _, record, _ = plain_run()
+    sensors = Sensors(input_noise=0.0, speed_noise=0.0, count=1e-6, speed_turn=1.0, filter_s=0.03)
+    shown, _ = shown_input(record[:, FORCE], record[:, SPEED], RECORD_S, sensors, np.random.default_rng(1), 0.0)
+    undone = shown + 0.03 * np.gradient(shown, RECORD_S)
+    assert rms(undone - record[:, FORCE]) < 0.2 * rms(shown - record[:, FORCE])
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_the_log_has_the_encoders_steps_at_its_own_times(uneven):
+    content = draw(4, "axis_std", "none")
+    logging = dataclasses.replace(content.logging, rate_hz=200.0, uneven=uneven)
+    content = dataclasses.replace(content, logging=logging)
+    machine = built(content, (4,))
+    travel = content.drawn.travel
+    count = 1e-4 * travel
+    sensors = dataclasses.replace(machine.sensors, count=count, late_s=0.0, delay_s=0.02)
+    run = simulated(content, machine, 0, (4,))
+    columns, _ = log_columns(content, sensors, run, np.random.default_rng(1), np.random.default_rng(2), 0.0)
+    place, speed = ("position_m", "velocity_m_s") if content.drawn.linear else ("angle_rad", "speed_rad_s")
+    assert len(columns) == 5
+    time, position = columns["time_s"][0], columns[place][0]
+    steps = np.diff(time)
+    assert np.all(steps > 0.0)
+    assert (np.ptp(steps) > 1e-3) == uneven
+    assert position / count == pytest.approx(np.round(position / count), abs=1e-6)
+    true = np.interp(time - 0.02, np.arange(len(run.record)) * RECORD_S, run.record[:, POSITION])
+    assert np.all((true - position >= -1e-9 * travel) & (true - position <= count * (1.0 + 1e-9)))
+    assert np.std(columns[speed][0] - np.gradient(true, time)) < 0.02 * content.drawn.speed
+
+
+def test_an_encoders_speed_is_its_counts_over_time_and_as_coarse_as_they_are():
+    _, _, record, _ = plain_run()
+    count, window_s = 2e-5 * L, 0.004
+    coarse = encoder_speed(record[:, POSITION], RECORD_S, count, window_s)
+    steps = coarse * window_s / count
+    assert steps == pytest.approx(np.round(steps), abs=1e-5)
+    time = np.arange(len(record)) * RECORD_S
+    late = np.interp(time - 0.5 * window_s, time, record[:, SPEED])
+    assert np.max(np.abs(coarse - late)) < 1.2 * count / window_s
+    assert abs(np.sum(coarse) * RECORD_S - (record[-1, POSITION] - record[0, POSITION])) < 2.0 * count + 0.01 * L
+
+
+def test_jitter_takes_samples_beside_their_stamps():
+    _, _, record, _ = plain_run()
+    logs = []
+    for jitter_s in (0.0, 2e-4):
+        sensors = Sensors(input_noise=0.0, speed_noise=0.0, speed_turn=1.0, count=1e-6, jitter_s=jitter_s)
+        streams = np.random.default_rng(1), np.random.default_rng(2)
+        logs.append(
+            sampled(
+                record[:, FORCE], record[:, SPEED], record[:, POSITION], RECORD_S, sensors, *streams, rate_hz=500.0
+            )[0]
+        )
+    assert np.array_equal(logs[0].time_s, logs[1].time_s)
+    speed = logs[0].speed
+    fast = np.abs(speed) > 0.2 * np.max(np.abs(speed))
+    beside = ((logs[1].position - logs[0].position) / speed)[fast]
+    assert np.std(beside) == pytest.approx(2e-4, rel=0.1)
+    assert abs(np.mean(beside)) < 3e-5
+
+
+def test_an_encoder_that_slips_loses_way_while_its_event_lasts():
+    _, _, record, _ = plain_run()
+    logs = []
+    for slip in (0.0, 0.1):
+        sensors = Sensors(input_noise=0.0, speed_noise=0.0, speed_turn=1.0, count=1e-6, slip=slip)
+        streams = np.random.default_rng(1), np.random.default_rng(2)
+        motion = record[:, FORCE], record[:, SPEED], record[:, POSITION]
+        logs.append(sampled(*motion, RECORD_S, sensors, *streams, rate_hz=1000.0, window=Window(3.0, 0.5))[0])
+    well, ill = logs
+    before, after = well.time_s < 3.0, well.time_s > 3.5
+    assert np.array_equal(ill.position[before], well.position[before])
+    lost = (well.position - ill.position)[after]
+    during = ~before & ~after
+    assert np.ptp(lost) < 1e-9 * L
+    assert lost[0] == pytest.approx(np.sum((well.speed - ill.speed)[during]) * 1e-3, rel=0.01)
+    assert np.max(np.abs(well.speed - ill.speed)) == pytest.approx(0.1 * np.max(np.abs(well.speed[during])), rel=0.2)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("name", [*LISTED, *IN_THE_LIBRARY])
+def test_labels_use_the_names_places_and_bounds_of_the_workbenchs_library(name, motion):
+    if name == "torque_ripple" and motion == "linear":
+        return
+    axis, kind = axis_of(motion), f"axis-{motion}"
+    cause = {**LISTED, **UNLISTED}[name](np.random.default_rng(5), scales_of(axis, 1000.0))
+    ((known, numbers),) = cause.library.items()
+    effect = effects.find(known, kind)
+    assert name in (known, *IN_THE_LIBRARY)
+    assert (cause.subsystem, cause.regime) == (effect.subsystem(kind), effect.regime)
+    assert set(numbers) <= {parameter.named(kind) for parameter in effect.parameters}
+    effects.of(axis.machine.model_copy(update={"effects": {known: dict(numbers)}}))
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_every_effect_of_the_formats_list_can_be_drawn(motion):
+    listed = {name for name, effect in effects.effects_for(f"axis-{motion}").items() if effect.listed}
+    assert listed == set(usual(motion))
+    assert set(usual("axis")) == set(LISTED)
+
+
+@pytest.mark.parametrize("name", [*LISTED, *UNLISTED])
+def test_a_cause_shows_in_the_force(name):
+    content = draw(3, "axis_std", "singles", [name])
+    force = content.drawn.force
+    if name == "dead_band":  # it acts on the samples of the log
+        assert content.causes[0].log["dead_band"] > 0.04 * force
+        return
+    change = input_change(content, 3)
+    strongest = max(max(seconds) for seconds in change.by_second_nm.values())
+    if name in EVENTS:  # it lasts for a small part of a second
+        assert strongest > 0.004 * force
+        return
+    assert 0.004 * force < change.rms_nm < 0.3 * force
+
+
+def test_effects_that_want_a_load_or_none_have_their_axis():
+    for seed in range(6):
+        for name, loaded in (("gearbox_efficiency", True), ("friction_load_dependent", True), ("backlash", False)):
+            assert draw(seed, "axis_std", "singles", [name]).drawn.loaded == loaded
+
+
+def test_what_tolerances_could_take_up_is_far_beyond_them():
+    for seed in range(30):
+        axis, rng = drawn_axis(np.random.default_rng(seed), MOTIONS[seed % 2]), np.random.default_rng(seed)
+        role, tol, scales = axis.machine.role, axis.machine.tolerances, scales_of(axis, 1000.0)
+        (offset,), (B,), (gain,), (inertia,) = (
+            LISTED[name](rng, scales).values.values()
+            for name in ("torque_offset", "friction_viscous", "torque_scale", "inertia_error")
+        )
+        assert abs(offset) > 5.0 * math.hypot(
+            axis.machine.offset_tolerance(axis.force), tol.gravity * role("gravity_constant")
+        )
+        assert 5.0 * tol.viscous * role("viscous") < B
+        assert abs(gain - 1.0) > 5.0 * role("gain_tolerance")
+        assert inertia < 0.0 or inertia > 5.0 * tol.inertia
+
+
+def test_pairs_are_not_alike_by_nature():
+    rng = np.random.default_rng(2)
+    for first in usual("linear"):
+        pair = drawn_pair(rng, "linear", first)
+        assert pair[0] == first != pair[1]
+        assert not any(set(pair) <= group for group in ALIKE)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_axes_are_drawn_from_gram_to_tonne_with_and_without_a_load(motion):
+    axes = [drawn_axis(np.random.default_rng(seed), motion) for seed in range(60)]
+    inertias = [axis.machine.role("inertia") for axis in axes]
+    assert max(inertias) > 1e4 * min(inertias)
+    assert 0.2 < np.mean([axis.loaded for axis in axes]) < 0.6
+
+
+@pytest.mark.parametrize("family", FAMILY_NAMES)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_drawn_axis_follows_its_reference_within_its_travel(seed, family):
+    content = draw(seed, family, "none")
+    machine, axis = built(content, (seed,)), content.drawn
+    for number in range(len(content.runs)):
+        run = simulated(content, machine, number, (seed,))
+        assert np.std(run.record[:, SPEED] - run.reference) < 0.06 * axis.speed
+        assert np.max(np.abs(run.record[:, FORCE])) < 1.5 * axis.force
+        low, high = np.min(run.record[:, POSITION]), np.max(run.record[:, POSITION])
+        assert axis.low - 0.05 * axis.travel < low < high < axis.low + 1.15 * axis.travel
+
+
+@pytest.mark.parametrize("seed", [11, 32, 47])
+def test_a_load_on_a_soft_support_swings_and_stays_within_reason(seed):
+    """A soft part larger than what carries it once made the simulation run away."""
+    content = draw(seed, "axis_rates", "unknown", ["soft_load"])
+    machine = built(content, (seed,))
+    for number in range(len(content.runs)):
+        record = simulated(content, machine, number, (seed,)).record
+        assert np.max(np.abs(record[:, POSITION] - content.drawn.low)) < 2.0 * content.drawn.travel
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_seeds_axis_and_runs_do_not_depend_on_what_ails_it(case):
+    names = {"singles": ["presliding"], "pairs": ["inertia_error", "torque_offset"], "unknown": ["force_walk"]}
+    content, well = draw(21, "axis_std", case, names.get(case, ())), draw(21, "axis_std", "none")
+    assert (content.drawn, content.runs, content.logging) == (well.drawn, well.runs, well.logging)
+    assert len(content.causes) == {"none": 0, "pairs": 2}.get(case, 1)
+
+
+def test_play_is_between_two_inertias_and_its_flanks_meet_hard():
+    content = draw(3, "axis_two_inertias", "singles", ["backlash"])
+    machine = built(content, (3,))
+    share = content.causes[0].values["share"]
+    p = machine.truth
+    assert p.M_l / (p.M_l + p.M_m) == pytest.approx(share)
+    record = simulated(content, machine, 0, (3,)).record
+    stretch = np.abs(record[:, POSITION] - record[:, LOAD_POSITION])
+    crossing = np.abs(np.diff(np.sign(record[:, POSITION] - record[:, LOAD_POSITION])))
+    assert np.sum(crossing > 0) >= 2
+    bent = np.max(stretch) - 0.5 * p.play
+    assert 0.0 < bent < 0.3 * p.play
+
+
+def test_every_second_single_of_a_family_is_one_that_it_favours():
+    wanted = orders(3, {"simulator": families_of(["axis_two_inertias"])}, counts={"singles": 8})
+    assert sum(order.names == ("backlash",) for order in wanted) >= 4
+
+
+def test_a_campaign_of_an_axis_is_read_without_a_remark_and_its_label_says_what_is_in_it(tmp_path):
+    content = draw((5, 1), "axis_std", "singles", ["friction_viscous"])
+    label = make_campaign(tmp_path / "one", (5, 1), content)
+    campaign = read_campaign(tmp_path / "one")
+    machine = content.machine
+    assert campaign.machine.model_dump(exclude={"sensors"}) == machine.model_dump(exclude={"sensors"})
+    assert [run.name for run in campaign.runs] == [plan.name for plan in content.runs]
+    assert all(run.notes == () for run in campaign.runs)
+    said = json.loads(label.text())
+    assert said["effects"] == ["friction_viscous"]
+    assert (said["kind"], said["family"], said["case"]) == ("axis", "axis_std", "singles")
+    (value,) = said["parameters"]["friction_viscous"].values()
+    assert value == said["truth"]["B_f"] == said["truth"]["B_b"]
+
+
+def test_a_seed_makes_the_same_axis_campaign_to_the_byte_and_another_seed_another(tmp_path):
+    content = draw(9, "axis_std", "pairs")
+    content = dataclasses.replace(content, runs=content.runs[:1])
+    for name, seed in (("a", 9), ("b", 9), ("c", 10)):
+        make_campaign(tmp_path / name, seed, content)
+    a, b, c = (
+        {p.relative_to(tmp_path / n): p.read_bytes() for p in (tmp_path / n).rglob("*.*") if p.is_file()} for n in "abc"
+    )
+    assert a == b
+    assert a != c
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_an_axis_without_a_gap_is_identified_down_to_its_ripple_and_noise_and_an_ailing_one_is_not(tmp_path, seed):
+    """The workbench's plant and this simulator share no code: that they agree says both are right."""
+    residual = {}
+    for name in ((), ("friction_wave",)):
+        content = draw(seed, "axis_std", "unknown", name)
+        make_campaign(tmp_path / "-".join(("made", *name)), seed, content)
+        residual[name] = identify(read_campaign(tmp_path / "-".join(("made", *name)))).fit.residual_rms
+    assert residual[()] < 0.02 * content.drawn.force
+    assert residual[("friction_wave",)] > 1.4 * residual[()]
+
+
+def test_an_ordered_axis_is_made_with_its_size_in_the_label(tmp_path):
+    order = orders(2, {"simulator": families_of(["axis_std"])}, counts={"singles": 1})[0]
+    _, label = made(tmp_path, None, order)
+    assert label.effects == order.names
+    assert label.torque_change_rms_nm > 0.0
+    assert len(label.torque_change_by_second_nm) == len(read_campaign(tmp_path / order.name).runs)

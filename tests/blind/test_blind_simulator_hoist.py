@@ -1,0 +1,573 @@
+"""The campaign simulator: honest machines, effects of the size and at the place that their labels say."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import json
+import math
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from workbench import effects
+from workbench.blind.orders import families_of, orders
+from workbench.blind.sources.simulator.campaign import built, log_columns, make_campaign, simulated
+from workbench.blind.sources.simulator.content import CASES, MIXED, draw
+from workbench.blind.sources.simulator.families import FAMILIES
+from workbench.blind.sources.simulator.hoist.kernel import (
+    CARRIAGE_SPEED,
+    DRUM,
+    FRICTION,
+    HEIGHT,
+    RECORD_S,
+    SHAFT,
+    SPEED,
+    TENSION,
+    TORQUE,
+    simulate,
+)
+from workbench.blind.sources.simulator.hoist.listed import LISTED, NEARLY_INVISIBLE, USUAL, scales_of
+from workbench.blind.sources.simulator.hoist.machines import drawn_hoist, practice_machine
+from workbench.blind.sources.simulator.hoist.profiles import reference
+from workbench.blind.sources.simulator.hoist.truth import nominal_truth
+from workbench.blind.sources.simulator.hoist.unlisted import EVENTS, IN_THE_LIBRARY, UNLISTED
+from workbench.blind.sources.simulator.sensors import Sensors, Window, shown_input
+from workbench.blind.sources.simulator.size import input_change
+from workbench.blind.sources.simulator.standstill import LAWS as STANDSTILL_LAWS
+from workbench.blind.sources.simulator.standstill import bend, drawn_standstill
+from workbench.identify.identify import identify
+from workbench.logs import read_campaign
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "workbench" / "blind" / "sources" / "simulator"
+MACHINE, FULL_KG = practice_machine(0).machine, practice_machine(0).full_kg
+FAMILY_NAMES = [name for name, family in FAMILIES.items() if family.kind == "hoist"]
+ARM = MACHINE.winch.drum_diameter_m / 2.0 / MACHINE.gearbox.ratio  # N m at the motor per N of fall 1
+LONG_S = 49.76
+
+
+@cache
+def plain_run(profile: str = "fast", **truth):
+    """Truth, record and reference of the nominal machine at half payload, without noise."""
+    p = nominal_truth(MACHINE)._replace(m_p=FULL_KG / 2.0, turn_m_s=5e-4, **truth)
+    room = 5.5 / MACHINE.lift_m_per_rad
+    speed = reference(profile, np.random.default_rng(7), duration_s=LONG_S, speed_rad_s=157.1, room_rad=room)
+    nothing = np.zeros(len(speed))
+    return p, simulate(p, speed, nothing, nothing), speed
+
+
+def change_of(profile: str, truth: dict[str, float]):
+    """Torque with the effect less torque without it, the truth with it, and the record with it; even speeds apart."""
+    ill, record, speed = plain_run(profile, **truth)
+    _, well, _ = plain_run(profile)
+    return record[:, TORQUE] - well[:, TORQUE], ill, record, speed
+
+
+def steady(speed):
+    """Moving evenly for 1.2 s: what a start or a stop set swinging has died away."""
+    held = np.concatenate([[False], np.abs(np.diff(speed)) < 1e-9]) & (speed != 0.0)
+    span = round(1.2 / RECORD_S)
+    since = np.convolve(held, np.ones(span), "full")[: len(held)]
+    return since >= span - 0.5
+
+
+def near_a_jump(expected):
+    """A little before and 1.2 s after the law steps: the wire swings as it does after a start."""
+    jump = np.concatenate([[False], np.abs(np.diff(expected)) > 1.0])
+    return np.convolve(jump, np.ones(round(1.5 / RECORD_S)), "full")[150 : 150 + len(jump)] > 0.5
+
+
+def starts(speed):
+    """Where the reference begins to move, and how long ago that was, s."""
+    moving = speed != 0.0
+    since, out = 0, np.zeros(len(speed))
+    for k, on in enumerate(moving):
+        since = since + 1 if on else 0
+        out[k] = since * RECORD_S
+    return out
+
+
+def sign(record):
+    return np.sign(record[:, SPEED])
+
+
+def at_motor(force_n):
+    """Torque at the motor of a force on the carriage."""
+    return 0.5 * ARM * force_n
+
+
+# effect in the truth -> the torque it takes at the motor, from its law and the run's own motion.
+LAWS = {
+    "viscous": ("fast", {"B_up": 3000.0, "B_dn": 3000.0}, lambda p, r, t: at_motor(3000.0 * r[:, CARRIAGE_SPEED])),
+    "viscous of hoisting": (
+        "fast",
+        {"B_up": 5000.0},
+        lambda p, r, t: at_motor(5000.0 * np.maximum(r[:, CARRIAGE_SPEED], 0.0)),
+    ),
+    "coulomb": ("slow", {"dF_up": 4000.0, "dF_dn": 4000.0}, lambda p, r, t: at_motor(4000.0 * sign(r))),
+    "coulomb of lowering": (
+        "slow",
+        {"dF_dn": 4000.0},
+        lambda p, r, t: at_motor(-4000.0 * (r[:, CARRIAGE_SPEED] < 0.0)),
+    ),
+    "stribeck": (
+        "slow",
+        {"Fs_up": 5000.0, "Fs_dn": 5000.0, "v_str": 0.1},
+        lambda p, r, t: at_motor(5000.0 * sign(r) * np.exp(-((r[:, CARRIAGE_SPEED] / 0.1) ** 2))),
+    ),
+    "load": ("fast", {"a_load": 0.08}, lambda p, r, t: at_motor(0.08 * p.m_p * p.g * sign(r))),
+    "bump": (
+        "fast",
+        {"bump_A": 6000.0, "bump_x": 7.0, "bump_w": 0.8},
+        lambda p, r, t: at_motor(6000.0 * sign(r) * np.exp(-0.5 * ((r[:, HEIGHT] - 7.0) / 0.8) ** 2)),
+    ),
+    "drift": (
+        "slow",
+        {"drift_a": 1.0, "drift_tau": 20.0},
+        lambda p, r, t: at_motor(np.where(sign(r) > 0, p.F_up, p.F_dn) * np.exp(-t / 20.0) * sign(r)),
+    ),
+    "gear": ("fast", {"eta_loss": 0.04}, lambda p, r, t: 0.04 * r[:, SHAFT] / p.ratio * sign(r)),
+    "layer": (
+        "fast",
+        {"layer_dR": 0.012, "layer_th": 34.0},
+        lambda p, r, t: np.where(r[:, DRUM] > 34.3, r[:, SHAFT] / p.ratio * 0.012 / (p.R + 0.012), 0.0),
+    ),
+    "eccentric": (
+        "slow",
+        {"ecc_e": 0.008, "ecc_ph": 1.0},
+        lambda p, r, t: r[:, SHAFT] / p.ratio * 0.008 * np.sin(r[:, DRUM] + 1.0) / p.R,
+    ),
+    "wire": (
+        "slow",
+        {"rho": nominal_truth(MACHINE).rho + 8.0},
+        lambda p, r, t: ARM * 8.0 * p.g * (p.L - r[:, HEIGHT]),
+    ),
+    "heave": (
+        "slow",
+        {"heave_A": 0.3, "heave_w": 0.7, "heave_ph": 2.0},
+        lambda p, r, t: -0.3 * 0.49 * np.sin(0.7 * t + 2.0) * (r[:, SHAFT] / p.ratio / p.g),
+    ),
+    "carriage": (
+        "slow",
+        {"m_c": 8500.0},
+        lambda p, r, t: at_motor(500.0 * 9.81) * np.ones(len(r)),
+    ),
+    "fan": ("fast", {"fan_q": 0.002}, lambda p, r, t: 0.002 * r[:, SPEED] * np.abs(r[:, SPEED])),
+    "rail step": (
+        "fast",
+        {"step_A": 4000.0, "step_x": 7.0},
+        lambda p, r, t: at_motor(4000.0 * sign(r) * (r[:, HEIGHT] > 7.0)),
+    ),
+    "quadratic drag": (
+        "fast",
+        {"drag_c": 8000.0},
+        lambda p, r, t: at_motor(8000.0 * r[:, CARRIAGE_SPEED] * np.abs(r[:, CARRIAGE_SPEED])),
+    ),
+    "roller": (
+        "slow",
+        {"roller_A": 5000.0, "roller_d": 1.0, "roller_ph": 0.5},
+        lambda p, r, t: at_motor(2500.0 * sign(r) * (1.0 + np.cos(2.0 * math.pi * r[:, HEIGHT] + 0.5))),
+    ),
+    "foreign body": (
+        "slow",
+        {"body_F": 4000.0, "body_t": 8.0, "body_tau": 0.5},
+        lambda p, r, t: at_motor(4000.0 * sign(r) * (t > 8.0) * (1.0 - np.exp(-(np.maximum(t - 8.0, 0.0)) / 0.5))),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_an_effect_takes_the_torque_of_its_law(name):
+    """In even motion, to a tenth: the rest is the speed loop, which has to follow, and what pins add."""
+    profile, truth, law = LAWS[name]
+    change, p, record, speed = change_of(profile, truth)
+    time = np.arange(len(speed)) * RECORD_S
+    expected = law(p, record, time)
+    even = steady(speed) & ~near_a_jump(expected)
+    assert np.sum(even) > 3.0 / RECORD_S
+    assert np.sqrt(np.mean(expected[even] ** 2)) > 3.0
+    error = np.sqrt(np.mean((change - expected)[even] ** 2))
+    assert error < 0.12 * np.sqrt(np.mean(expected[even] ** 2))
+
+
+def test_inertia_takes_torque_while_the_speed_changes_and_none_else():
+    change, _, record, speed = change_of("fast", {"J_m": 2.0})
+    expected = 0.4 * np.gradient(record[:, SPEED], RECORD_S)
+    assert np.corrcoef(change, expected)[0, 1] > 0.9
+    assert np.polyfit(expected, change, 1)[0] == pytest.approx(1.0, abs=0.15)
+    assert np.max(np.abs(change[steady(speed)])) < 1.0
+
+
+def test_a_late_brake_drags_after_each_start_and_lets_go():
+    change, _, record, speed = change_of("fast", {"brk_T": 80.0, "brk_tau": 0.8})
+    since = starts(speed)
+    for direction in (-1.0, 1.0):
+        early = (since > 0.5) & (since < 0.9) & (sign(record) == direction)
+        assert np.mean(change[early]) * direction > 15.0
+    assert np.max(np.abs(change[(since > 4.5) & steady(speed)])) < 1.0
+
+
+def test_the_speed_loop_works_against_ripple_and_its_frequency_follows_the_speed():
+    _, _, record, speed = change_of("slow", {"ripple_A": 20.0})
+    change = change_of("slow", {"ripple_A": 20.0})[0]
+    for level in np.unique(np.round(speed[steady(speed)], 6)):
+        even = steady(speed) & (np.abs(speed - level) < 1e-5)
+        even = np.flatnonzero(even)[: 2 * (np.sum(even) // 2)]
+        spectrum = np.abs(np.fft.rfft((change[even] - np.mean(change[even])) * np.hanning(len(even)), 1 << 17))
+        peak = np.fft.rfftfreq(1 << 17, RECORD_S)[np.argmax(spectrum)]
+        assert peak == pytest.approx(abs(level) / (2.0 * math.pi), rel=0.08)
+    assert np.std(record[steady(speed), SPEED] - speed[steady(speed)]) > 0.05
+
+
+@pytest.mark.parametrize("name", NEARLY_INVISIBLE)
+def test_what_a_taut_wire_hides_hardly_changes_the_torque(name):
+    cause = LISTED[name](np.random.default_rng(1), scales_of(MACHINE, FULL_KG, 3.0, 9.0))
+    change, _, _, speed = change_of("fast", dict(cause.truth))
+    assert 0.0 < np.sqrt(np.mean(change[steady(speed)] ** 2)) < 1.5
+
+
+@pytest.mark.parametrize("payload_kg", [0.0, 4500.0, 9000.0])
+def test_a_load_is_held_by_its_weight_times_the_lever_over_the_gear(payload_kg):
+    p = nominal_truth(MACHINE)._replace(m_p=payload_kg, x_0=10.0)
+    nothing = np.zeros(1000)
+    record = simulate(p, nothing, nothing, nothing)
+    held = {0.0: 383.5, 4500.0: 597.1, 9000.0: 810.7}[payload_kg]  # docs/model.md, hanging still
+    assert np.mean(record[:, TORQUE]) == pytest.approx(held, abs=0.1)
+    weight_of_fall = p.rho * p.g * (p.L - 10.0)
+    assert np.mean(record[:, TENSION]) == pytest.approx(0.5 * (p.m_c + payload_kg) * p.g + weight_of_fall, rel=1e-3)
+    assert np.ptp(record[:, HEIGHT]) < 1e-4
+
+
+def test_what_sticks_holds_within_its_friction():
+    p = nominal_truth(MACHINE)._replace(bristles=1.0, bristle_m=3e-4, z_0=0.6)
+    nothing = np.zeros(4000)
+    above = np.mean(simulate(p, nothing, nothing, nothing)[:, TORQUE])
+    free = np.mean(simulate(p._replace(z_0=0.0), nothing, nothing, nothing)[:, TORQUE])
+    assert 2.0 < above - free < at_motor(p.F_up)
+
+
+def test_without_friction_the_motors_work_is_what_the_load_gained():
+    """From rest to rest; the wire's own damping takes the rest, which is little and never negative."""
+    p, record, _ = plain_run("fast", F_up=0.0, F_dn=0.0, mu=0.0, rho=0.0)
+    work = np.sum(record[:, TORQUE] * record[:, SPEED]) * RECORD_S
+    gained = (p.m_c + p.m_p) * p.g * (record[-1, HEIGHT] - record[0, HEIGHT])
+    moved = np.sum(np.abs(record[:, TORQUE] * record[:, SPEED])) * RECORD_S
+    assert -1e-4 * moved < work - gained < 0.01 * moved
+
+
+def test_friction_only_takes_energy():
+    _, record, _ = plain_run("steps")
+    p, free, _ = plain_run("steps", F_up=0.0, F_dn=0.0, mu=0.0)
+    work, less = (np.sum(r[:, TORQUE] * r[:, SPEED]) * RECORD_S for r in (record, free))
+    path = np.sum(np.abs(record[:, CARRIAGE_SPEED])) * RECORD_S
+    gained = (p.m_c + p.m_p) * p.g * ((record[-1, HEIGHT] - record[0, HEIGHT]) - (free[-1, HEIGHT] - free[0, HEIGHT]))
+    nominal = 5250.0 * path  # the mean of both levels, without the pins'
+    assert 0.9 * nominal < work - less - gained < 1.5 * nominal
+
+
+def shown(record, window=None, **changed):
+    """Torque as a sensor without noise shows it, and where the sensor has wandered to."""
+    sensors = Sensors(input_noise=0.0, speed_noise=0.0, speed_turn=1.0, count=1e-4, **changed)
+    walk = np.random.default_rng(1)
+    return shown_input(record[:, TORQUE], record[:, SPEED], RECORD_S, sensors, walk, 0.0, window)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "law"),
+    [
+        ({"gain": 1.07}, lambda T, w: 1.07 * T),
+        ({"offset": -30.0}, lambda T, w: T - 30.0),
+        ({"gain_forward": 0.05}, lambda T, w: T * (1.0 + 0.05 * np.tanh(w))),
+        ({"bend": 1e-4}, lambda T, w: T + 1e-4 * T**2),
+    ],
+)
+def test_the_logged_torque_is_what_its_sensor_makes_of_the_true_one(sensors, law):
+    _, record, _ = plain_run("fast")
+    logged, _ = shown(record, **sensors)
+    assert logged == pytest.approx(law(record[:, TORQUE], record[:, SPEED]), rel=1e-12)
+
+
+def test_a_filtered_torque_lags_by_its_time_constant():
+    _, record, _ = plain_run("fast")
+    late, _ = shown(record, filter_s=0.2)
+    assert late + 0.2 * np.gradient(late, RECORD_S) == pytest.approx(record[:, TORQUE], abs=3.0)
+    assert np.std(late - record[:, TORQUE]) > 3.0
+
+
+def test_noise_and_digits_are_those_of_the_recorded_logs(campaigns):
+    content = draw(3, "hoist_practice", "none")
+    content = dataclasses.replace(content, drawn=practice_machine(0))
+    columns = logged(content, 3, 0)
+    recorded = np.genfromtxt(campaigns / "20" / "runs" / "half_fast.csv", delimiter=",", names=True)
+    for name in ("torque_motor1_nm", "torque_motor2_nm", "speed_motor_rad_s"):
+        ours, theirs = (np.std(np.diff(np.diff(np.round(x, 2)))) for x in (columns[name][0], recorded[name]))
+        assert ours == pytest.approx(theirs, rel=0.05), name
+
+
+def logged(content, seed, number):
+    machine = built(content, (seed,))
+    run = simulated(content, machine, number, (seed,))
+    streams = np.random.default_rng(1), np.random.default_rng(2)
+    return log_columns(content, machine.sensors, run, *streams, 0.0)[0]
+
+
+@pytest.mark.parametrize("name", [name for name in UNLISTED if name not in IN_THE_LIBRARY])
+def test_an_unlisted_cause_shows_in_the_log(name):
+    content = draw(12, "hoist_practice", "unknown", [name])
+    content = dataclasses.replace(content, runs=content.runs[2:3])
+    if name == "dead_band":  # it acts on the samples of the log
+        held, free = (
+            sum(logged(each, 12, 0)[f"torque_motor{k}_nm"][0] for k in (1, 2))
+            for each in (content, dataclasses.replace(content, causes=()))
+        )
+        band = content.causes[0].log["dead_band"]
+        assert 0.2 * band < np.std(held - free) < band
+        return
+    change = input_change(content, 12)
+    strongest = max(max(seconds) for seconds in change.by_second_nm.values())
+    assert strongest > 1.5 if name in EVENTS else change.rms_nm > 0.8
+
+
+@pytest.mark.parametrize("name", [*LISTED, *IN_THE_LIBRARY])
+def test_labels_use_the_names_places_and_bounds_of_the_workbenchs_library(name):
+    scales = scales_of(MACHINE, FULL_KG, 3.0, 9.0)
+    cause = {**LISTED, **UNLISTED}[name](np.random.default_rng(5), scales)
+    ((known, numbers),) = cause.library.items()
+    effect = effects.find(known, "hoist")
+    assert name in (known, *IN_THE_LIBRARY)
+    assert (cause.subsystem, cause.regime) == (effect.subsystem("hoist"), effect.regime)
+    assert set(numbers) <= {parameter.named("hoist") for parameter in effect.parameters}
+    effects.of(MACHINE.model_copy(update={"effects": {known: numbers}}))
+
+
+def test_every_effect_of_the_formats_list_can_be_drawn():
+    assert {name for name, effect in effects.effects_for("hoist").items() if effect.listed} == set(LISTED)
+
+
+def test_a_campaign_is_read_without_a_remark_and_its_label_says_what_is_in_it(tmp_path):
+    content = draw((5, 1), "hoist_middle", "singles", ["friction_viscous"])
+    label = make_campaign(tmp_path / "one", (5, 1), content)
+    campaign = read_campaign(tmp_path / "one")
+    assert campaign.machine == content.machine
+    assert [(run.name, run.payload_kg, run.start_position_m) for run in campaign.runs] == [
+        (plan.name, plan.payload_kg, plan.start) for plan in content.runs
+    ]
+    assert all(run.notes == () for run in campaign.runs)
+    said = json.loads(label.text())
+    assert said["effects"] == ["friction_viscous"]
+    value = said["parameters"]["friction_viscous"]["viscous_n_s_per_m"]
+    assert value == said["values"]["B_visc"] == said["truth"]["B_up"]
+
+
+def test_a_seed_makes_the_same_campaign_to_the_byte_and_another_seed_another(tmp_path):
+    content = draw(9, "hoist_middle", "pairs")
+    content = dataclasses.replace(content, runs=content.runs[:2])
+    for name, seed in (("a", 9), ("b", 9), ("c", 10)):
+        make_campaign(tmp_path / name, seed, content)
+    a, b, c = (
+        {p.relative_to(tmp_path / n): p.read_bytes() for p in (tmp_path / n).rglob("*.*") if p.is_file()} for n in "abc"
+    )
+    assert a == b
+    assert a != c
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_seeds_machine_and_runs_do_not_depend_on_what_ails_it(case):
+    content, well = draw(21, "hoist_middle", case), draw(21, "hoist_middle", "none")
+    assert (content.machine, content.runs, content.logging) == (well.machine, well.runs, well.logging)
+    assert len(content.causes) == {"none": 0, "pairs": 2}.get(case, 1)
+    if case == "pairs":
+        assert len({cause.subsystem for cause in content.causes}) == 2
+
+
+@pytest.mark.parametrize("family", FAMILY_NAMES)
+def test_all_profiles_stay_within_the_rails_on_every_drawn_machine(family):
+    for seed in range(12):
+        content = draw(seed, family)
+        wire_m = content.machine.wire.segment_length_m
+        assert min(plan.start for plan in content.runs) - 0.32 * wire_m > 0.0
+    content = draw(30, family, "none")
+    for number in range(min(len(content.runs), 3)):
+        height = simulated(content, built(content, (30,)), number, (30,)).record[:, HEIGHT]
+        assert 0.0 < np.min(height) < np.max(height) < 0.6 * content.machine.wire.segment_length_m
+
+
+def test_a_run_of_ten_minutes_goes_on_moving_and_comes_back():
+    room_rad = 5.5 / MACHINE.lift_m_per_rad
+    for profile in ("fast", "slow", "steps"):
+        rng = np.random.default_rng(2)
+        speed = reference(profile, rng, duration_s=600.0, speed_rad_s=157.1, room_rad=room_rad)
+        height = np.cumsum(speed) * RECORD_S * MACHINE.lift_m_per_rad
+        assert np.mean(speed[-120_000:] != 0.0) > 0.5
+        assert np.min(height) > -5.6
+        assert np.max(height) < 0.6
+
+
+def test_a_run_of_ten_seconds_moves_both_ways():
+    speed = reference("fast", np.random.default_rng(2), duration_s=10.0, speed_rad_s=157.1, room_rad=800.0)
+    assert np.min(speed) < -10.0
+    assert np.max(speed) > 10.0
+
+
+@pytest.mark.parametrize("family", FAMILY_NAMES)
+def test_drawn_machines_lift_their_payload_within_the_motors_nominal_torque(family):
+    low, high = FAMILIES[family].sizes
+    for seed in range(12):
+        drawn = drawn_hoist(np.random.default_rng(seed), FAMILIES[family])
+        machine = drawn.machine
+        holding = (machine.carriage.mass_kg + drawn.full_kg) * 9.81 * machine.winch.drum_diameter_m / 4.0
+        assert 0.55 < holding / machine.gearbox.ratio / (2.0 * machine.motor.nominal_torque_nm) < 0.95
+        assert 0.95 * low <= machine.carriage.mass_kg <= 1.05 * high
+
+
+@pytest.mark.parametrize("seed", [103, 105])
+def test_a_drawn_machine_without_a_gap_is_identified_down_to_the_noise(tmp_path, seed):
+    """The workbench's plant and this simulator share no code: that they agree says both are right."""
+    content = draw(seed, "hoist_small", "none")
+    content = dataclasses.replace(content, runs=content.runs[:4])
+    make_campaign(tmp_path / "none", seed, content)
+    fit = identify(read_campaign(tmp_path / "none")).fit
+    assert fit.residual_rms < 1.25 * fit.noise_rms
+
+
+def test_an_ailing_machine_is_not(tmp_path):
+    content = draw(103, "hoist_small", "singles", ["friction_position_dependent"])
+    content = dataclasses.replace(content, runs=content.runs[:4])
+    make_campaign(tmp_path / "bump", 103, content)
+    fit = identify(read_campaign(tmp_path / "bump")).fit
+    assert fit.residual_rms > 2.0 * fit.noise_rms
+
+
+def ordered(seed, names, **asked):
+    return orders(seed, {"simulator": families_of(names)}, **asked)
+
+
+def test_orders_hold_each_family_and_each_effect_as_often_as_the_others():
+    families = ("hoist_small", "hoist_large")
+    wanted = ordered(4, families, count=132)
+    cases = [order.case for order in wanted]
+    assert {case: cases.count(case) for case in CASES} == {"singles": 88, "none": 22, "pairs": 13, "unknown": 9}
+    assert sum(MIXED.values()) == pytest.approx(1.0)
+    for family in families:
+        singles = [order.names[0] for order in wanted if order.case == "singles" and order.family == family]
+        assert {name: singles.count(name) for name in USUAL} == dict.fromkeys(USUAL, 2)
+    assert wanted == ordered(4, families, count=132)
+
+
+def test_a_third_of_the_unlisted_causes_ordered_are_events():
+    wanted = ordered(4, ["hoist_small"], counts={"unknown": 12})
+    assert sum(order.names[0] in EVENTS for order in wanted) == 4
+    assert len({order.names for order in wanted}) == 12
+
+
+def test_a_glitch_shows_while_its_event_lasts_and_not_otherwise():
+    _, record, _ = plain_run("fast")
+    window = Window(10.0, 2.0)
+    changed = shown(record, window, glitch=20.0)[0] - record[:, TORQUE]
+    time = RECORD_S * np.arange(len(record), dtype=np.float64)
+    assert np.max(np.abs(changed[(time < 10.0) | (time > 12.0)])) == 0.0
+    assert changed[round(11.0 / RECORD_S)] == pytest.approx(20.0)
+    assert np.sum(changed) * RECORD_S == pytest.approx(20.0, rel=1e-3)  # half of size times length
+
+
+# place -> the torque at the motor of 100 N m there, or of a force of so much on the carriage.
+AT_MOTOR = {
+    "event_motor": lambda r: np.full(len(r), 100.0),
+    "event_drum": lambda r: np.full(len(r), 100.0),
+    "event_brake": lambda r: 100.0 * sign(r),
+    "event_guide": lambda r: 100.0 * sign(r),
+    "event_payload": lambda r: np.full(len(r), 100.0),
+}
+
+
+@pytest.mark.parametrize("name", AT_MOTOR)
+def test_an_event_takes_its_torque_at_its_place_while_it_lasts(name):
+    size = 100.0 / (0.5 * ARM) if name in ("event_guide", "event_payload") else 100.0
+    change, _, record, _ = change_of("fast", {name: size, "event_t": 6.0, "event_s": 4.0})
+    time = RECORD_S * np.arange(len(record), dtype=np.float64)
+    expected = AT_MOTOR[name](record) * Window(6.0, 4.0).pulse(time)
+    assert np.sqrt(np.mean((change - expected)[(time > 5.5) & (time < 10.5)] ** 2)) < 8.0
+    assert np.max(np.abs(change[time < 5.9])) < 1e-9
+    assert np.max(np.abs(change[time > 13.0])) < 3.0
+
+
+def test_a_jolt_of_the_platform_weighs_all_that_hangs():
+    change, p, record, _ = change_of("fast", {"event_platform": 0.5, "event_t": 6.0, "event_s": 4.0})
+    time = RECORD_S * np.arange(len(record), dtype=np.float64)
+    expected = 0.5 * ((p.m_c + p.m_p) * 0.5 * ARM) * Window(6.0, 4.0).pulse(time)
+    during = (time > 6.5) & (time < 9.5)
+    assert np.corrcoef(change[during], expected[during])[0, 1] > 0.98
+    assert np.max(change) == pytest.approx(np.max(expected), rel=0.1)
+
+
+def test_events_are_in_one_run_and_the_label_says_where_and_when(tmp_path):
+    content = draw((7, 2), "hoist_small", "unknown", ["event_guide"])
+    label = make_campaign(tmp_path / "once", (7, 2), content)
+    (event,) = label.events
+    assert event["subsystem"] == "guide" == label.where[0]["subsystem"]
+    assert label.where[0]["regime"] == "event"
+    seconds = input_change(content, (7, 2)).by_second_nm
+    assert [name for name, size in seconds.items() if max(size) > 0.5] == [event["run"]]
+    assert int(event["from_s"]) - 1 <= int(np.argmax(seconds[event["run"]])) <= int(event["to_s"]) + 1
+
+
+# Laws near standstill
+
+
+@pytest.mark.parametrize("law", STANDSTILL_LAWS)
+def test_a_law_near_standstill_is_coulombs_at_speed_and_rises_by_its_peak_before(law):
+    drawn = drawn_standstill((law,), np.random.default_rng(3))
+    assert (drawn.peak > 0.0) == (law in ("smooth_peak", "lugre", "creeping"))
+    peak_m_s = 20.0 * drawn.peak_speed  # wide, so that the run's slow starts pass through it
+    numbers = {"bristles": drawn.bristles, "peak": drawn.peak, "peak_m_s": peak_m_s, "relax_s": drawn.relax_s}
+    p, record, speed = plain_run("slow", bristle_m=2e-4, bristle_tau=0.01, **numbers)
+    v, up = np.abs(record[:, CARRIAGE_SPEED]), record[:, CARRIAGE_SPEED] > 0.0
+    relative = np.abs(record[:, FRICTION]) / np.where(up, p.F_up, p.F_dn)
+    moving = (v > 0.005) & (starts(speed) > 0.3)
+    expected = 1.0 + drawn.peak * np.exp(-((v / peak_m_s) ** 2))
+    assert np.sum(moving) > 5.0 / RECORD_S
+    assert np.median(np.abs(relative - expected)[moving]) < 0.005
+    assert np.max(relative[moving]) < 1.05 + drawn.peak
+
+
+@pytest.mark.parametrize("relax_s", [0.0, 20.0])
+def test_bristles_reach_their_level_and_give_way_only_where_they_creep(relax_s):
+    z, h = 0.0, 1e-4
+    for _ in range(20_000):  # 2 s at 5 mm/s over bristles of 0.5 mm
+        z = bend(z, 0.005, 5e-4, 1.06, relax_s, h)
+    assert z == pytest.approx(1.06, rel=0.01)
+    for _ in range(100_000):  # 10 s at rest
+        z = bend(z, 0.0, 5e-4, 1.06, relax_s, h)
+    assert z == pytest.approx(1.06 * (math.exp(-10.0 / relax_s) if relax_s else 1.0), rel=0.01)
+
+
+def test_the_manual_names_each_family_as_it_is():
+    text = (ROOT / "docs" / "blind.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| ((?:hoist|axis)_\w+) \|", text, re.M)[: len(FAMILIES)] == list(FAMILIES)
+
+
+@pytest.mark.parametrize(
+    ("which", "allowed"),
+    [
+        ("simulator/**/*.py", {"workbench.machine"}),
+        ("multibody.py", {"workbench.machine", "workbench.multibody"}),
+    ],
+)
+def test_a_source_shares_nothing_with_the_plant_but_the_machines_records(which, allowed):
+    imports = set()
+    for module in (PACKAGE.parent).glob(which):
+        for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("workbench"):
+                imports.add(node.module)
+            elif isinstance(node, ast.Import):
+                imports |= {alias.name for alias in node.names if alias.name.startswith("workbench")}
+    assert {name for name in imports if name and not name.startswith("workbench.blind.sources")} == allowed
+
+
+def test_the_package_imports_no_benchmark():
+    for module in (ROOT / "workbench").rglob("*.py"):
+        assert "benchmarks" not in re.findall(r"^(?:from|import) (\w+)", module.read_text(encoding="utf-8"), re.M)

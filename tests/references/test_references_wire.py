@@ -1,0 +1,155 @@
+"""References that know the load on its wire: shapers leave nothing to swing, the optimum is nowhere beaten."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from workbench.errors import InputError
+from workbench.kinds import load_of
+from workbench.kinds.load import Load
+from workbench.machine import Hoist, default_hoist, with_values
+from workbench.references import (
+    Limits,
+    Shape,
+    Step,
+    move_shape,
+    move_time_s,
+    plan_motion,
+    planned_kind,
+    planned_kinds,
+    ramp_shape,
+)
+from workbench.references.optimal import least_peak_move
+from workbench.references.response import forces_n, peak_force_n
+from workbench.references.shaper import EI, ZV, ZVD, impulses
+
+MACHINE = default_hoist()
+LIMITS = Limits(0.7, 0.6, 0.8)
+
+
+def loaded(machine: Hoist) -> Load:
+    load = load_of(machine, 9000.0)
+    assert load is not None
+    return load
+
+
+RINGING = loaded(with_values(MACHINE, {"wire.damping_time_s": 0.0025}))
+STEADY = loaded(MACHINE)
+
+
+def left_to_swing(shape: Shape, load: Load) -> float:
+    """What swings on after the move, as a speed over the largest one: the convolution of the acceleration with the
+    load's own answer, by the trapezoidal rule."""
+    w, zeta = load.angular_frequency_rad_s, load.damping
+    s = complex(-zeta * w, w * math.sqrt(1.0 - zeta * zeta))
+    t = np.linspace(0.0, shape.duration_s, 40001)
+    return float(abs(np.trapezoid(shape.at(t)[2] * np.exp(s * (shape.duration_s - t)), t))) / 0.7
+
+
+@pytest.mark.parametrize("name", ["zv", "zvd"])
+@pytest.mark.parametrize("distance", [3.0, -3.0, 0.4])
+def test_behind_a_shaper_nothing_is_left_to_swing(name: str, distance: float):
+    plain = left_to_swing(move_shape(planned_kind("trapezoid"), distance, LIMITS), RINGING)
+    shaped_left = left_to_swing(move_shape(planned_kind(name), distance, LIMITS, RINGING), RINGING)
+    assert shaped_left < 2e-3
+    assert plain > 5.0 * shaped_left
+
+
+def test_a_shaper_of_more_impulses_bears_more_error_of_the_frequency():
+    stiffer = replace(RINGING, stiffness_n_per_m=1.44 * RINGING.stiffness_n_per_m)
+    left = [
+        left_to_swing(move_shape(planned_kind(n), 3.0, LIMITS, RINGING), stiffer) for n in ("trapezoid", "zv", "zvd")
+    ]
+    undamped = {n: sum(a for _, a in impulses(parts, RINGING)) for n, parts in (("zv", ZV), ("zvd", ZVD), ("ei", EI))}
+    assert left[2] < left[1]
+    assert list(undamped.values()) == pytest.approx([1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("name", ["zv", "zvd", "ei"])
+def test_a_shaped_move_is_continuous_and_arrives(name: str):
+    shape = move_shape(planned_kind(name), 5.0, LIMITS, RINGING)
+    t = np.linspace(0.0, shape.duration_s, 20001)
+    position, speed, acceleration = shape.at(t)
+    assert position[-1] == pytest.approx(5.0)
+    assert np.max(np.abs(np.diff(position))) <= 0.7 * (t[1] - t[0]) * (1.0 + 1e-6)
+    assert speed.max() <= 0.7 + 1e-9 and np.abs(acceleration).max() <= 0.6 + 1e-9
+    np.testing.assert_allclose(np.gradient(position, t)[5:-5], speed[5:-5], atol=2e-4)
+
+
+def test_a_shaped_ramp_ends_at_the_speed():
+    ramp = ramp_shape(planned_kind("zv"), 0.0, 0.5, LIMITS, RINGING)
+    assert ramp.end_speed_m_s == 0.5
+    p, v, _ = ramp.at(np.array([ramp.duration_s - 1e-9]))
+    assert v[0] == pytest.approx(0.5, abs=1e-6) and p[0] == pytest.approx(ramp.distance_m, abs=1e-6)
+
+
+def test_a_load_that_hardly_swings_is_not_shaped():
+    assert impulses(ZVD, replace(STEADY, damping_time_s=0.2)) == ((0.0, 1.0),)
+
+
+@pytest.mark.parametrize("load", [STEADY, RINGING], ids=["damped", "ringing"])
+@pytest.mark.parametrize("distance", [6.0, -6.0, 0.8])
+def test_no_reference_of_the_same_time_has_a_lower_peak_than_the_optimum(load: Load, distance: float):
+    names = ("trapezoid", "ruckig_equal_time", "ruckig_least_peak", "optimal")
+    shapes = {name: move_shape(planned_kind(name), distance, LIMITS, load) for name in names}
+    times = {name: shape.duration_s for name, shape in shapes.items()}
+    peaks = {name: peak_force_n(shape, load) for name, shape in shapes.items()}
+    assert max(times.values()) - min(times.values()) < 2e-6
+    assert peaks["optimal"] <= 1.002 * min(peaks.values())
+    assert peaks["ruckig_least_peak"] <= peaks["ruckig_equal_time"] * (1.0 + 1e-6)
+
+
+def test_the_optimum_of_a_rigid_load_is_one_slow_ramp_up_and_the_hardest_stop():
+    """Hoisting, only speeding up adds to the peak: all spare time goes there, so a = speed²/(2 (speed T - d))."""
+    rigid = Load(70000.0, 17000.0, math.inf, 0.0, 166770.0, 6000.0, 4500.0, 1e9)
+    time = 10.0 / 0.7 + 0.7 / 0.6
+    shape = least_peak_move(10.0, 0.7, time, rigid)
+    peak = peak_force_n(shape, rigid) - rigid.steady_force_n(1.0)
+    least = 0.7**2 / (2.0 * (0.7 * time - 10.0)) * 87000.0
+    assert least < peak < 1.2 * least  # corners of the ramp and the stop itself take the rest
+
+
+def test_the_optimum_keeps_to_speed_torque_and_a_taut_wire():
+    limit = replace(RINGING, force_limit_n=1.2 * RINGING.hold_n)
+    shape = move_shape(planned_kind("optimal"), -5.0, LIMITS, limit)
+    _, speed, _ = shape.at(np.linspace(0.0, shape.duration_s, 5000))
+    assert np.abs(speed).max() <= 0.7 * (1.0 + 1e-3)
+    assert np.abs(forces_n(shape, limit)[1]).max() <= 1.21 * limit.hold_n
+    assert left_to_swing(shape, limit) < 2e-3
+
+
+def test_a_time_that_the_torque_does_not_allow_is_an_error():
+    weak = replace(STEADY, force_limit_n=0.9 * STEADY.hold_n)
+    with pytest.raises(InputError, match="keeps to torque"):
+        move_shape(planned_kind("optimal"), 5.0, LIMITS, weak)
+
+
+def test_a_reference_that_knows_its_machine_is_refused_without_one():
+    with pytest.raises(InputError, match="planned for a machine's load"):
+        move_shape(planned_kind("zv"), 5.0, LIMITS)
+
+
+WITH_A_MACHINE = sorted(name for name, kind in planned_kinds().items() if kind.needs_load)
+
+
+@pytest.mark.parametrize("name", WITH_A_MACHINE)
+@pytest.mark.parametrize("distance", [6.0, -0.7])
+def test_a_kinds_duration_is_that_of_its_shape_and_it_goes_the_distance(name: str, distance: float):
+    kind = planned_kind(name)
+    shape = move_shape(kind, distance, LIMITS, RINGING)
+    assert move_time_s(kind, distance, LIMITS, RINGING) == pytest.approx(shape.duration_s, abs=2e-6)
+    position, speed, _ = shape.at(np.array([0.0, shape.duration_s * (1.0 - 1e-9)]))
+    assert position[0] == 0.0 and position[1] == pytest.approx(distance, abs=1e-6)
+    assert speed == pytest.approx(0.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", WITH_A_MACHINE)
+def test_a_jog_reaches_its_speed_and_comes_to_rest(name: str):
+    steps = [Step(speed_m_s=0.5, for_s=4.0), Step(speed_m_s=0.0, for_s=4.0)]
+    plan = plan_motion(name, steps, 5.0, LIMITS, (0.0, 25.0), load=RINGING)
+    _, speed, _ = plan.at(np.array([3.5, 7.9]))
+    assert speed == pytest.approx([0.5, 0.0], abs=1e-9)

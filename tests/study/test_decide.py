@@ -1,0 +1,111 @@
+"""The table that decides, the verdict that agrees with it, the lights, and what the answer hangs on."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from workbench.machine import default_hoist, shipped
+from workbench.metrics import View, shown_in
+from workbench.study.conclude.damping import damping_sentence
+from workbench.study.conclude.decide import BEST, Choice, choices, decision_table, verdict
+from workbench.study.conclude.utilisation import alarm, utilisation
+from workbench.study.execute.run import StudyResult, run_study
+from workbench.study.results.row import Row
+from workbench.study.scenario.load import load_study, plan_study
+from workbench.study.scenario.standalone import changed
+
+ROOT = Path(__file__).resolve().parents[2]
+REFERENCES = ("trapezoid", "ruckig", "ruckig_equal_time", "ruckig_least_peak", "optimal")
+
+
+@cache
+def result(payload_kg: float = 9000.0, references: tuple[str, ...] = REFERENCES) -> StudyResult:
+    base = load_study(ROOT / "scenarios" / "payloads.yaml")
+    new = {"payloads_kg": (payload_kg,), "references": references, "outputs": {"signals": "none"}}
+    return run_study(plan_study(changed(base.scenario, new), default_hoist()))
+
+
+def row(reference: str, time: float, peak: float, payload: float = 9000.0, **assigned: float) -> Row:
+    (one,) = [r for r in result().rows if r.reference == "trapezoid"]
+    metrics = {**one.metrics, "move_time_s": time, "peak_torque_motor_nm": peak}
+    return Row(**{**vars(one), "reference": reference, "payload_kg": payload, "metrics": metrics, "assigned": assigned})
+
+
+def test_the_table_has_a_row_a_reference_and_marks_the_best_of_each_column():
+    table = decision_table(result().rows)
+    assert table is not None
+    assert [line[0] for line in table.rows] == list(REFERENCES)
+    for number, metric in enumerate(shown_in(View.DECISION), start=1):
+        marked = {line[0] for line in table.rows if BEST in line[number]}
+        values = {c.reference: c.values[metric.name] for c in choices(result().rows)}
+        assert min(values, key=values.__getitem__) in marked, metric.name
+
+
+def test_one_that_is_no_slower_and_lowest_is_taken():
+    said = verdict([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 550.0), row("optimal", 36.0, 520.0)])
+    assert said is not None
+    assert said.startswith("Take the motion of least torque peak: none is quicker")
+    assert "are beaten in both" in said
+
+
+def test_a_front_of_two_is_said_with_its_price():
+    said = verdict([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 532.0)])
+    assert said is not None
+    assert "where time counts" in said and "5.0 % less" in said and "for 3.0 s more" in said
+
+
+def test_the_verdict_says_where_other_limits_are_quicker_and_lower():
+    beside = [row("trapezoid", 37.0, 540.0, **{"limits.acceleration_m_s2": 0.42}), row("trapezoid", 60.0, 500.0)]
+    said = verdict([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 550.0)], beside)
+    assert said is not None
+    assert "the trapezoid at 0.42 m/s² would beat ruckig with the same limits: 2.0 s and 10 N m per motor less" in said
+    assert said.count("would beat") == 1
+
+
+def test_nothing_is_chosen_among_one():
+    assert verdict([row("trapezoid", 36.0, 560.0)]) is None
+    assert decision_table([row("trapezoid", 36.0, 560.0)]) is None
+
+
+def test_a_choice_beats_another_only_by_more_than_what_decides_nothing():
+    a, b = (Choice("x", {"move_time_s": t, "peak_torque_motor_nm": p}) for t, p in ((36.0, 560.0), (36.001, 560.1)))
+    assert not a.beats(b) and not b.beats(a)
+
+
+def test_the_optimum_is_lowest_of_its_time_in_the_closed_loop_too():
+    peaks = {c.reference: c.values["peak_torque_motor_nm"] for c in choices(result().rows)}
+    assert peaks["optimal"] < min(peaks["trapezoid"], peaks["ruckig_equal_time"], peaks["ruckig_least_peak"])
+    assert peaks["ruckig_least_peak"] < peaks["ruckig_equal_time"]
+
+
+def test_overload_is_red_and_said_first():
+    heavy = result(20000.0, REFERENCES[:2])
+    uses = {use.what: use for use in utilisation(heavy.rows, heavy.study.machine)}
+    assert uses["torque peak"].light == "red" and uses["rms torque"].light == "red"
+    said = alarm(list(uses.values()))
+    assert said is not None and said.startswith("Overload: torque peak 100 % of the limit")
+
+
+def test_the_default_study_is_within_what_the_machine_bears():
+    uses = utilisation(result().rows, default_hoist())
+    assert {use.what for use in uses} >= {"torque peak", "rms torque", "overload", "motor speed", "wire"}
+    assert alarm(uses) is None
+    factor = min(r["wire_safety_factor"] for r in result().rows)
+    assert next(use.percent for use in uses if use.what == "wire") == pytest.approx(450.0 / factor)
+
+
+def test_the_sentence_on_damping_compares_the_wire_assumed_with_one_that_rings():
+    scenario = load_study(ROOT / "scenarios" / "payloads.yaml").scenario
+    said = damping_sentence(scenario, default_hoist())
+    assert said is not None
+    assert "at 9000 kg and the damping ratio assumed, 0.63" in said and "at 0.02, as steel wire ropes have" in said
+    assert damping_sentence(scenario, shipped("lightly_damped")) is None
+
+
+def test_the_lightly_damped_machine_is_the_default_one_but_for_its_wire():
+    ringing, default = shipped("lightly_damped"), default_hoist()
+    assert ringing.wire.damping_time_s == 0.0025
+    assert ringing.model_copy(update={"wire": default.wire, "name": default.name}) == default

@@ -1,0 +1,106 @@
+"""Damaged results, files that must not be overwritten, links that lead nowhere: one sentence each."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.attack.mangle import finished_result
+from workbench.errors import InputError
+from workbench.identify import identify as module
+from workbench.logs import Campaign
+from workbench.machine import default_hoist
+from workbench.reports.replay.report import _percent
+from workbench.study.conclude.sentences import sentences
+from workbench.study.execute.store import Part
+from workbench.study.results.digests import check_whole, read_manifest
+from workbench.study.results.index import INDEX, read_rows
+from workbench.study.results.row import Row
+from workbench.whole_folder import replace_json
+from workbench.yaml_strict import readable_file
+
+
+def test_a_result_knows_its_own_bytes(tmp_path):
+    whole = finished_result()
+    assert set(read_manifest(whole)["files"]) == {"index.parquet", "scenario.yaml", "machine.yaml"}
+    for name in (INDEX, "manifest.json"):
+        (tmp_path / name).write_bytes((whole / name).read_bytes())
+    assert [row.status for row in read_rows(tmp_path)] == ["ok"] * len(read_rows(whole))
+    (tmp_path / INDEX).write_bytes((whole / INDEX).read_bytes() + b"x")
+    with pytest.raises(InputError, match=r"index\.parquet: is not what was written, as manifest\.json says"):
+        check_whole(tmp_path, INDEX)
+
+
+@pytest.mark.parametrize("content", ["name: my scenario\n", '{"other": 1}', "[1]", '"newly_failed"'])
+def test_json_replaces_nothing_that_it_did_not_write(tmp_path, content):
+    path = tmp_path / "precious.yaml"
+    path.write_text(content)
+    with pytest.raises(InputError, match="was not written by this command; nothing is overwritten"):
+        replace_json(path, {"newly_failed": []}, "newly_failed")
+    assert path.read_text() == content
+
+
+def test_json_is_written_whole_or_not_at_all_and_knows_no_nan(tmp_path, monkeypatch):
+    path = tmp_path / "compared.json"
+    replace_json(path, {"newly_failed": [], "x": math.nan, "inner": {"y": [math.inf, 1.0]}}, "newly_failed")
+    said = {"newly_failed": [], "x": None, "inner": {"y": [None, 1.0]}}
+    assert json.loads(path.read_text()) == said
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(InputError, match="cannot be written: No space left on device"):
+        replace_json(path, {"newly_failed": [1]}, "newly_failed")
+    assert json.loads(path.read_text()) == said
+    assert [file.name for file in tmp_path.iterdir()] == ["compared.json"]
+
+
+def test_a_link_to_itself_is_told_as_such(tmp_path):
+    link = tmp_path / "machine.yaml"
+    link.symlink_to(link)
+    with pytest.raises(InputError, match="is a link that leads nowhere, or to itself"):
+        readable_file(link)
+
+
+def test_a_fit_that_breaks_down_is_one_sentence(monkeypatch):
+    def breaks(*_: object) -> None:
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    for name in ("Bench", "friction_levels", "BalanceModel"):
+        monkeypatch.setattr(module, name, lambda *_: None)
+    monkeypatch.setattr(module, "free_parameters", lambda *_: [])
+    monkeypatch.setattr(module, "fit", breaks)
+    with pytest.raises(InputError, match="here: the fit breaks down"):
+        module.identify(Campaign("c", Path("here"), default_hoist(), ()))
+
+
+def test_per_cent_of_a_replay_that_diverges_keeps_to_a_few_digits():
+    assert _percent(6.204) == "6.20"
+    assert _percent(1.2345e70) == "12.3e69"
+
+
+def at_the_limit(rms_nm: float) -> Row:
+    metrics = {"peak_torque_motor_nm": 800.0, "peak_torque_percent": 160.0, "rms_torque_motor_nm": rms_nm}
+    metrics |= {"slack_time_s": 0.0, "slack_events": 0.0, "position_error_end_m": 0.0}
+    return Row("a", "s", "ok", "", 4500.0, "trapezoid", metrics)
+
+
+def test_a_loop_that_swings_from_limit_to_limit_is_pointed_out():
+    assert any("swings from limit to limit" in said for said in sentences([at_the_limit(760.0)], 800.0))
+    assert not any("swings" in said for said in sentences([at_the_limit(400.0)], 800.0))
+
+
+def test_the_loser_of_two_studies_on_one_folder_says_where_its_result_lies(tmp_path):
+    part, target = Part(tmp_path / ".part", [1]), tmp_path / "out"
+    for folder in (part.folder, target):
+        folder.mkdir()
+        (folder / "index.parquet").write_bytes(b"")
+    with pytest.raises(InputError, match=r"out: is taken by now; this result is whole in .*\.part"):
+        part.finish(target)
+    assert (part.folder / "index.parquet").is_file()

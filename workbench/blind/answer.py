@@ -1,0 +1,159 @@
+"""One campaign diagnosed and kept: what scoring, and weighing anew with other numbers, need of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from workbench.blind.baselines import sparse_regression
+from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
+from workbench.diagnose.verdict.judge import ranked_merits, same_but_freer
+from workbench.errors import InputError
+from workbench.logs import read_campaign
+from workbench.plants import plant_of
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The diagnosis' answer beside what it weighed; nothing here knows the label.
+
+    word: the verdict; "refused" where it took the runs for unfit, "failed" where it broke down: `warnings` says why.
+    weighed: a row for each hypothesis: names, merit, and how it fits. counted: names and merit of those that took part
+    in the ranking, no names for what speaks for an unknown cause. evidence: what speaks for one besides. estimates:
+    effect -> name -> (value, standard error). held_out: names and held-out rms, N m (N), of the best fits, and of none.
+    places: subsystem and probability. explained: share of the gap's energy.
+    left: rms, percent_of_input, relevant. events: run, from_s, to_s of each that the answer says. none: chi2 and prior
+    without any effect, samples. visible: effect -> its parameter and the smallest amount that these runs would show.
+    sparse: what sparse regression of the residual names, None where pysindy is not installed.
+    """
+
+    folder: str
+    word: str
+    withheld: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    alike: tuple[str, ...] = ()
+    ranking: list[tuple[str, list[str], float]] = field(default_factory=list)
+    weighed: list[dict[str, Any]] = field(default_factory=list)
+    counted: list[tuple[list[str], float]] = field(default_factory=list)
+    evidence: Mapping[str, float] = field(default_factory=dict)
+    estimates: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    held_out: list[tuple[list[str], float]] = field(default_factory=list)
+    before: float = 0.0
+    after: float = 0.0
+    noise: float = 0.0
+    subsystem: str = ""
+    regime: str = ""
+    windows: list[tuple[str, float, float]] = field(default_factory=list)
+    cpu_s: float = 0.0
+    wall_s: float = 0.0
+    kind: str = ""
+    places: list[tuple[str, float]] = field(default_factory=list)
+    events: list[tuple[str, float, float]] = field(default_factory=list)
+    explained: float | None = None
+    left: Mapping[str, Any] | None = None
+    none: Mapping[str, float] = field(default_factory=dict)
+    visible: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    next_run: Mapping[str, Any] | None = None
+    sparse: tuple[str, ...] | None = None
+    warnings: tuple[str, ...] = ()
+
+
+def answer(folder: Path, withheld: Sequence[str] = (), most_effects: int = 2) -> Answer:
+    """Diagnose one campaign; `withheld` effects are taken out of the library first, and laws that hold them."""
+    cpu, wall = time.process_time(), time.monotonic()
+
+    def spent() -> dict[str, Any]:
+        return {"cpu_s": time.process_time() - cpu, "wall_s": time.monotonic() - wall}
+
+    try:
+        campaign = read_campaign(folder)
+        kind = plant_of(campaign.machine).kind
+        names = [effect.id for effect in chosen_effects(campaign, None)]
+        gone = {name for name in names if any(name == one or same_but_freer(name, one, kind) for one in withheld)}
+        listed = [name for name in names if name not in gone]
+        diagnosis = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
+        return _kept(diagnosis, folder, tuple(withheld), spent())
+    except InputError as error:
+        return _none_given(folder, "refused", str(error), tuple(withheld), spent())
+    except Exception:  # a defect is an answer that counts as wrong, and no reason to lose the others
+        return _none_given(folder, "failed", traceback.format_exc(limit=-3), tuple(withheld), spent())
+
+
+def _none_given(folder: Path, word: str, why: str, withheld: tuple[str, ...], spent: Mapping[str, Any]) -> Answer:
+    return Answer(folder.name, word, withheld, ranking=[(word, [], 1.0)], warnings=(why,), **spent)
+
+
+def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[str, Any]) -> Answer:
+    base = d.found.base
+    return Answer(
+        folder=folder.name,
+        withheld=withheld,
+        word=d.verdict.word,
+        names=d.verdict.effects,
+        alike=d.verdict.alike,
+        ranking=[(row.verdict, list(row.effects), row.probability) for row in d.verdict.ranking[:8]],
+        weighed=[_weighed(w, len(base.z)) for w in d.judged.weighed],
+        counted=[(list(names), merit) for names, merit in ranked_merits(d.judged.weighed, d.judged.best)],
+        evidence=dict(d.judged.evidence),
+        estimates={
+            name: {e.name: (e.value, e.std_error) for e in rows}
+            for name, rows in (d.candidates[0].parameters if d.candidates else {}).items()
+        },
+        held_out=[([], d.shrink.before), *_held_out(d)],
+        before=d.shrink.before,
+        after=d.shrink.after,
+        noise=d.shrink.noise,
+        subsystem=d.where.subsystem if d.where else "",
+        regime=d.where.regime if d.where else "",
+        windows=[(w.run, w.from_s, w.to_s) for w in d.where.windows] if d.where else [],
+        kind=plant_of(d.campaign.machine).kind.partition("-")[0],
+        places=[(place.subsystem, place.probability) for place in (d.where.places if d.where else ())],
+        events=[(event.run, event.from_s, event.to_s) for event in (d.where.events if d.where else ())],
+        explained=d.verdict.explained,
+        left=asdict(d.verdict.left),
+        none={"chi2": base.chi2, "prior": base.prior, "samples": d.found.problem.samples},
+        visible={name: (parameter, amount) for name, (parameter, amount) in d.isolability.visible.items()},
+        next_run=asdict(d.next_run) if d.next_run else None,
+        sparse=sparse_regression(d.found),
+        warnings=tuple(map(str, d.warnings)),
+        **spent,
+    )
+
+
+def _held_out(d: Diagnosis) -> list[tuple[list[str], float]]:
+    return [(list(row.effects), row.held_out_rms) for row in d.candidates if row.held_out_rms is not None]
+
+
+def _weighed(w: Any, base: int) -> dict[str, Any]:
+    """base: number of the machine's own parameters in every fit."""
+    return {
+        "names": [] if w.rival else list(w.names),
+        "merit": w.merit,
+        "fit": list(w.names),
+        "chi2": w.fit.chi2,
+        "prior": w.fit.prior,
+        "parameters": len(w.fit.z) - base,
+    }
+
+
+def text_of(kept: Answer) -> str:
+    return json.dumps(asdict(kept), default=float)
+
+
+def save(text: str, file: Path) -> None:
+    """Whole or not at all."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_suffix(".part")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, file)
+
+
+def load(folder: Path) -> dict[str, dict[str, Any]]:
+    """name -> all answers of a folder, in the order of their names."""
+    return {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in sorted(folder.glob("*.json"))}

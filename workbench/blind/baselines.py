@@ -1,0 +1,177 @@
+"""What a user might do instead of the diagnosis: answers of simpler methods to the same campaigns."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import warnings
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from workbench.blind.criteria import kind_of as kind_of_row
+from workbench.kinds import kind_of
+from workbench.simulate.lowpass import lowpass
+
+if TYPE_CHECKING:
+    from workbench.diagnose.hypotheses.problem import Problem
+    from workbench.diagnose.hypotheses.search import Found
+    from workbench.run import Array
+
+Row = Mapping[str, Any]
+Said = tuple[str, tuple[str, ...]]  # verdict and names
+TRAINING = "largest drop of the training error"
+BIC = "BIC alone"
+SPARSE = "sparse regression of the residual (pysindy)"
+COMMONEST = "always the commonest answer"
+
+SHARE = 0.5  # of the largest term: a second one that is as large counts as an effect of its own
+LOW_SPEED = 0.05  # of the fastest: where Stribeck's peak turns
+WARM_S = 200.0
+
+
+def training_error(row: Row) -> Said:
+    """The single effect whose fit leaves the least chi-squared; it always names one."""
+    singles = [each for each in row["weighed"] if len(each["names"]) == 1]
+    if not singles:
+        return "no_gap", ()
+    return "named", tuple(min(singles, key=lambda each: float(each["chi2"]))["names"])
+
+
+def bic(row: Row) -> Said:
+    """The least chi^2 + k ln n of no effect, one and two (G. Schwarz, Annals of Statistics 6, 1978); no unknown."""
+    if not row.get("none"):
+        return "no_gap", ()
+    cost = math.log(max(float(row["none"]["samples"]), 2.0))
+    scores: dict[tuple[str, ...], float] = {(): float(row["none"]["chi2"])}
+    for each in row["weighed"]:
+        if each["names"]:
+            scores[tuple(each["names"])] = float(each["chi2"]) + cost * float(each["parameters"])
+    best = min(scores, key=lambda names: scores[names])
+    return ("named", best) if best else ("no_gap", ())
+
+
+def sparse(row: Row) -> Said | None:
+    """What pysindy named when the campaign was diagnosed; None where it was not installed."""
+    names = row.get("sparse")
+    if names is None:
+        return None
+    return ("named", tuple(names)) if names else ("no_gap", ())
+
+
+def commonest(rows: Sequence[Row]) -> Callable[[Row], Said]:
+    """The answer that most labels of a kind of machine ask for, given to all of it; it has seen the labels."""
+
+    def asked(row: Row) -> Said:
+        effects = tuple(sorted(row["label"]["effects"]))
+        unlisted = any("unlisted" in name for name in effects)
+        return ("unknown", ()) if unlisted else ("named", effects) if effects else ("no_gap", ())
+
+    best = {}
+    for kind in {kind_of_row(row) for row in rows}:
+        counts = Counter(asked(row) for row in rows if kind_of_row(row) == kind)
+        best[kind] = max(counts, key=lambda said: (counts[said], said))
+    return lambda row: best[kind_of_row(row)]
+
+
+def baselines(rows: Sequence[Row]) -> dict[str, list[dict[str, Any]]]:
+    """method -> the rows with its answers in place of the diagnosis'; methods that answered nothing are left out."""
+    methods: dict[str, Callable[[Row], Said | None]] = {
+        TRAINING: training_error,
+        BIC: bic,
+        SPARSE: sparse,
+        COMMONEST: commonest(rows),
+    }
+    found = {}
+    for name, method in methods.items():
+        said = [(row, method(row)) for row in rows]
+        given = [_instead(row, answer) for row, answer in said if answer is not None]
+        if given:
+            found[name] = given
+    return found
+
+
+def _instead(row: Row, said: Said) -> dict[str, Any]:
+    word, names = said
+    ranking = [[word, list(names), 1.0]]
+    return {**row, "word": word, "names": list(names), "alike": [], "ranking": ranking, "places": [], "subsystem": ""}
+
+
+# Sparse regression: term -> what it is called in the library, on a hoist and on an axis.
+_NAMES: Mapping[str, tuple[str, str]] = {
+    "1": ("torque_offset", "torque_offset"),
+    "sgn v": ("friction_coulomb", "friction_coulomb"),
+    "v": ("friction_viscous", "friction_viscous"),
+    "v |v|": ("", ""),  # no listed effect
+    "a": ("gearbox_inertia", "inertia_error"),
+    "sgn v low": ("friction_stribeck", "friction_stribeck"),
+    "sgn v cold": ("friction_thermal_drift", "friction_thermal_drift"),
+    "u": ("torque_scale", "torque_scale"),
+    "u sgn v": ("gearbox_efficiency", "gearbox_efficiency"),
+    "du/dt": ("torque_filter", "torque_filter"),
+    "payload": ("payload_mass_error", ""),
+    "payload sgn v": ("friction_load_dependent", ""),
+    "x": ("wire_mass", ""),
+    "sin": ("drum_eccentricity", ""),
+    "cos": ("drum_eccentricity", ""),
+}
+
+
+def sparse_regression(found: Found) -> tuple[str, ...] | None:
+    """Sequentially thresholded least squares (S. L. Brunton et al. 2016, pysindy's STLSQ) of what the machine refitted
+    within its tolerances leaves, on a library of terms: the largest term's effect, and a second one that is SHARE as
+    large. () for none; None where pysindy is not installed."""
+    if importlib.util.find_spec("pysindy") is None:
+        return None
+    problem = found.problem
+    residual = found.near.residual[: problem.inputs]
+    columns = {name: column for name, column in _terms(problem).items() if np.ptp(column) > 0.0 or name == "1"}
+    theta = np.column_stack([column / max(float(np.sqrt(np.mean(column**2))), 1e-300) for column in columns.values()])
+    from pysindy import STLSQ
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns where nothing is left
+        model = STLSQ(threshold=problem.noise, alpha=1e-6 * len(residual)).fit(theta, residual[:, None])
+    sizes = np.abs(np.asarray(model.coef_, dtype=float).ravel())
+    of_axis = kind_of(problem.machine).dead_line is None
+    order = sorted(zip(columns, sizes, strict=True), key=lambda pair: -pair[1])
+    taken = [_NAMES[name][of_axis] or "unlisted" for name, size in order if size > 0.0 and size >= SHARE * order[0][1]]
+    return tuple(sorted(dict.fromkeys(taken)))[:2]
+
+
+def _terms(problem: Problem) -> dict[str, Array]:
+    """name -> (inputs,) of each term, at the rows of the input's residual."""
+    bench = problem.bench
+    parts: dict[str, list[Array]] = {}
+    for j, (run, rows) in enumerate(zip(bench.runs, problem.rows, strict=True)):
+        t = run.time_s
+        v, a = (lowpass(t, x, bench.band_hz)[rows] for x in (bench.motions[j].speed, bench.motions[j].acceleration))
+        u, x = bench.measured[j][rows], bench.motions[j].position[rows]
+        sign, ones = np.sign(v), np.ones(len(rows))
+        top = max(float(np.max(np.abs(v), initial=0.0)), 1e-300)
+        turn = kind_of(problem.machine)
+        height = run.start_position_m + turn.lever_of(problem.machine) * (x - bench.motions[j].position[0])
+        angle = x / float(problem.machine.gearbox.ratio) if turn.dead_line is not None else x
+        cold = np.exp(-(run.start_time_s + t[rows] - t[0]) / WARM_S)
+        terms = {
+            "1": ones,
+            "sgn v": sign,
+            "v": v,
+            "v |v|": v * np.abs(v),
+            "a": a,
+            "sgn v low": sign * np.exp(-((v / (LOW_SPEED * top)) ** 2)),
+            "sgn v cold": sign * cold,
+            "u": u,
+            "u sgn v": u * sign,
+            "du/dt": np.gradient(bench.measured[j], t)[rows],
+            "payload": run.payload_kg * ones,
+            "payload sgn v": run.payload_kg * sign,
+            "x": height,
+            "sin": np.sin(angle),
+            "cos": np.cos(angle),
+        }
+        for name, column in terms.items():
+            parts.setdefault(name, []).append(column)
+    return {name: np.concatenate(columns) for name, columns in parts.items()}

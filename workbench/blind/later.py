@@ -1,0 +1,192 @@
+"""What can be computed once the seal is open: the true effect's own fit, the recommended run, one more run."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from workbench.blind.answer import answer, save, text_of
+from workbench.blind.criteria import Row, oracle_after, right, right_word
+from workbench.blind.make import content_of, mapped
+from workbench.blind.orders import Order
+from workbench.blind.rig import Rig, rig_from
+from workbench.blind.score import Score
+from workbench.blind.seal import CAMPAIGNS
+from workbench.blind.share import Share
+from workbench.blind.sources.simulator.campaign import make_campaign
+from workbench.blind.sources.simulator.content import Content
+from workbench.blind.sources.simulator.kind import RunPlan
+from workbench.errors import InputError
+
+NEXT, BETWEEN_S = "next_runs", 60.0
+Tell = Callable[[str], None]
+
+
+def with_oracle(score: Score, processes: int, tell: Tell) -> Score:
+    """Each case of listed effects with its true effect's held-out rms, fitted where the diagnosis has not."""
+    lack = [row for row in score.rows if right_word(row) == "named" and oracle_after(row) is None and row["noise"]]
+    found: dict[str, Row] = {}
+    with mapped(processes) as over:
+        for row in over(partial(fitted_truth, score.folder / CAMPAIGNS), lack):
+            found[row["folder"]] = row
+            tell(f"{len(found)}/{len(lack)} true effects fitted")
+    return score.with_rows([found.get(row["folder"], row) for row in score.rows])
+
+
+def fitted_truth(campaigns: Path, row: Row) -> Row:
+    """The row with the held-out rms of its label's effects fitted to its runs; as it is where that breaks down."""
+    from workbench.diagnose.diagnose import diagnose
+    from workbench.logs import read_campaign
+
+    told = sorted(row["label"]["effects"])
+    try:
+        campaign = read_campaign(campaigns / row["folder"])
+        found = diagnose(campaign, candidates=told, most_effects=len(told), study=False)
+    except InputError:
+        return row
+    more = [
+        [list(each.effects), each.held_out_rms]
+        for each in found.candidates
+        if sorted(each.effects) == told and each.held_out_rms is not None
+    ]
+    return {**row, "held_out": [*row["held_out"], *more]}
+
+
+def with_next_runs(score: Score, most: int, processes: int, tell: Tell) -> Share:
+    """Of at most so many open cases, those whose recommended run, simulated and diagnosed with the others, gives the
+    right answer. What was answered at an earlier call is kept."""
+    open_cases = [row for row in score.rows if row.get("next_run") and row["label"]["effects"]][:most]
+    kept = score.folder / NEXT
+    passed = 0
+    with mapped(processes) as over:
+        for k, row in enumerate(over(partial(_answered_anew, score.truth.orders, score.truth.rig, kept), open_cases)):
+            passed += right(row)
+            said = "+".join(row["names"]) or row["word"]
+            tell(f"{k + 1}/{len(open_cases)} next run of campaign {row['folder']}: {said}")
+    return Share(passed, len(open_cases))
+
+
+def _answered_anew(
+    orders: Mapping[str, Mapping[str, Any]], rig: Mapping[str, Any] | None, kept: Path, row: Row
+) -> dict[str, Any]:
+    import json
+
+    file = kept / f"{row['folder']}.json"
+    if not file.exists():
+        order = _order(orders[row["folder"]])
+        text = text_of(_with_next_run(order, rig_from(rig) if rig else None, row))
+        save(text, file)
+    return {**json.loads(file.read_text(encoding="utf-8")), "label": row["label"], "folder": row["folder"]}
+
+
+def _order(said: Mapping[str, Any]) -> Order:
+    return Order(**{**said, "seed": tuple(said["seed"]), "names": tuple(said["names"])})
+
+
+def _with_next_run(order: Order, rig: Rig | None, row: Row) -> Any:
+    """The diagnosis of the same machine's runs and of the one that was recommended."""
+    seeds = tuple(row["label"]["seed"])
+    content = content_of(order, rig, seeds)
+    with tempfile.TemporaryDirectory(prefix="workbench-blind-") as temporary:
+        before, after = Path(temporary) / "before", Path(temporary) / "after"
+        make_campaign(before, seeds, content)
+        make_campaign(after, seeds, extended(content, row["next_run"], before))
+        return answer(after)
+
+
+def extended(content: Content, recommended: Mapping[str, Any], campaign: Path) -> Content:
+    """The content with the recommended run, and with what it asks to log. campaign: its runs, as the menu saw them."""
+    from workbench.diagnose.hypotheses.problem import Problem
+    from workbench.diagnose.isolation.planned import menu
+    from workbench.logs import read_campaign
+
+    read = read_campaign(campaign)
+    problem = Problem(read.machine, read.runs)
+    fits = [
+        each
+        for each in menu(problem)
+        if _motion(each.words) == _motion(recommended["profile"]) and each.payload_kg == recommended["payload_kg"]
+    ]
+    if not fits:
+        raise InputError(f"no run '{recommended['profile']}' on the menu", file=campaign)
+    run, kind = fits[0].run, content.kind
+    speed = run[problem.bench.plant.speeds[0]]
+    t = np.arange(round(run.duration_s / kind.record_s)) * kind.record_s
+    reference = tuple(float(v) for v in np.interp(t, run.time_s - run.time_s[0], speed))
+    start = float(run.start_position_m) if kind.name == "hoist" else float(run[problem.bench.plant.positions[0]][0])
+    began = content.runs[-1].start_time_s + content.runs[-1].duration_s + BETWEEN_S
+    plan = RunPlan("next", "recommended", run.payload_kg, start, round(began, 2), len(t) * kind.record_s, reference)
+    names = {"tension_dead_line_n": "tension", "position_carriage_m": "position"}
+    more = [names[signal] for signal in recommended["signals"] if signal in names]
+    logs = tuple(dict.fromkeys([*content.logging.logs, *more]))
+    return replace(content, runs=(*content.runs, plan), logging=replace(content.logging, logs=logs))
+
+
+def _motion(words: str) -> str:
+    """A motion's words without its speed, which hangs on the band."""
+    return re.sub(r"\s*\([^)]*\)", "", words)
+
+
+def one_more_run(score: Score) -> tuple[Mapping[str, float], str] | None:
+    """effect -> smallest amount that shows with one more run over that without, and which run; None for drawn machines.
+
+    Of a few runs the one that lowers these amounts most, on the whole.
+    """
+    if not score.truth.rig:
+        return None
+    rig = rig_from(score.truth.rig)
+    order = Order(0, (score.truth.seed, 0), "simulator", rig.family.name, "none", ())
+    content = rig.content(order.seed, order)
+    now = shows(content, order.seed)
+    best: tuple[float, Mapping[str, float], str] | None = None
+    for words, plan in _trials(rig):
+        then = shows(replace(content, runs=(*content.runs, plan)), order.seed)
+        ratios = {name: min(then[name] / now[name], 1.0) for name in now if name in then and 0.0 < now[name] < np.inf}
+        mean = float(np.exp(np.mean([np.log(max(ratio, 1e-3)) for ratio in ratios.values()]))) if ratios else 1.0
+        if best is None or mean < best[0]:
+            best = mean, ratios, words
+    return None if best is None else best[1:]
+
+
+def _trials(rig: Rig) -> list[tuple[str, RunPlan]]:
+    """The user's own quickest run again: at its lightest load or none, and at a quarter of the speed."""
+    longest = max(rig.runs, key=lambda run: max(map(abs, run.reference or (0.0,))))
+    began = rig.runs[-1].start_time_s + rig.runs[-1].duration_s + BETWEEN_S
+    loads = sorted({run.payload_kg for run in rig.runs})
+    again = replace(longest, name="one_more", start_time_s=began)
+    slow = np.repeat(np.asarray(longest.reference), 4) / 4.0
+    slower = replace(again, reference=tuple(map(float, slow)), duration_s=4.0 * longest.duration_s)
+    if rig.kind == "axis":
+        return [("the quickest one again", again), ("the quickest one at a quarter of its speed", slower)]
+    tried = []
+    for load in dict.fromkeys([0.0, loads[-1]]):
+        tried.append((f"the quickest one with {load:g} kg", replace(again, payload_kg=load)))
+        tried.append((f"the same at a quarter of its speed with {load:g} kg", replace(slower, payload_kg=load)))
+    return tried
+
+
+def shows(content: Content, seeds: tuple[int, ...]) -> Mapping[str, float]:
+    """effect -> the smallest amount that these runs would show, in its own unit (see `isolability`)."""
+    from workbench.diagnose.diagnose import chosen_effects
+    from workbench.diagnose.hypotheses.problem import Problem
+    from workbench.diagnose.hypotheses.scan import atoms
+    from workbench.diagnose.hypotheses.search import Found, Search
+    from workbench.diagnose.isolation.isolability import isolability
+    from workbench.logs import read_campaign
+
+    with tempfile.TemporaryDirectory(prefix="workbench-blind-") as temporary:
+        folder = Path(temporary) / "campaign"
+        make_campaign(folder, seeds, content)
+        campaign = read_campaign(folder)
+        problem = Problem(campaign.machine, campaign.runs)
+        effects = chosen_effects(campaign, None)
+        base = Search(problem, effects).base_fit()
+        found = Found(problem, base, base, {}, {}, atoms(problem, effects, base.setting))
+        return {name: amount for name, (_, amount) in isolability(problem, found).visible.items()}

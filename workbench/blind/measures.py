@@ -1,0 +1,185 @@
+"""What is measured of answers, each with the cases it asks; by source and kind, and by the size of the gap."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from workbench.blind import criteria
+from workbench.blind.criteria import Row, right, right_word
+from workbench.blind.share import Share
+
+Test = Callable[[Row], bool]
+# Of the gap over the noise: (name, from, below).
+SIZES = (
+    ("below the noise", 0.0, 1.0),
+    ("just visible, 1 to 3", 1.0, 3.0),
+    ("3 to 10", 3.0, 10.0),
+    ("10 and more", 10.0, math.inf),
+)
+
+
+@dataclass(frozen=True)
+class Measure:
+    """name: in tables, over two lines in heads; key: in JSON. asks: the cases it speaks of. passes: of those. asked:
+    kind -> what the project asks, in per cent. less: the fewer pass, the better."""
+
+    key: str
+    name: str
+    asks: Test
+    passes: Test
+    asked: Mapping[str, float] = field(default_factory=dict)
+    less: bool = False
+
+    @property
+    def line(self) -> str:
+        """The name in one line."""
+        return self.name.replace("\n", " ")
+
+    def share(self, rows: Sequence[Row]) -> Share:
+        return Share.counted(filter(self.asks, rows), self.passes)
+
+    def asked_text(self, kind: str) -> str:
+        limit = self.asked.get(kind)
+        return "" if limit is None else f"{'≤' if self.less else '≥'} {limit:g}"
+
+
+def _is(word: str) -> Test:
+    return lambda row: row["word"] == word
+
+
+def _unlisted(row: Row) -> bool:
+    return criteria.unlisted(row) and not row.get("withheld")
+
+
+def _no_gap(row: Row) -> bool:
+    return right_word(row) == "no_gap"
+
+
+def _with_oracle(row: Row) -> bool:
+    return right_word(row) == "named" and criteria.of_the_oracle(row) is not None
+
+
+def _cause(row: Row) -> bool:
+    return bool(row["label"]["effects"])
+
+
+def _corrected(row: Row) -> bool:
+    return row["word"] in ("named", "unknown")
+
+
+_BOTH = {"hoist": 2.0, "axis": 2.0}
+MEASURES = (
+    Measure("named", "single effect\nnamed", criteria.single, right, {"hoist": 95.0, "axis": 90.0}),
+    Measure("named_or_alike", "named, or\nsaid to be alike", criteria.single, criteria.right_or_alike),
+    Measure("first_three", "among the\nfirst three", criteria.single, criteria.among_first_three),
+    Measure("pair_both", "pair:\nboth named", criteria.pair, right, {"hoist": 80.0, "axis": 80.0}),
+    Measure("pair_one", "pair:\none or both", criteria.pair, criteria.one_of_them, {"hoist": 97.0, "axis": 97.0}),
+    Measure("false_alarm", "no gap,\nbut named", _no_gap, _is("named"), _BOTH, True),
+    Measure("false_unknown", "no gap,\nbut unknown", _no_gap, _is("unknown"), {"hoist": 5.0, "axis": 5.0}, True),
+    Measure("unknown_caught", "unlisted cause:\nunknown", _unlisted, _is("unknown"), {"hoist": 90.0, "axis": 90.0}),
+    Measure("unknown_place", "unlisted cause:\nplace right", _unlisted, criteria.place_right),
+    Measure("place", "place right,\nall causes", _cause, criteria.place_right, {"hoist": 95.0, "axis": 95.0}),
+    Measure("event", "brief event\nfound", criteria.has_event, criteria.event_found),
+    Measure("harmful", "correction\nharmful", _corrected, criteria.harmful, _BOTH, True),
+)
+# What a method that only names an answer can be measured by.
+OF_A_METHOD = ("named", "first_three", "pair_both", "pair_one", "false_alarm", "false_unknown", "unknown_caught")
+
+
+def measure(key: str) -> Measure:
+    return next(each for each in MEASURES if each.key == key)
+
+
+def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """ "source, kind" -> its rows, then each kind's all where it has more than one source."""
+    found: dict[str, list[Row]] = {}
+    for row in sorted(rows, key=lambda r: (criteria.kind_of(r), criteria.source_of(r))):
+        found.setdefault(f"{criteria.kind_of(row)}, {criteria.source_of(row)}", []).append(row)
+    for kind in sorted({criteria.kind_of(row) for row in rows}):
+        of_kind = [row for row in rows if criteria.kind_of(row) == kind]
+        if len({criteria.source_of(row) for row in of_kind}) > 1:
+            found[f"{kind}, all"] = of_kind
+    return found
+
+
+def by_size(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Size of the gap over the noise -> the rows with a cause of that size; those of unknown size last."""
+    sized = [(criteria.size_over_noise(row), row) for row in rows if _cause(row)]
+    found = {name: [row for size, row in sized if low <= size < high] for name, low, high in SIZES}
+    found["size not known"] = [row for size, row in sized if math.isnan(size)]
+    return {name: which for name, which in found.items() if which}
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """parameter_errors: relative, of rightly named effects, in their order. covered: of true values, those inside the
+    90 % interval. of_oracle: shrink over the true effect's, in their order; without_oracle: cases that lack it.
+    calibration_error: mean distance of stated probability and share right (M. P. Naeini et al. 2015), None for no
+    answers. cpu_s: in their order."""
+
+    parameter_errors: tuple[float, ...]
+    covered: Share
+    of_oracle: tuple[float, ...]
+    without_oracle: int
+    calibration_error: float | None
+    cpu_s: tuple[float, ...]
+
+
+INSIDE_90 = 1.6449
+
+
+def numbers(rows: Sequence[Row]) -> Numbers:
+    within = [each for row in rows for each in criteria.estimates_within(row)]
+    ratios = [criteria.of_the_oracle(row) for row in rows if right_word(row) == "named"]
+    return Numbers(
+        parameter_errors=tuple(sorted(error for _, error, _ in within)),
+        covered=Share(sum(ratio <= INSIDE_90 for _, _, ratio in within), len(within)),
+        of_oracle=tuple(sorted(ratio for ratio in ratios if ratio is not None)),
+        without_oracle=sum(ratio is None for ratio in ratios),
+        calibration_error=calibration_error(rows),
+        cpu_s=tuple(sorted(float(row["cpu_s"]) for row in rows)),
+    )
+
+
+def median(values: Sequence[float]) -> float:
+    return values[len(values) // 2] if values else math.nan
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Answers of about this probability: from, below, mean of what they said, and how many were right."""
+
+    low: float
+    high: float
+    said: float
+    right: Share
+
+
+EDGES = (0.0, 0.4, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
+
+
+def reliability(rows: Sequence[Row]) -> list[Bin]:
+    """The reliability curve: bins with answers in them."""
+    bins = []
+    for low, high in itertools.pairwise(EDGES):
+        top = high if high < 1.0 else math.inf
+        which = [row for row in rows if row["ranking"] and low <= _said(row) < top]
+        if which:
+            mean = sum(map(_said, which)) / len(which)
+            bins.append(Bin(low, high, mean, Share.counted(which, right)))
+    return bins
+
+
+def _said(row: Row) -> float:
+    return float(row["ranking"][0][2])
+
+
+def calibration_error(rows: Sequence[Row]) -> float | None:
+    bins = reliability(rows)
+    total = sum(each.right.of for each in bins)
+    if not total:
+        return None
+    return sum(each.right.of * abs(each.said - each.right.count / each.right.of) for each in bins) / total

@@ -1,0 +1,183 @@
+"""The power of an experiment: the smallest size of each effect that its runs would have named in nine of ten cases."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.blind import criteria
+from workbench.blind.criteria import Row
+from workbench.blind.rig import rig_from
+from workbench.blind.score import Score
+from workbench.blind.share import Share
+from workbench.effects import find
+from workbench.run import Array
+
+ASKED = 0.9
+LEAST = 3  # cases of an effect: fewer say nothing of it
+SPREAD = 4.0  # of the effects' logits at one size: their thresholds differ by a factor of seven or so
+SLOPE, SLOPE_STD = 2.0, 1.0  # of the logit over the logarithm of the size, and how well that is known beforehand
+Z_95 = 1.96
+
+
+@dataclass(frozen=True)
+class EffectPower:
+    """share: of its cases that were named or said to be alike. parameter, amount: the effect's first amount, off its
+    vanishing value, that is named in nine of ten; None where that is beyond the sizes tried. change: the same as the
+    input's change, rms while moving. one_more: amount, and change_one_more: change, with one more run."""
+
+    effect: str
+    share: Share
+    parameter: str
+    amount: float | None
+    interval: tuple[float, float] | None
+    largest_tried: float
+    change: float | None
+    change_interval: tuple[float, float] | None
+    largest_change_tried: float
+    one_more: float | None = None
+    change_one_more: float | None = None
+
+
+@dataclass(frozen=True)
+class Power:
+    """effects: those with enough cases. unit: of the input."""
+
+    effects: tuple[EffectPower, ...]
+    unit: str
+    note: str
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A logistic regression of right over ln size: threshold where nine of ten are right, (effects,), in ln size, with
+    its standard error."""
+
+    threshold: Array
+    std: Array
+
+
+def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str = "") -> Power | None:
+    """None where the machines were drawn. one_more: effect -> size that shows with one more run over that without;
+    run: which one."""
+    if not score.truth.rig:
+        return None
+    rig = rig_from(score.truth.rig)
+    cases: dict[str, list[tuple[Row, float, str, float]]] = {}
+    for row in score.rows:
+        if criteria.single(row) and row["noise"] and (amount := first_amount(row, rig.kind)) is not None:
+            cases.setdefault(row["label"]["effects"][0], []).append((row, *amount))
+    cases = {name: each for name, each in sorted(cases.items()) if len(each) >= LEAST}
+    sizes = [[float(c[0]["label"]["torque_change_rms_nm"]) for c in each] for each in cases.values()]
+    passed = [[criteria.right_or_alike(c[0]) for c in each] for each in cases.values()]
+    fit = thresholds(sizes, passed)
+    effects = tuple(
+        _effect(name, each, sizes[k], passed[k], float(fit.threshold[k]), float(fit.std[k]), (one_more or {}).get(name))
+        for k, (name, each) in enumerate(cases.items())
+    )
+    few = sorted({r["label"]["effects"][0] for r in score.rows if criteria.single(r)} - set(cases))
+    note = (
+        "Amounts are off the value at which the effect vanishes. From a logistic regression over the size, of which "
+        f"effects share the slope and, loosely, the threshold; effects with fewer than {LEAST} cases are left out"
+        + (f" ({', '.join(few)})." if few else ".")
+    )
+    sentences = []
+    if one_more:
+        sentences.append(
+            f"One more run ({run}): by how much smaller an effect shows then is computed from its signature in the "
+            "simulated runs, and not by further diagnoses."
+        )
+    return Power(effects, rig.unit, note, tuple(sentences))
+
+
+def _effect(
+    name: str, cases: Sequence[tuple[Row, float, str, float]], sizes: Sequence[float], passed: Sequence[bool],
+    threshold: float, std: float, ratio: float | None,
+) -> EffectPower:  # fmt: skip
+    per_change = float(np.median([amount / size for (_, amount, _, _), size in zip(cases, sizes, strict=True)]))
+    largest = max(sizes)
+    within = threshold <= math.log(largest)
+    change = math.exp(threshold) if within else None
+    low, high = (math.exp(threshold + sign * Z_95 * std) for sign in (-1.0, 1.0))
+    return EffectPower(
+        effect=name,
+        share=Share(sum(passed), len(passed)),
+        parameter=cases[0][2],
+        amount=None if change is None else change * per_change,
+        interval=None if change is None else (low * per_change, high * per_change),
+        largest_tried=max(amount for _, amount, _, _ in cases),
+        change=change,
+        change_interval=None if change is None else (low, high),
+        largest_change_tried=largest,
+        one_more=None if change is None or ratio is None else change * per_change * ratio,
+        change_one_more=None if change is None or ratio is None else change * ratio,
+    )
+
+
+def first_amount(row: Row, kind: str) -> tuple[float, str, float] | None:
+    """Of the label's effect: its first amount off the vanishing value, the parameter's name, the value itself."""
+    if not row["label"].get("torque_change_rms_nm"):
+        return None
+    for effect, numbers in row["label"]["parameters"].items():
+        for parameter in find(effect, kind).parameters:
+            name = parameter.named(kind)
+            if parameter.vanishes_at is not None and numbers.get(name) is not None:
+                off = abs(float(numbers[name]) - parameter.vanishes_at)
+                if off > 0.0:
+                    return off, name, float(numbers[name])
+    return None
+
+
+def thresholds(sizes: Sequence[Sequence[float]], passed: Sequence[Sequence[bool]]) -> Fit:
+    """Size at which ASKED of the cases of each effect pass, by the most likely
+
+        logit P = slope (ln size − middle_k),   middle_k ~ N(mean, SPREAD²/slope²),   ln slope ~ N(ln SLOPE, SLOPE_STD²)
+
+    with standard errors from the curvature there (Laplace).
+    """
+    if not sizes:
+        return Fit(np.zeros(0), np.zeros(0))
+    from scipy.optimize import minimize
+
+    x = np.concatenate([np.log(each) for each in sizes])
+    y = np.concatenate([np.asarray(each, dtype=float) for each in passed])
+    of = np.repeat(np.arange(len(sizes)), [len(each) for each in sizes])
+    centre = float(np.mean(x))
+
+    def loss(p: Array) -> float:
+        """p: offsets of the effects' logits from their mean, that mean, ln slope."""
+        offset, mean, slope = p[:-2], p[-2], math.exp(p[-1])
+        logit = slope * (x - centre) + mean + offset[of]
+        likelihood = float(np.sum(np.logaddexp(0.0, logit) - y * logit))
+        prior = 0.5 * float(np.sum((offset / SPREAD) ** 2)) + 0.5 * ((p[-1] - math.log(SLOPE)) / SLOPE_STD) ** 2
+        return likelihood + prior + 0.5 * (mean / 10.0) ** 2
+
+    start = np.zeros(len(sizes) + 2)
+    start[-1] = math.log(SLOPE)
+    best = np.asarray(minimize(loss, start, method="BFGS").x)
+
+    def threshold(p: Array) -> Array:
+        asked = math.log(ASKED / (1.0 - ASKED))
+        return np.asarray(centre + (asked - p[-2] - p[:-2]) / math.exp(p[-1]))
+
+    covariance = np.linalg.pinv(_curvature(loss, best))
+    steps = 1e-4 * np.eye(len(best))
+    slopes = np.stack([(threshold(best + s) - threshold(best - s)) / 2e-4 for s in steps], axis=1)
+    return Fit(threshold(best), np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0)))
+
+
+def _curvature(loss: object, at: Array, step: float = 1e-3) -> Array:
+    """Second differences."""
+    n, f = len(at), loss
+    assert callable(f)
+    out = np.zeros((n, n))
+    e = step * np.eye(n)
+    for i in range(n):
+        for j in range(i + 1):
+            a, b, c, d = f(at + e[i] + e[j]), f(at + e[i] - e[j]), f(at - e[i] + e[j]), f(at - e[i] - e[j])
+            out[i, j] = out[j, i] = (a - b - c + d) / (4.0 * step**2)
+    return out

@@ -1,0 +1,111 @@
+"""The seal opened: what was changed since is found, answers are joined with their labels."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from workbench.blind.answer import load
+from workbench.blind.criteria import Row
+from workbench.blind.run import ANSWERS, LEDGER, Entry, answer_file, ledger
+from workbench.blind.seal import MANIFEST, Manifest, Truth, check_campaign, read_manifest, sha256, unseal
+from workbench.errors import InputError
+from workbench.whole_folder import write_json
+
+OPENED = "opened.json"
+
+
+@dataclass(frozen=True)
+class Score:
+    """rows: an answer and its label each, in the order of the campaigns. opened: when the seal was first opened.
+    after_opening: campaigns that were answered later than that. versions: of the workbench, that answered. truth: all
+    that was sealed."""
+
+    folder: Path
+    manifest: Manifest
+    truth: Truth
+    opened: str
+    rows: tuple[Row, ...]
+    after_opening: tuple[str, ...]
+    versions: tuple[str, ...]
+
+    @property
+    def cases(self) -> int:
+        return len(self.manifest.cases)
+
+    @property
+    def partial(self) -> bool:
+        return len(self.rows) < self.cases
+
+    def with_rows(self, rows: Sequence[Row]) -> Score:
+        return replace(self, rows=tuple(rows))
+
+
+def open_and_score(folder: Path, key: Path) -> Score:
+    """Check the hashes, open the seal, write down when, join what is answered with the labels.
+
+    InputError that names the first thing that was changed: sealed labels, manifest, a campaign's file, an answer.
+    """
+    manifest = read_manifest(folder)
+    lines = ledger(folder)
+    there = sorted(file.stem for file in (folder / ANSWERS).glob("*.json"))
+    if not there:
+        raise InputError("no campaign is answered yet; first: workbench blind run", file=folder)
+    for name in there:
+        _check_answer(folder, manifest, lines, name)
+    answers = load(folder / ANSWERS)
+    for name in sorted(manifest.cases):
+        check_campaign(folder, name, manifest.cases[name])
+    truth = unseal(folder, manifest, key)
+    opened = _written_down(folder, manifest, lines, list(answers))
+    rows = tuple({**answer, "label": _label(truth, name)} for name, answer in answers.items())
+    later = tuple(name for name in answers if lines[name].at > opened)
+    return Score(folder, manifest, truth, opened, rows, later, tuple(sorted({lines[n].version for n in answers})))
+
+
+def _label(truth: Truth, name: str) -> Mapping[str, Any]:
+    return {key: value for key, value in truth.labels[name].items() if key != "truth"}
+
+
+def _check_answer(folder: Path, manifest: Manifest, lines: Mapping[str, Entry], name: str) -> None:
+    file = answer_file(folder, name)
+    if name not in manifest.cases:
+        raise InputError(f"answers campaign {name}, which the manifest does not have", file=file)
+    if name not in lines:
+        raise InputError(f"the answer to campaign {name} was not given by `workbench blind run`", file=file)
+    if lines[name].sha256 != sha256(file.read_bytes()):
+        raise InputError(f"the answer to campaign {name} was changed since it was given", file=file)
+    if lines[name].manifest != sha256((folder / MANIFEST).read_bytes()):
+        raise InputError(f"was changed since campaign {name} was answered", file=folder / MANIFEST)
+
+
+def _written_down(folder: Path, manifest: Manifest, lines: Mapping[str, Entry], names: Sequence[str]) -> str:
+    """When the seal was first opened; each opening is a line, with the hashes of the answers that it saw.
+
+    InputError where an answer is another one than at an earlier opening.
+    """
+    path = folder / OPENED
+    try:
+        said = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"openings": []}
+        openings: list[dict[str, Any]] = said["openings"]
+        for opening in openings:
+            for name, digest in opening["answers"].items():
+                if name not in lines or lines[name].sha256 != digest:
+                    raise InputError(
+                        f"campaign {name} is answered otherwise than when the seal was opened at {opening['at']}",
+                        file=folder / LEDGER,
+                    )
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError("is damaged, expected what `workbench blind score` wrote", file=path) from error
+    answers = {name: lines[name].sha256 for name in names}
+    if not openings or openings[-1]["answers"] != answers:
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        openings = [*openings, {"at": now, "seal_sha256": manifest.seal_sha256, "answers": answers}]
+        part = path.with_suffix(".part")
+        write_json(part, {"format": 1, "openings": openings})
+        part.replace(path)
+    return str(openings[0]["at"])

@@ -1,0 +1,148 @@
+"""The seal: labels encrypted, their hash and that of every file of the campaigns kept beside them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from workbench.errors import InputError
+from workbench.whole_folder import write_json
+
+MANIFEST, SEALED, CAMPAIGNS = "manifest.json", "labels.sealed", "campaigns"
+FORMAT = 1
+Files = dict[str, str]  # path in its campaign -> SHA-256
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What anybody may know: when it was made, by which version, the hash of the sealed labels, and of the files of
+    each campaign. asked: the words of the command, without the seed."""
+
+    made: str
+    version: str
+    asked: Mapping[str, Any]
+    seal_sha256: str
+    cases: Mapping[str, Files]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is sealed: the seed, each campaign's order and label, and the files' hashes once more."""
+
+    seed: int
+    orders: Mapping[str, Mapping[str, Any]]
+    labels: Mapping[str, Mapping[str, Any]]
+    cases: Mapping[str, Files]
+    rig: Mapping[str, Any] | None = None
+
+
+def fernet() -> Any:
+    """The module of the cipher: AES-128-CBC with an HMAC. InputError where the extra is missing."""
+    try:
+        import cryptography.fernet as module
+    except ImportError as error:
+        raise InputError("sealing needs the extra 'blind'; from a checkout: pip install '.[blind]'") from error
+    return module
+
+
+def key_of(folder: Path) -> Path:
+    """Where the key lies unless it is told otherwise: beside the folder, so that whoever gets the folder has no key."""
+    target = folder.resolve()
+    return target.with_name(f"{target.name}.key")
+
+
+def sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def hashes(campaign: Path) -> Files:
+    """Of every file below `campaign`, in the order of their names."""
+    files = sorted(path for path in campaign.rglob("*") if path.is_file())
+    return {path.relative_to(campaign).as_posix(): sha256(path.read_bytes()) for path in files}
+
+
+def seal(folder: Path, truth: Truth, made: str, version: str, asked: Mapping[str, Any]) -> bytes:
+    """Write the sealed labels and the manifest to `folder`; gives the key, which is not written there."""
+    cipher = fernet().Fernet
+    key: bytes = cipher.generate_key()
+    token = cipher(key).encrypt(zlib.compress(json.dumps(vars(truth)).encode()))
+    (folder / SEALED).write_bytes(token)
+    manifest = Manifest(made, version, asked, sha256(token), truth.cases)
+    write_json(folder / MANIFEST, {"format": FORMAT, **vars(manifest)})
+    return key
+
+
+def write_key(path: Path, key: bytes) -> None:
+    """A new file that only its owner can read. InputError where something is there."""
+    try:
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
+            stream.write(key + b"\n")
+    except FileExistsError:
+        raise InputError("is there; nothing is overwritten, choose another file for the key", file=path) from None
+    except OSError as error:
+        raise InputError(f"the key cannot be written: {error.strerror or error}", file=path) from error
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """InputError where the folder is none that `workbench blind make` wrote."""
+    path = folder / MANIFEST
+    if not folder.is_dir():
+        raise InputError("no such folder, expected one that `workbench blind make` wrote", file=folder)
+    try:
+        said = json.loads(path.read_text(encoding="utf-8"))
+        version = said.pop("format")
+        if version != FORMAT:
+            raise InputError(f"format {version}, expected {FORMAT}", file=path)
+        return Manifest(**said)
+    except FileNotFoundError:
+        raise InputError(
+            "has no manifest.json, expected a folder that `workbench blind make` wrote", file=folder
+        ) from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError("is damaged, expected what `workbench blind make` wrote", file=path) from error
+
+
+def unseal(folder: Path, manifest: Manifest, key_file: Path) -> Truth:
+    """The labels. InputError that names what is changed or does not fit."""
+    path = folder / SEALED
+    try:
+        token = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"the sealed labels cannot be read: {error.strerror or error}", file=path) from error
+    if sha256(token) != manifest.seal_sha256:
+        raise InputError("the sealed labels were changed after sealing: their hash is not the manifest's", file=path)
+    try:
+        key = key_file.read_bytes().strip()
+    except FileNotFoundError:
+        raise InputError("no key there, expected the file that `workbench blind make` wrote", file=key_file) from None
+    except OSError as error:
+        raise InputError(f"the key cannot be read: {error.strerror or error}", file=key_file) from error
+    module = fernet()
+    try:
+        plain = zlib.decompress(module.Fernet(key).decrypt(token))
+    except (module.InvalidToken, ValueError) as error:
+        raise InputError("is not the key of these sealed labels", file=key_file) from error
+    truth = Truth(**json.loads(plain))
+    for name in sorted({*truth.cases, *manifest.cases}):
+        if truth.cases.get(name) != manifest.cases.get(name):
+            raise InputError(f"says other files or hashes of campaign {name} than the seal", file=folder / MANIFEST)
+    return truth
+
+
+def check_campaign(folder: Path, name: str, files: Files) -> None:
+    """InputError that names the first file of a campaign that was changed, added or taken away since sealing."""
+    campaign = folder / CAMPAIGNS / name
+    there = hashes(campaign)
+    for path in sorted({*files, *there}):
+        if path not in there:
+            raise InputError(f"campaign {name}: the file is gone since sealing", file=campaign / path)
+        if path not in files:
+            raise InputError(f"campaign {name}: the file was added after sealing", file=campaign / path)
+        if files[path] != there[path]:
+            raise InputError(f"campaign {name}: the file was changed after sealing", file=campaign / path)

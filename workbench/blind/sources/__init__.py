@@ -1,0 +1,1 @@
+"""What plays the real machine: simulators of hoists and axes, the multi-body machine, the workbench's own plant."""

@@ -1,0 +1,27 @@
+"""`workbench blind run`: diagnose sealed campaigns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command(name="run")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--processes", type=click.IntRange(1, 64), default=2, show_default=True, help="Diagnoses at a time.")
+@click.option("--count", type=click.IntRange(min=1), help="Of the campaigns the first ones only. Default: all.")
+@click.option("--max-effects", type=click.IntRange(1, 2), default=2, show_default=True, help="As of `diagnose`.")
+def command(folder: Path, processes: int, count: int | None, max_effects: int) -> None:
+    """Diagnose the campaigns of FOLDER, each in a process and a folder that know neither label nor seed.
+
+    What has an answer already stays, so the same command goes on after a stop; Ctrl-C loses those in work.
+    """
+    from workbench.blind.run import run
+
+    def tell(line: str) -> None:
+        click.echo(line, err=True)
+
+    ran = run(folder, processes=processes, count=count, most_effects=max_effects, tell=tell)
+    click.echo(f"{ran.done} of {ran.cases} campaigns have an answer, {ran.done - ran.kept} of them new.")
+    click.echo(f"Next: workbench blind score {folder}")

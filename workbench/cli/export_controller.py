@@ -1,0 +1,62 @@
+"""`workbench export-controller`: the tuned controller as code for a PLC or as a drive's parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command(name="export-controller")
+@click.argument("controller", type=click.Path(path_type=Path))
+@click.option(
+    "--as",
+    "form",
+    type=click.Choice(["st", "c", "yaml"]),
+    required=True,
+    help="Structured text, C99, or a drive's parameters.",
+)
+@click.option(
+    "--drive",
+    type=click.Choice(["siemens-s120", "abb-acs880", "generic"]),
+    default="generic",
+    show_default=True,
+    help="With --as yaml: whose parameters.",
+)
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the files.")
+@click.option("--machine", type=click.Path(path_type=Path), help="A machine.yaml. Default: the built-in machine.")
+@click.option(
+    "--payload", type=float, default=0.0, show_default=True, help="Payload of the inertia fed forward, in kg."
+)
+def command(controller: Path, form: str, drive: str, out: Path, machine: Path | None, payload: float) -> None:
+    """Write CONTROLLER, a file with a controller block such as the output of tune, for the machine's own controls.
+
+    C99 and structured text come with a test record of inputs and expected torque, and a self-test. A drive's parameters
+    come with what its controller does otherwise. Where CONTROLLER is a scenario, its limits give the ramp.
+    """
+    from workbench.cli.show import print_text
+    from workbench.effects import check
+    from workbench.errors import InputError
+    from workbench.export.choice import ramp_of
+    from workbench.export.controller import controller_files, write_controller
+    from workbench.kinds import STUDIED, of_kind, studied
+    from workbench.machine import default_hoist, load_machine
+    from workbench.reports.loop.case import read_controller
+    from workbench.whole_folder import check_free
+
+    check_free(out)
+    settings, ramp = read_controller(controller), ramp_of(controller)
+    hoist = default_hoist()
+    if machine is not None:
+        read = load_machine(machine, check_effects=check)
+        if (found := studied(read)) is None:
+            raise InputError(f"is {of_kind(read)}; a controller is exported for {STUDIED}", file=machine)
+        hoist = found
+    if not 0.0 <= payload < float("inf"):
+        raise InputError(f"{payload:g} kg, expected 0 or more", place="--payload")
+    files = controller_files(form, settings, hoist, payload, drive, ramp)  # type: ignore[arg-type]
+    write_controller(files, out)
+    if form == "yaml":
+        click.echo(files["drive_parameters.yaml"])
+    print_text([f"{hoist.name}, samples of {1e3 * settings.sample_time_s:g} ms: {', '.join(sorted(files))}."])
+    click.echo(f"\nFolder: {out}")

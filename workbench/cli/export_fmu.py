@@ -1,0 +1,72 @@
+"""`workbench export-fmu`: a machine as a functional mock-up unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from workbench.cli.options import effects_option
+
+
+@click.command(name="export-fmu")
+@click.argument("machine", type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="New file, such as hoist.fmu.")
+@click.option("--payload", type=float, default=0.0, show_default=True, help="Payload at the start, in kg.")
+@click.option(
+    "--start-position", type=float, help="Height (position) at the start, m (rad). Default: mid rail; 0 for an axis."
+)
+@click.option(
+    "--effect",
+    "chosen",
+    multiple=True,
+    metavar="NAME.PARAMETER=VALUE",
+    help="An effect beside those of MACHINE, or another value of one; may be repeated.",
+)
+@click.option(
+    "--with-controller",
+    "controller",
+    type=click.Path(path_type=Path),
+    help="A file with a controller block, such as the output of tune: the sampled speed loop goes into the FMU.",
+)
+@click.option("--fmi", type=click.Choice(["3.0", "2.0"]), default="3.0", show_default=True, help="Version of FMI.")
+@click.option(
+    "--platforms",
+    metavar="NAMES",
+    help="Of the binaries, separated by commas, or 'none'. Default: all that can be compiled here.",
+)
+@click.option("--step", type=float, help="Largest step inside, in s. Default: 0.001 for a hoist, 0.0002 for an axis.")
+@effects_option
+def command(
+    machine: Path,
+    out: Path,
+    payload: float,
+    start_position: float | None,
+    chosen: tuple[str, ...],
+    controller: Path | None,
+    fmi: str,
+    platforms: str | None,
+    step: float | None,
+) -> None:
+    """Write MACHINE, a machine.yaml, as an FMU for co-simulation.
+
+    Torque (force) in, all signals out; with --with-controller the speed reference in. Sources are inside, and binaries
+    for Linux, Windows and macOS where the extra 'fmu' is installed; else for this computer, by its own C compiler.
+    """
+    from workbench.cli.show import print_text
+    from workbench.effects import check
+    from workbench.export.choice import chosen_effects, chosen_platforms
+    from workbench.export.fmu import write_fmu
+    from workbench.export.model import Start, model_of
+    from workbench.machine import load_machine
+    from workbench.reports.loop.case import read_controller
+
+    settings = None if controller is None else read_controller(controller)
+    read = load_machine(machine, check_effects=check)
+    model = model_of(read, Start(payload, start_position), chosen_effects(chosen), settings, step)
+    made = write_fmu(model, out, fmi, chosen_platforms(platforms), lambda line: click.echo(line, err=True))  # type: ignore[arg-type]
+    binaries = f"binaries for {', '.join(made)}" if made else "no binaries"
+    print_text(
+        [f"{model.name}: {model.description}, FMI {fmi}, {len(model.variables)} variables, {binaries}.", *model.notes]
+    )
+    click.echo(f"\nFMU: {out}")

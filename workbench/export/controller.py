@@ -1,0 +1,65 @@
+"""A controller's files: C99, structured text, or a drive's parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from workbench import __version__
+from workbench.control import PiSettings
+from workbench.export import printed
+from workbench.export.drives import DriveSettings, RampLimits, drive_settings
+from workbench.export.program import checked
+from workbench.machine import Hoist
+from workbench.whole_folder import check_free, whole_folder
+from workbench.yaml_strict import dumps
+
+Form = Literal["st", "c", "yaml"]
+
+
+def controller_files(
+    form: Form,
+    settings: PiSettings,
+    machine: Hoist,
+    payload_kg: float = 0.0,
+    drive: str = "generic",
+    ramp: RampLimits | None = None,
+) -> dict[str, str]:
+    """File name -> text."""
+    if form == "yaml":
+        return {"drive_parameters.yaml": settings_text(drive_settings(drive, settings, machine, payload_kg, ramp))}
+    program, record = checked(settings, machine, payload_kg)
+    title = f"Sampled PI speed controller for {_plain(machine.name)}, by workbench {__version__}"
+    files: dict[str, str] = {"test_record.csv": printed.record_csv(record)}
+    if form == "c":
+        files["speed_controller.h"] = printed.c_header(program, title)
+        files["speed_controller.c"] = printed.c_source(program, title)
+        files["speed_controller_test.c"] = printed.c_test(record, title)
+    else:
+        files["speed_controller.st"] = printed.st_block(program, title)
+        files["speed_controller_test.st"] = printed.st_test(record, title)
+    return files
+
+
+def _plain(name: str) -> str:
+    """A name that ends no comment."""
+    return name.replace("*", " ").replace("\n", " ")
+
+
+def settings_text(made: DriveSettings) -> str:
+    """The parameters as YAML, with what differs."""
+    parameters = {
+        s.number: {"name": s.name, "value": float(f"{s.value:.6g}"), "unit": s.unit, "why": s.why}
+        for s in made.settings
+    }
+    data = {"drive": made.drive, "manual": made.manual, "drives": made.drives, "parameters": parameters}
+    return dumps({**data, "differs": list(made.differs)})
+
+
+def write_controller(files: Mapping[str, str], out: Path) -> None:
+    """A new folder with the files, whole or not at all. InputError where it is not free."""
+    check_free(out)
+    with whole_folder(out) as folder:
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8")

@@ -1,0 +1,251 @@
+"""The speed controller as a short program of named assignments, which is printed as C99 and as structured text.
+
+Each line is Python; `where`, `min`, `max`, `abs` and comparisons are all that it takes. The program says what
+`workbench.control.pi` does, without what belongs to the drive (encoder, speed filter, delay) and without what is
+switched off. `checked` runs it beside the compiled step of the studies before anything is printed.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from workbench.control import PiSettings, feed_forward, full_pi, loop_values
+from workbench.control.settings import low_pass_gain, notch_coefficients
+from workbench.engine.sampled import Step
+from workbench.machine import Hoist
+from workbench.plants import HOIST
+from workbench.run import Array
+from workbench.simulate.loop import torque_limits
+
+AGREES = 1e-9  # of the torque limit
+RECORD_SAMPLES = 400
+
+
+@dataclass(frozen=True)
+class Number:
+    """A constant of the program."""
+
+    name: str
+    value: float
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Program:
+    """numbers: constants. memory: names of what is kept from sample to sample. reset: lines that set the memory from
+    `torque_hold_nm`. step: (lines, comment) in blocks, from the inputs to `torque` and the memory."""
+
+    numbers: tuple[Number, ...]
+    memory: tuple[str, ...]
+    reset: tuple[str, ...]
+    step: tuple[tuple[str, tuple[str, ...]], ...]
+    sample_time_s: float
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        return tuple(line for _, block in self.step for line in block)
+
+    @property
+    def locals(self) -> tuple[str, ...]:
+        """What is assigned on the way and is no memory, in order."""
+        assigned = (line.partition(" = ")[0] for line in self.lines)
+        return tuple(dict.fromkeys(name for name in assigned if name not in self.memory))
+
+
+@dataclass(frozen=True)
+class Record:
+    """A test record: inputs at samples, and the torque that the compiled step of the studies gives, all (n,)."""
+
+    hold_nm: float
+    reference_rad_s: Array
+    speed_rad_s: Array
+    motor_failed: Array
+    torque_nm: Array
+    largest_nm: float
+
+
+def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) -> Program:
+    """The controller on a machine, with the machine's torque limits and feed-forward."""
+    dt, limits, ff = settings.sample_time_s, torque_limits(machine), settings.feed_forward
+    numbers = [
+        Number("sample_time_s", dt, "time from call to call"),
+        Number("kp", settings.kp_nm_s_per_rad, "proportional gain, N m s/rad"),
+        Number("ki", settings.ki_nm_per_rad, "integral gain, N m/rad"),
+        Number("set_point_weight", settings.set_point_weight, "of the reference in the proportional part"),
+        Number("torque_limit_nm", limits["u_all"], "largest torque of all motors together"),
+        Number("torque_limit_one_failed_nm", limits["u_one"], "largest torque after one motor failed"),
+    ]
+    memory, reset = ["integral"], ["integral = torque_hold_nm"]
+    limit = ["largest = where(motor_failed, torque_limit_one_failed_nm, torque_limit_nm)"]
+    if machine.drive.field_weakening:
+        numbers.append(Number("weakening_speed_rad_s", limits["w_weak"], "above it the limit falls as 1/speed"))
+        # No division by zero on either branch: SEL and where compute both.
+        limit.append("largest = largest * min(weakening_speed_rad_s / max(abs(speed), 1e-9), 1.0)")
+    steps: list[tuple[str, tuple[str, ...]]] = [
+        ("largest torque at this speed", tuple(limit)),
+        ("PI", ("wanted = kp * (set_point_weight * reference - speed) + integral",)),
+    ]
+    if ff.weight > 0.0:
+        numbers.append(Number("weight_share", ff.weight, "of the holding torque that is fed forward"))
+        reset = ["hold = torque_hold_nm", "integral = torque_hold_nm * (1.0 - weight_share)"]
+        memory.append("hold")
+    if settings.notch is not None:
+        b0, b1, b2, a1, a2 = notch_coefficients(settings.notch, dt)
+        for name, value in zip(("b0", "b1", "b2", "a1", "a2"), (b0, b1, b2, a1, a2), strict=True):
+            numbers.append(Number(name, value, f"notch at {settings.notch.frequency_hz:g} Hz"))
+        memory += ["z1", "z2"]
+        reset += ["z2 = (b2 - a2) * integral", "z1 = (b1 - a1) * integral + z2"]
+        lines = (
+            "cut = b0 * wanted + z1",
+            "z1 = b1 * wanted - a1 * cut + z2",
+            "z2 = b2 * wanted - a2 * cut",
+            "wanted = cut",
+        )
+        steps.append(("notch, direct form II transposed", lines))
+    if settings.low_pass_hz is not None:
+        numbers.append(
+            Number("low_pass_gain", low_pass_gain(settings.low_pass_hz, dt), f"low-pass at {settings.low_pass_hz:g} Hz")
+        )
+        memory.append("smooth")
+        reset.append("smooth = integral")
+        steps.append(("low-pass", ("smooth = smooth + low_pass_gain * (wanted - smooth)", "wanted = smooth")))
+    steps += _fed_forward(settings, machine, payload_kg, numbers, memory, reset)
+    torque = ["torque = min(max(wanted, -largest), largest)"]
+    if settings.torque_rate_limit_nm_per_s is not None:
+        numbers.append(
+            Number("torque_step_nm", settings.torque_rate_limit_nm_per_s * dt, "largest change from call to call")
+        )
+        memory.append("torque_before")
+        reset.append("torque_before = torque_hold_nm")
+        torque += [
+            "torque = min(max(torque, torque_before - torque_step_nm), torque_before + torque_step_nm)",
+            "torque_before = torque",
+        ]
+    steps.append(("limits", tuple(torque)))
+    steps.append(("integral and anti-windup", _integral(settings, numbers)))
+    return Program(tuple(numbers), tuple(memory), tuple(reset), tuple(steps), dt)
+
+
+def _fed_forward(
+    settings: PiSettings, machine: Hoist, payload_kg: float, numbers: list[Number], memory: list[str], reset: list[str]
+) -> list[tuple[str, tuple[str, ...]]]:
+    """The lines of the feed-forward; its numbers are those of `control.feed_forward` for unit inputs."""
+    ff = settings.feed_forward
+
+    def torque(inertia: float, friction: float, reference: float, acceleration: float) -> float:
+        p = {**vars(HOIST.values(machine, payload_kg)), "ff_J": inertia, "ff_w": 0.0, "ff_F": friction, "T_hold": 0.0}
+        return float(feed_forward(SimpleNamespace(**p), reference, acceleration))
+
+    parts: list[str] = []
+    if ff.inertia > 0.0:
+        numbers.append(Number("inertia_kg_m2", torque(ff.inertia, 0.0, 0.0, 1.0), "fed forward, at the motor shaft"))
+        memory.append("reference_before")
+        reset.append("reference_before = 0.0")
+        parts += [
+            "wanted = wanted + inertia_kg_m2 * (reference - reference_before) / sample_time_s",
+            "reference_before = reference",
+        ]
+    if ff.weight > 0.0:
+        parts.append("wanted = wanted + weight_share * hold")
+    if ff.friction > 0.0:
+        up, down = torque(0.0, ff.friction, 1.0, 0.0), -torque(0.0, ff.friction, -1.0, 0.0)
+        numbers.append(Number("friction_hoisting_nm", up, "fed forward while the reference hoists"))
+        numbers.append(Number("friction_lowering_nm", down, "fed forward while the reference lowers"))
+        parts.append(
+            "wanted = wanted + where(reference > 0.0, friction_hoisting_nm, "
+            "where(reference < 0.0, -friction_lowering_nm, 0.0))"
+        )
+    return [("feed-forward", tuple(parts))] if parts else []
+
+
+def _integral(settings: PiSettings, numbers: list[Number]) -> tuple[str, ...]:
+    if settings.anti_windup == "conditional":
+        return (
+            "push = where((wanted - torque) * (reference - speed) > 0.0, 0.0, reference - speed)",
+            "integral = integral + sample_time_s * ki * push",
+        )
+    if settings.anti_windup == "none":
+        return ("integral = integral + sample_time_s * ki * (reference - speed)",)
+    numbers.append(
+        Number("tracking_rate_per_s", settings.tracking_rate_per_s, "how fast the integral runs back at a limit")
+    )
+    return (
+        "integral = integral + sample_time_s * (ki * (reference - speed) + tracking_rate_per_s * (torque - wanted))",
+    )
+
+
+def record_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0, hold_nm: float | None = None) -> Record:
+    """What the compiled step gives for a reference with steps, ramps and rests, a speed that follows it late with a
+    ripple, and a motor that fails; long enough to reach the limits and come back."""
+    dt, n = settings.sample_time_s, RECORD_SAMPLES
+    t, top = dt * np.arange(n), machine.motor.nominal_speed_rad_s
+    part = np.arange(n) / n
+    reference = top * np.select(
+        [part < 0.05, part < 0.3, part < 0.5, part < 0.6, part < 0.8], [0.0, (part - 0.05) * 2.0, 0.5, -0.3, 1.2], -0.1
+    )
+    speed = np.zeros(n)
+    for k in range(1, n):
+        speed[k] = speed[k - 1] + 0.03 * (reference[k - 1] - speed[k - 1])
+    speed = speed + 0.01 * top * np.sin(2.0 * math.pi * 7.0 * part)
+    failed_from = 0.7
+    limits = torque_limits(machine)
+    hold = 0.3 * limits["u_all"] if hold_nm is None else hold_nm
+    values: dict[str, Any] = {
+        **vars(HOIST.values(machine, payload_kg)),
+        **loop_values(settings, _ideal(machine), hold),
+        **limits,
+        "t_fail": t[int(failed_from * n)] - 0.5 * dt,
+    }
+    p = SimpleNamespace(**values)
+    controller = full_pi()
+    step = Step(controller, p, controller.start(p, hold, 0.0), dt)
+    torque = np.array([step(float(r), float(at), float(w), 0.0) for r, at, w in zip(reference, t, speed, strict=True)])
+    return Record(hold, reference, speed, (t >= values["t_fail"]).astype(float), torque, limits["u_all"])
+
+
+def _ideal(machine: Hoist) -> Any:
+    """The drive without what it does to the speed before the controller sees it."""
+    ideal = {"encoder_counts_per_turn": 0, "speed_filter_s": 0.0, "speed_delay_s": 0.0}
+    return machine.drive.model_copy(update=ideal)
+
+
+def run(program: Program, record: Record) -> Array:
+    """The program's torque for the inputs of a record, (n,)."""
+    scope: dict[str, Any] = {"where": lambda c, a, b: a if c else b, "min": min, "max": max, "abs": abs}
+    scope |= {number.name: number.value for number in program.numbers}
+    code = [compile(line, "<program>", "exec") for line in program.lines]
+    scope["torque_hold_nm"] = record.hold_nm
+    for reset in program.reset:
+        exec(reset, scope)
+    out = np.empty(len(record.torque_nm))
+    for k in range(len(out)):
+        scope |= {"reference": float(record.reference_rad_s[k]), "speed": float(record.speed_rad_s[k])}
+        scope["motor_failed"] = record.motor_failed[k] > 0.5
+        for line in code:
+            exec(line, scope)
+        out[k] = scope["torque"]
+    return out
+
+
+def checked(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) -> tuple[Program, Record]:
+    """The program and its test record. AssertionError where the two differ: then one of them is wrong."""
+    program, record = program_of(settings, machine, payload_kg), record_of(settings, machine, payload_kg)
+    worst = float(np.max(np.abs(run(program, record) - record.torque_nm)))
+    assert worst <= AGREES * record.largest_nm, f"the program is {worst:g} N m off the controller of the studies"
+    return program, record
+
+
+def tree(expression: str) -> ast.expr:
+    """The right side of a line, for a printer."""
+    return ast.parse(expression, mode="eval").body
+
+
+def written_numbers(values: Sequence[float]) -> list[str]:
+    return [repr(float(value)) for value in values]

@@ -1,0 +1,152 @@
+"""The blind test in figures: shares right by the size of the gap, the reliability curve, the power of an experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+from workbench.figures.style import BLUE, FAINT, GREY, ORANGE, TEMPLATE, VERMILLION, heading
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+class Share(Protocol):
+    """A share with its 95 % interval."""
+
+    @property
+    def count(self) -> int: ...
+    @property
+    def of(self) -> int: ...
+    def interval(self) -> tuple[float, float]: ...
+
+
+class Bin(Protocol):
+    """Answers of about one probability."""
+
+    @property
+    def said(self) -> float: ...
+    @property
+    def right(self) -> Share: ...
+
+
+class EffectPower(Protocol):
+    """change: the smallest change of the input, rms, at which an effect is named in nine of ten; None: none tried."""
+
+    @property
+    def effect(self) -> str: ...
+    @property
+    def change(self) -> float | None: ...
+    @property
+    def change_interval(self) -> tuple[float, float] | None: ...
+    @property
+    def change_one_more(self) -> float | None: ...
+    @property
+    def largest_change_tried(self) -> float: ...
+
+
+def _figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
+    import plotly.graph_objects as go
+
+    return go.Figure({"data": data, "layout": {"template": TEMPLATE, **layout}})
+
+
+def _with_interval(shares: Sequence[Share]) -> dict[str, Any]:
+    """Per cent, and how far the interval reaches either way."""
+    at = [100.0 * each.count / each.of for each in shares]
+    ends = [each.interval() for each in shares]
+    return {
+        "y": at,
+        "error_y": {
+            "type": "data",
+            "symmetric": False,
+            "array": [100.0 * high - y for (_, high), y in zip(ends, at, strict=True)],
+            "arrayminus": [y - 100.0 * low for (low, _), y in zip(ends, at, strict=True)],
+            "thickness": 1.2,
+        },
+    }
+
+
+def right_by_size(shares: Mapping[str, Mapping[str, Share]], height: int = 380) -> Figure:
+    """shares: measure -> size of the gap -> share; a line a measure, with 95 % intervals."""
+    colours = (BLUE, ORANGE, VERMILLION, GREY)
+    data: list[dict[str, Any]] = []
+    for k, (name, by_size) in enumerate(shares.items()):
+        there = {size: share for size, share in by_size.items() if share.of}
+        data.append(
+            {
+                "type": "scatter", "mode": "lines+markers", "name": name, "x": list(there),
+                **_with_interval(list(there.values())), "line": {"color": colours[k % 4]},
+                "marker": {"size": 9, "symbol": k}, "text": [f"{s.count} of {s.of}" for s in there.values()],
+                "hovertemplate": "%{y:.0f} %, %{text}",
+            }
+        )  # fmt: skip
+    layout = {
+        "title": heading("Answers that are right, by the size of the gap", height),
+        "height": height,
+        "xaxis": {"title": {"text": "gap over noise"}, "type": "category"},
+        "yaxis": {"title": {"text": "share (%)"}, "range": [0, 104]},
+    }
+    return _figure(data, layout)
+
+
+def reliability(bins: Sequence[Bin], height: int = 420) -> Figure:
+    """Share right over the probability that answers had; on the diagonal they say what they are worth."""
+    data: list[dict[str, Any]] = [
+        {
+            "type": "scatter", "mode": "lines", "x": [0, 100], "y": [0, 100], "name": "as said",
+            "line": {"color": GREY, "dash": "5px,4px", "width": 1.4}, "hoverinfo": "skip",
+        },
+        {
+            "type": "scatter", "mode": "lines+markers", "x": [100.0 * b.said for b in bins], "name": "measured",
+            **_with_interval([b.right for b in bins]), "line": {"color": BLUE}, "marker": {"size": 9},
+            "text": [f"{b.right.count} of {b.right.of}" for b in bins], "hovertemplate": "%{y:.0f} %, %{text}",
+        },
+    ]  # fmt: skip
+    layout = {
+        "title": heading("Reliability of the probabilities", height),
+        "height": height,
+        "hovermode": "closest",
+        "xaxis": {"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
+        "yaxis": {"title": {"text": "right (%)"}, "range": [0, 104]},
+    }
+    return _figure(data, layout)
+
+
+def power(effects: Sequence[EffectPower], unit: str) -> Figure:
+    """The power chart: for each effect the smallest change of the input that is named in 9 of 10 cases, its interval,
+    and the same with one more run. An arrow: not within the sizes tried."""
+    shown = sorted(effects, key=lambda e: (e.change is None, e.change or e.largest_change_tried), reverse=True)
+    height = 150 + 26 * len(shown)
+    named = [each for each in shown if each.change is not None]
+    beyond = [each for each in shown if each.change is None]
+    more = [each for each in named if each.change_one_more is not None]
+
+    def points(name: str, which: Sequence[EffectPower], x: Sequence[Any], marker: dict[str, Any]) -> dict[str, Any]:
+        look = {"type": "scatter", "mode": "markers", "name": name, "marker": {"size": 10, **marker}}
+        return {**look, "x": list(x), "y": [each.effect for each in which], "hovertemplate": f"%{{x:.3~g}} {unit}"}
+
+    data = [points("these runs", named, [each.change for each in named], {"color": BLUE})]
+    reach = [each.change_interval or (each.change, each.change) for each in named]
+    data[0]["error_x"] = {
+        "type": "data",
+        "symmetric": False,
+        "array": [(high or 0.0) - (each.change or 0.0) for (_, high), each in zip(reach, named, strict=True)],
+        "arrayminus": [(each.change or 0.0) - (low or 0.0) for (low, _), each in zip(reach, named, strict=True)],
+        "thickness": 1.2,
+    }
+    if more:
+        x = [each.change_one_more for each in more]
+        data.append(points("with one more run", more, x, {"color": ORANGE, "symbol": "diamond-open"}))
+    if beyond:
+        x = [each.largest_change_tried for each in beyond]
+        data.append(points("not within the sizes tried", beyond, x, {"color": VERMILLION, "symbol": "triangle-right"}))
+    layout = {
+        "title": heading("The smallest effect that these runs would have named in 9 of 10", height),
+        "height": height,
+        "hovermode": "closest",
+        "margin": {"l": 210, "r": 28, "t": 84, "b": 60},
+        "xaxis": {"title": {"text": f"change of the input, rms while moving ({unit})"}, "type": "log"},
+        "yaxis": {"categoryorder": "array", "categoryarray": [each.effect for each in shown], "gridcolor": FAINT},
+    }
+    return _figure(data, layout)

@@ -1,0 +1,113 @@
+"""References that know the load on its wire: input shapers, the limits of least peak, the least peak there is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from workbench.references.kind import Move, Ramp, planned
+from workbench.references.library.planned import _equal_time_ramp, _trapezoid_ramp, _trapezoid_s
+from workbench.references.optimal import least_peak_move
+from workbench.references.response import least_peak_limits
+from workbench.references.shape import Shape
+from workbench.references.shaper import EI, ZV, ZVD, impulses, shaped
+from workbench.references.time_optimal import shortest_move
+
+
+@planned(
+    label="ruckig, least peak in the same time",
+    words="ruckig with its pair of limits of least peak",
+    definition="the jerk-limited move that takes as long as the trapezoid's, with the pair of acceleration and jerk, "
+    "which is free on one line, chosen for the least torque peak on this machine's wire and payload; a jog's ramp is "
+    "that of ruckig_equal_time",
+    ramp=_equal_time_ramp,
+    same_time_as="trapezoid",
+    needs_load=True,
+    colour="#56B4E9",
+    dash="8px,3px,2px,3px",
+)
+def ruckig_least_peak(move: Move) -> Shape:
+    """Ruckig in the trapezoid's own time; of all pairs (a, j) that take it, the one of the least torque peak."""
+    pair = least_peak_limits(move.distance_m, move.limits, move.time_s, move.known_load)
+    return shortest_move(move.distance_m, pair)
+
+
+@planned(
+    label="least torque peak",
+    words="the motion of least torque peak",
+    definition="the motion of least torque peak that there is in the trapezoid's time on this machine's wire and "
+    "payload, within torque, speed and a taut wire, the wire still at the end (a linear programme); the bound that "
+    "other references are seen against. Limits of acceleration and jerk do not bind it; a jog's ramp is the "
+    "trapezoid's",
+    ramp=_trapezoid_ramp,
+    duration=_trapezoid_s,
+    same_time_as="trapezoid",
+    needs_jerk=False,
+    needs_load=True,
+    colour="#000000",
+    dash="2px,2px",
+)
+def optimal(move: Move) -> Shape:
+    """The least torque peak in the trapezoid's time; see `workbench.references.optimal`."""
+    return least_peak_move(move.distance_m, move.limits.speed_m_s, move.time_s, move.known_load)
+
+
+def _shaped_trapezoid(move: Move, undamped: Sequence[float]) -> Shape:
+    plain = shortest_move(move.distance_m, move.limits.without_jerk_limit())
+    return shaped(plain, impulses(undamped, move.known_load))
+
+
+def _shaped_ramp(ramp: Ramp, undamped: Sequence[float]) -> Shape:
+    assert ramp.load is not None
+    return shaped(_trapezoid_ramp(ramp), impulses(undamped, ramp.load))
+
+
+def _shaped_s(move: Move, undamped: Sequence[float]) -> float:
+    return _trapezoid_s(move) + impulses(undamped, move.known_load)[-1][0]
+
+
+@planned(
+    label="trapezoid, ZV shaper",
+    words="the trapezoid through a ZV shaper",
+    definition="the trapezoid in two parts, half a swing of the load apart: at the load's own frequency nothing is "
+    "left to swing; half a period longer. The trapezoid itself where the wire's damping leaves less than 1 % overshoot",
+    ramp=lambda ramp: _shaped_ramp(ramp, ZV),
+    duration=lambda move: _shaped_s(move, ZV),
+    needs_jerk=False,
+    needs_load=True,
+    colour="#CC79A7",
+)
+def zv(move: Move) -> Shape:
+    """Zero vibration: two impulses."""
+    return _shaped_trapezoid(move, ZV)
+
+
+@planned(
+    label="trapezoid, ZVD shaper",
+    words="the trapezoid through a ZVD shaper",
+    definition="the same in three parts: what is left to swing grows with the square of an error of the frequency; a "
+    "whole period longer",
+    ramp=lambda ramp: _shaped_ramp(ramp, ZVD),
+    duration=lambda move: _shaped_s(move, ZVD),
+    needs_jerk=False,
+    needs_load=True,
+    colour="#E69F00",
+)
+def zvd(move: Move) -> Shape:
+    """Zero vibration and derivative: three impulses."""
+    return _shaped_trapezoid(move, ZVD)
+
+
+@planned(
+    label="trapezoid, EI shaper",
+    words="the trapezoid through an EI shaper",
+    definition="the same with 5 % of the swing left at the load's own frequency, and less than that over the widest "
+    "band around it (extra insensitive)",
+    ramp=lambda ramp: _shaped_ramp(ramp, EI),
+    duration=lambda move: _shaped_s(move, EI),
+    needs_jerk=False,
+    needs_load=True,
+    colour="#B3A000",
+)
+def ei(move: Move) -> Shape:
+    """Extra insensitive: three impulses that leave a little."""
+    return _shaped_trapezoid(move, EI)

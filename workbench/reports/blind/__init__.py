@@ -1,0 +1,1 @@
+"""The score of a blind test: tables, sentences, JSON and a page."""

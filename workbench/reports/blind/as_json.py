@@ -1,0 +1,92 @@
+"""A score as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from workbench.blind import criteria, measures
+from workbench.blind.baselines import baselines
+from workbench.blind.criteria import Row, right
+from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
+from workbench.blind.power import Power
+from workbench.blind.score import Score
+from workbench.blind.share import Share
+from workbench.json_records import plain
+from workbench.reports.blind.tables import DIAGNOSIS, why
+
+
+def to_json(score: Score, power: Power | None = None, settled: Share | None = None) -> dict[str, Any]:
+    """Everything that the page shows; `cases` holds each campaign's label and answer."""
+    methods: dict[str, Sequence[Row]] = {DIAGNOSIS: score.rows, **baselines(score.rows)}
+    said: dict[str, Any] = {
+        "format": 1,
+        "made": score.manifest.made,
+        "version": score.manifest.version,
+        "answered_by": list(score.versions),
+        "asked": dict(score.manifest.asked),
+        "seal_sha256": score.manifest.seal_sha256,
+        "opened": score.opened,
+        "campaigns": score.cases,
+        "answered": len(score.rows),
+        "after_opening": list(score.after_opening),
+        "groups": {name: _group(rows) for name, rows in measures.groups(score.rows).items()},
+        "by_size": {name: _shares(rows) for name, rows in measures.by_size(score.rows).items()},
+        "methods": {name: _shares(rows, OF_A_METHOD) for name, rows in methods.items()},
+        "reliability": [
+            {"from": b.low, "below": b.high, "said": b.said, "right": _share(b.right)}
+            for b in measures.reliability(score.rows)
+        ],
+        "next_run_settles": None if settled is None else _share(settled),
+        "power": None if power is None else plain(power),
+        "cases": [_case(row) for row in score.rows],
+    }
+    shown: dict[str, Any] = plain(said)
+    return shown
+
+
+def _group(rows: Sequence[Row]) -> dict[str, Any]:
+    n = numbers(rows)
+    return {
+        **_shares(rows),
+        "parameter_error_median": median(n.parameter_errors),
+        "inside_90": _share(n.covered),
+        "shrink_over_oracle_median": median(n.of_oracle),
+        "calibration_error": n.calibration_error,
+        "cpu_s_median": median(n.cpu_s),
+        "cpu_s_largest": n.cpu_s[-1] if n.cpu_s else None,
+    }
+
+
+def _shares(rows: Sequence[Row], keys: Sequence[str] = ()) -> dict[str, Any]:
+    return {each.key: _share(each.share(rows)) for each in MEASURES if not keys or each.key in keys}
+
+
+def _share(share: Share) -> dict[str, Any]:
+    low, high = share.interval()
+    return {"count": share.count, "of": share.of, "low_95": low, "high_95": high}
+
+
+def _case(row: Row) -> dict[str, Any]:
+    label = row["label"]
+    return {
+        "campaign": row["folder"],
+        "source": criteria.source_of(row),
+        "family": criteria.family_of(row),
+        "kind": criteria.kind_of(row),
+        "effects": label["effects"],
+        "where": label["where"],
+        "parameters": label.get("parameters", {}),
+        "gap_over_noise": criteria.size_over_noise(row),
+        "verdict": row["word"],
+        "names": row["names"],
+        "alike": row["alike"],
+        "ranking": row["ranking"],
+        "places": row["places"],
+        "before": row["before"],
+        "after": row["after"],
+        "noise": row["noise"],
+        "cpu_s": row["cpu_s"],
+        "right": right(row),
+        "why": "" if right(row) else why(row),
+    }

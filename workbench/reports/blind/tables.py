@@ -1,0 +1,250 @@
+"""The score sheet as tables of ready text."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections import Counter
+from collections.abc import Sequence
+
+from workbench.blind import criteria, measures
+from workbench.blind.baselines import baselines
+from workbench.blind.criteria import Row, right, right_word
+from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
+from workbench.blind.power import Power
+from workbench.blind.share import Share
+from workbench.tables import Column, Table, words
+
+WILSON = "In brackets: 95 % Wilson interval, in per cent."
+DIAGNOSIS = "workbench diagnose"
+
+
+def sheets(rows: Sequence[Row]) -> list[Table]:
+    """A sheet for each kind of machine."""
+    kinds = sorted({criteria.kind_of(row) for row in rows})
+    return [sheet([row for row in rows if criteria.kind_of(row) == kind]) for kind in kinds]
+
+
+def sheet(rows: Sequence[Row]) -> Table:
+    """A line a measure, a column a kind and source."""
+    groups = measures.groups(rows)
+    kinds = [name.partition(",")[0] for name in groups]
+    asked = {kind: [each.asked_text(kind) for each in MEASURES] for kind in dict.fromkeys(kinds)}
+    columns = [words("measured")]
+    for number, (name, kind) in enumerate(zip(groups, kinds, strict=True)):
+        if number == 0 or kinds[number - 1] != kind:
+            columns.append(Column(f"{kind},\nasked", "%"))
+        columns.append(Column(name.replace(", ", ",\n")))
+    lines = []
+    for k, each in enumerate(MEASURES):
+        line = [each.line]
+        for number, (which, kind) in enumerate(zip(groups.values(), kinds, strict=True)):
+            if number == 0 or kinds[number - 1] != kind:
+                line.append(asked[kind][k])
+            line.append(each.share(which).text())
+        lines.append(line)
+    return Table(columns, [line for line in lines if _says_something(line)], WILSON)
+
+
+def _says_something(line: Sequence[str]) -> bool:
+    return any("/" in cell for cell in line[1:])
+
+
+def sizes(rows: Sequence[Row]) -> Table:
+    """A line for each size of the gap over the noise."""
+    keys = ("named", "named_or_alike", "pair_both", "unknown_caught", "place")
+    chosen = [measures.measure(key) for key in keys]
+    found = measures.by_size(rows)
+    columns = [words("gap over\nnoise"), *(Column(each.name) for each in chosen)]
+    lines = [[name, *(each.share(which).text() for each in chosen)] for name, which in found.items()]
+    note = "The gap is what the cause changes in the input, rms while moving; the noise is that of the diagnosis' band."
+    return Table(_filled(columns, lines), _columns(lines), f"{note} {WILSON}")
+
+
+def _filled(columns: Sequence[Column], lines: Sequence[Sequence[str]]) -> list[Column]:
+    return [column for k, column in enumerate(columns) if any(line[k] != "–" for line in lines)]
+
+
+def _columns(lines: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Without the columns in which nothing was asked."""
+    kept = [k for k in range(len(lines[0])) if any(line[k] != "–" for line in lines)] if lines else []
+    return [[line[k] for k in kept] for line in lines]
+
+
+def methods(rows: Sequence[Row]) -> Table:
+    """The diagnosis beside what a user might do instead: a line a measure, a column a method."""
+    answers: dict[str, Sequence[Row]] = {DIAGNOSIS: rows, **baselines(rows)}
+    lines = []
+    for each in (measures.measure(key) for key in OF_A_METHOD):
+        shares = [each.share(which) for which in answers.values()]
+        if shares[0].of:
+            lines.append([each.line, str(shares[0].of), *(share.percent() for share in shares)])
+    heads = [Column(name.replace(" ", "\n", 1) if len(name) < 20 else _parted(name), "%") for name in answers]
+    note = "The commonest answer is taken from the labels. " + WILSON
+    return Table([words("measured"), Column("cases"), *heads], lines, note)
+
+
+def _parted(name: str) -> str:
+    """Over lines of some twelve characters."""
+    return "\n".join(textwrap.wrap(name, 14))
+
+
+def amounts(rows: Sequence[Row]) -> Table:
+    """Parameters, shrink, calibration and time, of each group."""
+    lines = []
+    for name, which in measures.groups(rows).items():
+        n = numbers(which)
+        error = f"{100.0 * median(n.parameter_errors):.1f}" if n.parameter_errors else "–"
+        oracle = f"{median(n.of_oracle):.2f} of {len(n.of_oracle)}" if n.of_oracle else "–"
+        calibration = "–" if n.calibration_error is None else f"{n.calibration_error:.3f}"
+        times = f"{median(n.cpu_s):.0f}, {n.cpu_s[-1]:.0f}" if n.cpu_s else "–"
+        lines.append([name, error, n.covered.text(), oracle, calibration, times])
+    columns = [
+        words("kind, source"),
+        Column("parameters'\nerror, median", "%"),
+        Column("inside their\n90 % interval"),
+        Column("shrink over the\ntrue effect's"),
+        Column("calibration\nerror"),
+        Column("CPU time,\nmedian, largest", "s"),
+    ]
+    note = (
+        "Medians. Asked: 85 to 95 % inside the interval, shrink at least 0.9 of that of the true effect fitted to the "
+        "same runs, calibration error at most 0.05."
+    )
+    missing = numbers(rows).without_oracle
+    if missing:
+        note += f" In {missing} cases the true effect was not among the best fits."
+    return Table(columns, lines, note)
+
+
+def reliability(rows: Sequence[Row]) -> Table:
+    """How often answers of each probability were right."""
+    lines = [[f"{b.low:.2f}–{b.high:.2f}", f"{b.said:.3f}", b.right.text()] for b in measures.reliability(rows)]
+    return Table([words("probability said"), Column("mean"), Column("right")], lines, WILSON)
+
+
+def confusion(rows: Sequence[Row]) -> Table:
+    """One line for each label: how often each answer was given."""
+    counts: dict[str, Counter[str]] = {}
+    for row in rows:
+        counts.setdefault(_told(row), Counter())[_said(row)] += 1
+    lines = [
+        [told, str(sum(counts[told].values())), ", ".join(f"{said} {n}" for said, n in counts[told].most_common())]
+        for told in sorted(counts)
+    ]
+    return Table([words("in the machine"), Column("cases"), words("answers")], lines)
+
+
+def _told(row: Row) -> str:
+    effects = row["label"]["effects"]
+    told = "two effects" if len(effects) == 2 else "+".join(effects) or "none"
+    return f"{told} (taken out of the library)" if row.get("withheld") else told
+
+
+def _said(row: Row) -> str:
+    if len(row["label"]["effects"]) == 2:
+        return "both" if right(row) else f"{len(set(row['names']) & set(row['label']['effects']))} of them"
+    said = "+".join(sorted(row["names"])) if row["word"] == "named" else row["word"].replace("_", " ")
+    if criteria.unlisted(row) and criteria.likeliest_place(row):
+        said += f" at {criteria.likeliest_place(row)}"
+    return said
+
+
+def misses(rows: Sequence[Row], most: int | None = None) -> Table:
+    """The misses, the largest gaps over the noise first, each with a line on how it came."""
+
+    def order(row: Row) -> tuple[bool, float]:
+        size = criteria.size_over_noise(row)
+        return math.isnan(size), -size
+
+    wrong = sorted((row for row in rows if not right(row)), key=order)
+    lines = []
+    for row in wrong[:most]:
+        size = criteria.size_over_noise(row)
+        told = "+".join(row["label"]["effects"]) or "none"
+        said = "+".join(row["names"]) or row["word"].replace("_", " ")
+        source = f"{criteria.family_of(row)}, {criteria.source_of(row)}"
+        shown = "–" if math.isnan(size) else f"{size:.1f}"
+        probability = f"{row['ranking'][0][2]:.2f}" if row["ranking"] else "–"
+        lines.append([row["folder"], source, told, shown, said, probability, why(row)])
+    columns = [
+        words("campaign"),
+        words("family, source"),
+        words("in the machine"),
+        Column("gap over\nnoise"),
+        words("answer"),
+        Column("proba-\nbility"),
+        words("how it came"),
+    ]
+    more = f" The first {most} of {len(wrong)}." if most is not None and len(wrong) > most else ""
+    return Table(columns, lines, f"Largest gaps first.{more}" if lines else "")
+
+
+def miss_lines(rows: Sequence[Row], most: int) -> list[str]:
+    """The misses as sentences, for a terminal."""
+    shown = misses(rows, most)
+    lines = [
+        f"{name} ({which}): {told}, {size} times the noise, answered {said} ({probability}): {how}."
+        for name, which, told, size, said, probability, how in shown.rows
+    ]
+    return [*lines, shown.note] if lines else []
+
+
+def why(row: Row) -> str:
+    """One line on a miss, from what the answer weighed."""
+    if row["word"] in ("refused", "failed"):
+        return str(row["warnings"][0]).strip().splitlines()[-1] if row["warnings"] else row["word"]
+    word, told = right_word(row), set(row["label"]["effects"])
+    if criteria.right_or_alike(row):
+        return "the right one is said to be alike"
+    if word == "no_gap":
+        least = row["before"] / row["noise"] if row["noise"] else math.nan
+        return f"residual {least:.1f} times the noise before any effect"
+    if word == "unknown":
+        return f"a listed effect takes {100.0 * (row.get('explained') or 0.0):.0f} % of the gap's energy"
+    if not criteria.visible(row):
+        return "smaller than the noise"
+    if criteria.among_first_three(row):
+        return "among the first three"
+    if told & set(row["names"]):
+        added = sorted(set(row["names"]) - told)
+        return f"with {added[0]} beside it" if added else "the other one is missed"
+    if any(set(each["names"]) == told for each in row["weighed"]):
+        return "weighed, and worth less than the answer"
+    return "not among the fits that the search followed"
+
+
+def power(found: Power) -> Table:
+    """The smallest size of each effect that these runs would have named in nine of ten."""
+    lines = []
+    for each in found.effects:
+        more = "–" if each.one_more is None else f"{each.one_more:.3g}"
+        lines.append(
+            [
+                each.effect,
+                each.share.text(),
+                each.parameter,
+                "not in the sizes tried" if each.amount is None else f"{each.amount:.3g}",
+                "–" if each.interval is None else f"{each.interval[0]:.3g}–{each.interval[1]:.3g}",
+                f"{each.largest_tried:.3g}",
+                more,
+            ]
+        )
+    columns = [
+        words("effect"),
+        Column("named or\nalike"),
+        words("amount"),
+        Column("named in\n9 of 10 from"),
+        Column("95 % interval"),
+        Column("largest\ntried"),
+        Column("with one\nmore run"),
+    ]
+    return Table(columns, lines, found.note)
+
+
+def settled(share: Share) -> str:
+    return (
+        f"Of open cases whose recommended next run was simulated, {share.text()} were settled by it (asked: 80 %)."
+        if share.of
+        else ""
+    )

@@ -1,0 +1,132 @@
+"""Which reference to take: a line each with its figures, and one sentence that agrees with their front."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from workbench.metrics import Metric, View, find, shown_in
+from workbench.references import planned_kinds
+from workbench.study.conclude.tables import metric_heads, metric_note
+from workbench.study.results.row import Row
+from workbench.tables import Table, words
+
+TIME, PEAK = "move_time_s", "peak_torque_motor_nm"
+BEST = "★"
+SAME_TIME_S, SAME_PEAK = 5e-3, 2e-3  # a smaller difference in time (s), in peak (relative) decides nothing
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One reference's figures: of each metric the worst of the payloads that all references have run."""
+
+    reference: str
+    values: dict[str, float]
+
+    def beats(self, other: Choice) -> bool:
+        """As quick and as low in peak, and one of the two by more than what decides nothing."""
+        time, peak = other.values[TIME] - self.values[TIME], 1.0 - self.values[PEAK] / other.values[PEAK]
+        return time > -SAME_TIME_S and peak > -SAME_PEAK and (time > SAME_TIME_S or peak > SAME_PEAK)
+
+
+def choices(rows: Sequence[Row]) -> list[Choice]:
+    """A choice a reference, in the order of the rows; none where values are swept or drawn, or no payload is common."""
+    if any(row.assigned for row in rows):
+        return []
+    good = [row for row in rows if row.ok]
+    kinds = list(dict.fromkeys(row.reference for row in good))
+    loads = [{row.payload_kg for row in good if row.reference == kind} for kind in kinds]
+    common = set.intersection(*loads) if loads else set()
+    names = dict.fromkeys([TIME, PEAK, *(metric.name for metric in shown_in(View.DECISION))])
+    fair = [row for row in good if row.payload_kg in common]
+    of_kind = {kind: [row for row in fair if row.reference == kind] for kind in kinds}
+    return [Choice(kind, {n: _worst(own, n) for n in names}) for kind, own in of_kind.items() if own]
+
+
+def _worst(rows: Sequence[Row], name: str) -> float:
+    return float(find(name).worst([row.get(name) for row in rows]))
+
+
+def decision_table(rows: Sequence[Row]) -> Table | None:
+    """A row a reference, the best of each column marked; None where there is nothing to choose."""
+    found = choices(rows)
+    if len(found) < 2:
+        return None
+    metrics = [m for m in shown_in(View.DECISION) if all(c.values[m.name] == c.values[m.name] for c in found)]
+    best = {m.name: m.worst([-c.values[m.name] for c in found]) for m in metrics}
+    lines = [[c.reference, *(_cell(m, c.values[m.name], -best[m.name]) for m in metrics)] for c in found]
+    note = f"The worst of the payloads; {BEST}: the best of the column. {metric_note(metrics)}"
+    return Table([words("reference"), *metric_heads(metrics)], lines, note)
+
+
+def _cell(metric: Metric, value: float, best: float) -> str:
+    text = metric.text(value)
+    return f"{BEST} {text}" if text == metric.text(best) else text
+
+
+def verdict(rows: Sequence[Row], beside: Sequence[Row] = ()) -> str | None:
+    """One sentence: which reference to take, by move time and torque peak; None where there is nothing to choose.
+
+    beside: runs of the same motion at the heaviest payload under other limits; where one of them is quicker and
+    lower than what would be chosen, the sentence says so, as the front of those runs does.
+    """
+    found = choices(rows)
+    if len(found) < 2:
+        return None
+    front = sorted((c for c in found if not any(o.beats(c) for o in found)), key=lambda c: c.values[TIME])
+    beaten = [c for c in found if c not in front]
+    quickest, lowest = front[0], min(front, key=lambda c: c.values[PEAK])
+    if quickest.values[TIME] >= lowest.values[TIME] - SAME_TIME_S:
+        said = f"Take {name_of(lowest)}: none is quicker, and its torque peak of {_peak(lowest)} is the lowest"
+    else:
+        longer = lowest.values[TIME] - quickest.values[TIME]
+        less = 100.0 * (1.0 - lowest.values[PEAK] / quickest.values[PEAK])
+        said = (
+            f"Take {name_of(quickest)} where time counts ({quickest.values[TIME]:.1f} s, peak {_peak(quickest)}), "
+            f"{name_of(lowest)} where the peak does: {less:.1f} % less ({_peak(lowest)}) for {longer:.1f} s more"
+        )
+    if beaten:
+        names = ", ".join(name_of(c) for c in beaten)
+        said += f"; {names} {'is' if len(beaten) == 1 else 'are'} beaten in both"
+    better = _better_beside([quickest, lowest], rows, beside)
+    return f"{said}{better}."
+
+
+def _better_beside(taken: Sequence[Choice], rows: Sequence[Row], beside: Sequence[Row]) -> str:
+    """That other limits beat what is taken, at the payload of the runs beside."""
+    said = []
+    for choice in {c.reference: c for c in taken}.values():
+        own = [r for r in rows if r.ok and r.reference == choice.reference]
+        rivals = []
+        for row in beside:
+            same = [r for r in own if r.payload_kg == row.payload_kg]
+            if row.ok and same and _values(row).beats(_values(same[0])):
+                rivals.append((row, same[0]))
+        if not rivals:
+            continue
+        row, mine = min(rivals, key=lambda pair: pair[0][PEAK])
+        limits = ", ".join(f"{value:g} {_UNITS.get(name, '')}".strip() for name, value in row.assigned.items())
+        said.append(
+            f"; at {row.payload_kg:g} kg {name_of(_values(row))} at {limits} would beat {name_of(choice)}: "
+            f"{mine[TIME] - row[TIME]:.1f} s and {mine[PEAK] - row[PEAK]:.0f} N m per motor less"
+        )
+    return "".join(said)
+
+
+_UNITS = {"limits.acceleration_m_s2": "m/s²", "limits.jerk_m_s3": "m/s³"}
+
+
+def _values(row: Row) -> Choice:
+    return Choice(row.reference, {TIME: row[TIME], PEAK: row[PEAK]})
+
+
+def name_of(choice: Choice) -> str:
+    """As a sentence calls the reference."""
+    kind = planned_kinds().get(choice.reference)
+    if kind is None:
+        return choice.reference
+    return kind.words if not (kind.same_time_as and kind.words == "ruckig") else "ruckig in the trapezoid's time"
+
+
+def _peak(choice: Choice) -> str:
+    return f"{choice.values[PEAK]:.0f} N m per motor"
