@@ -20,8 +20,7 @@ AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
 Chosen = Mapping[str, Mapping[str, float]]
 SAMPLE_TIME_S = 0.02
 TORQUE_NOISE_NM, SPEED_NOISE_RAD_S = 4.0, 0.02
-AXIS_SAMPLE_TIME_S = 0.04  # a diagnosis takes half as long as at 50 Hz
-FORCE_NOISE_N, AXIS_NOISE_NM, POSITION_NOISE, SPEED_NOISE = 0.2, 0.014, 7e-7, 7e-6  # of an axis, in m or rad
+FORCE_NOISE_N, AXIS_NOISE_NM, POSITION_NOISE, SPEED_NOISE = 0.3, 0.02, 1e-6, 1e-5  # of an axis, in m or rad
 
 # name, payload, height and time at which it starts, speed; then how far each of its moves goes
 MOVES = (
@@ -68,9 +67,9 @@ TURNS = 6.0
 
 
 def axis_runs(machine: Axis, seed: int = 1, noise: float = 1.0) -> tuple[Run, ...]:
-    """Three runs of 20 s at 25 Hz: the input that a given motion takes, as the machine's log shows both."""
+    """Three runs of 20 s at 50 Hz: the input that a given motion takes, as the machine's log shows both."""
     random = np.random.default_rng(seed)
-    time = np.arange(round(DURATION_S / AXIS_SAMPLE_TIME_S), dtype=np.float64) * AXIS_SAMPLE_TIME_S
+    time = np.arange(round(DURATION_S / SAMPLE_TIME_S), dtype=np.float64) * SAMPLE_TIME_S
     names = machine.input_signal, machine.position_signal, machine.speed_signal
     linear = machine.input_signal == "force_n"
     sizes = (FORCE_NOISE_N if linear else AXIS_NOISE_NM), POSITION_NOISE, SPEED_NOISE
