@@ -133,7 +133,7 @@ def replayed(machine: Hoist | Axis, run: Run, start_speed: float = 0.0) -> Array
 
 def torque_run(machine: Hoist, duration_s: float = 8.0) -> Run:
     """A hoist that is pushed up, brakes, goes down and stops: torque with ramps, its own motion from a replay."""
-    t = 0.01 * np.arange(round(duration_s / 0.01))
+    t: Array = np.asarray(0.01 * np.arange(round(duration_s / 0.01)), dtype=float)
     hoist = PLANTS["hoist"]
     _, hold = hoist.equilibrium(9.0, hoist.values(machine, 4500.0))
     push = np.interp(t, [0.0, 0.5, 1.0, 3.0, 3.5, 5.0, 5.6, 8.0], [0.0, 0.0, 160.0, 30.0, -160.0, -150.0, 120.0, 0.0])
@@ -228,7 +228,8 @@ def test_the_loop_inside_gives_the_metrics_of_a_study(
         if not lagged:  # the torque of this sample is at work from here on
             rows[k, torque] = one.get("torque_motor_nm")[0]
     shown = dict(zip(names, rows.T, strict=True))
-    signals = {**shown, "time_s": dt * np.arange(len(speed)), "speed_reference_rad_s": speed}
+    time = np.asarray(dt * np.arange(len(speed)), dtype=float)
+    signals: dict[str, Array] = {**shown, "time_s": time, "speed_reference_rad_s": speed}
     hold = one.get("torque_motor_hold_nm")[0]
     values = {**vars(PLANTS["hoist"].values(machine, 4500.0)), **loop_values(settings, machine.drive, hold)}
     p = SimpleNamespace(**values, **case_limits(case))

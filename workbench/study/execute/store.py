@@ -112,7 +112,7 @@ class Part:
         except OSError as error:
             if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
                 raise
-            said = f"is taken by now; this result is whole in {self.folder}: call again with another --out, or move it"
+            said = f"is taken by now; this result is whole in {self.folder}: ask for another folder, or move it"
             raise InputError(said, file=target) from error
         _settle(target.parent)
 
