@@ -1,12 +1,10 @@
 """The controller and its reference in the parameters of drives that have a speed controller of their own.
 
-Sources, by drive:
-- SINAMICS S120: List Manual SINAMICS S120/S150, 06/2020, 6SL3097-5AP00-0BP2. A PI controller Kp (1 + 1/(Tn s)) from
-  motor speed (rad/s) to torque (N m). Rounding: ramp-up takes (v2 - v1)/p1082 p1120 + (p1130 + p1131)/2, the formula of
-  the MICROMASTER 440 Operating Instructions 10/06, section 3.12.2, whose ramp-function generator is the same.
-- ACS880: ACS880 primary control program, Firmware manual, group 25: a gain of 1 makes of 10 % error 10 % output
-  (100 %: the motor's nominal speed and torque); the integration time is the time in which a constant error at gain 1
-  adds as much again; 0 switches the integral part off. Groups 23 (ramps) and 30 (limits).
+Read for this: of ABB, the page of 25.03 and the definition of the gain (a gain of 1 makes of 10 % error 10 % output,
+100 % being the motor's nominal speed and torque; the integration time is that in which a constant error at gain 1 adds
+as much again); of Siemens, the rounding formula of the MICROMASTER 440 Operating Instructions 10/06, section 3.12.2:
+ramp-up takes (v2 - v1)/p1082 p1120 + (p1130 + p1131)/2. The other numbers, names and units were not compared with the
+manuals named in `DRIVES`, and every file says so (`UNCHECKED`).
 """
 
 from __future__ import annotations
@@ -20,6 +18,10 @@ from workbench.control import PiSettings, feed_forward
 from workbench.machine import Hoist
 from workbench.plants import HOIST
 
+UNCHECKED = (
+    "Numbers, names and units of these parameters were not all compared with the drive's manual; compare each before it "
+    "is entered."
+)
 RPM = 60.0 / (2.0 * math.pi)
 
 
@@ -203,7 +205,7 @@ def _generic(c: _Case) -> list[Setting]:
 
 def _differences(drive: str, c: _Case) -> list[str]:
     """What is not the same in the drive, in sentences."""
-    s, said = c.settings, []
+    s, said = c.settings, [] if drive == "generic" else [UNCHECKED]
     if c.machine.motor.count > 1:
         said.append(
             f"The values are for one of {c.machine.motor.count} drives. Let one of them control the speed and the "
