@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.attack.mangle import finished_result
+from benchmarks.attack.mangle import ROOT, finished_result
 from workbench.errors import InputError
 from workbench.identify import identify as module
 from workbench.logs import Campaign
@@ -22,6 +22,7 @@ from workbench.study.execute.store import Part
 from workbench.study.results.digests import check_whole, read_manifest
 from workbench.study.results.index import INDEX, read_rows
 from workbench.study.results.row import Row
+from workbench.study.scenario.load import load_study
 from workbench.whole_folder import replace_json
 from workbench.yaml_strict import readable_file
 
@@ -107,3 +108,13 @@ def test_the_loser_of_two_studies_on_one_folder_says_where_its_result_lies(tmp_p
     with pytest.raises(InputError, match=r"out: is taken by now; this result is whole in .*\.part"):
         part.finish(target)
     assert (part.folder / "index.parquet").is_file()
+
+
+@pytest.mark.parametrize("line", ["machine: {0}.yaml", "extends: {0}.yaml"])
+def test_a_name_that_no_file_can_have_is_one_sentence(tmp_path, line):
+    path = tmp_path / "scenario.yaml"
+    text = (ROOT / "scenarios" / "payloads.yaml").read_text()
+    kept = [row for row in text.splitlines() if not row.startswith("machine:")]
+    path.write_text("\n".join([*kept, line.format("9" * 300)]))
+    with pytest.raises(InputError, match="999"):
+        load_study(path)

@@ -17,7 +17,7 @@ from workbench.study.results.row import Row
 INDEX = "index.parquet"
 _OWN = ("run_id", "scenario", "status", "reason", "payload_kg", "reference")
 _TEXTS = tuple(name for name in _OWN if name != "payload_kg")
-_ALWAYS = ("peak_torque_motor_nm", "move_time_s", "moves", "min_wire_tension_n", "max_wire_tension_n")
+_ALWAYS = ("peak_torque_motor_nm", "move_time_s", "min_wire_tension_n", "max_wire_tension_n")
 _RUN_ID = re.compile(r"[A-Za-z0-9_=+-][A-Za-z0-9._=+-]{0,200}")
 MOST_ROWS, MOST_COLUMNS = 1_100_000, 5_000
 LARGEST = 1e30  # a loop that runs away is stopped far below

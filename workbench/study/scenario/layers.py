@@ -54,7 +54,7 @@ def read_layers(path: str | os.PathLike[str]) -> Layered:
     seen: list[Path] = []
     file, asked = Path(path), None
     while True:
-        if asked is not None and (not file.is_file() or file.resolve() in seen or len(seen) >= LONGEST_CHAIN):
+        if asked is not None and (not os.path.isfile(file) or file.resolve() in seen or len(seen) >= LONGEST_CHAIN):
             raise asked.error(_why_not(file, seen), ("extends",))
         layer = layer_of(load(file))
         chain.append(layer)
@@ -75,7 +75,7 @@ def read_layers(path: str | os.PathLike[str]) -> Layered:
 
 
 def _why_not(file: Path, seen: list[Path]) -> str:
-    if not file.is_file():
+    if not os.path.isfile(file):  # False, too, for a name that no file can have
         return f"no scenario file {file}; expected a path seen from this file"
     if file.resolve() in seen:
         return f"goes in a circle: {' extends '.join(path.name for path in [*seen, file])}"

@@ -184,7 +184,7 @@ def _machine(scenario: Scenario, layers: Layered) -> Hoist:
     if scenario.machine in SHIPPED:
         return shipped(scenario.machine)
     path = layers.at(("machine",))[0].parent / scenario.machine
-    if "\0" in scenario.machine or not path.exists():
+    if "\0" in scenario.machine or not os.path.exists(path):
         said = (
             f"no machine file {str(path)!r}; expected a path beside the scenario, or {' or '.join(map(repr, SHIPPED))}"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ def read_recording(block: RecordedBlock, folder: Path, layers: Layered, place: P
     cannot be read or is of no hoist.
     """
     path = folder / block.campaign
-    if "\0" in block.campaign or not path.exists():
+    if "\0" in block.campaign or not os.path.exists(path):
         raise layers.error(f"no campaign {str(path)!r}; expected a folder, seen from this file", place)
     try:
         campaign = read_campaign(path, select=[block.run])
