@@ -101,7 +101,7 @@ def test_the_sentence_on_damping_compares_the_wire_assumed_with_one_that_rings()
     scenario = load_study(ROOT / "scenarios" / "payloads.yaml").scenario
     said = damping_sentence(scenario, default_hoist())
     assert said is not None
-    assert "at 9000 kg and the damping ratio assumed, 0.63" in said and "at 0.02, as steel wire ropes have" in said
+    assert "at 9000 kg and the damping ratio assumed, 0.63" in said and "at 0.02, a wire that rings" in said
     assert damping_sentence(scenario, shipped("lightly_damped")) is None
 
 

@@ -134,17 +134,16 @@ class HoistTolerances(Record):
 
 
 class Drive(Record):
-    """The drive of the motors, as the speed loop meets it. A key that is missing has the value of a usual crane drive.
+    """The drive of the motors, as the speed loop meets it. A missing key has a round figure of a crane drive, an
+    engineering estimate and not one maker's value; docs/formats.md tells what is known of each.
 
     overload: largest torque of a motor over its nominal one, which the drive bears for overload_time_s out of every
-    overload_period_s (160 % for 60 s in 600 s: Danfoss VLT AutomationDrive FC 302, design guide). field_weakening:
-    above nominal speed the limit falls as nominal speed over speed. torque_lag_s: first-order lag of the torque loop;
-    2 ms rise in 4.4 ms from a tenth to nine tenths (ABB ACS880, technical data: torque step below 5 ms).
-    speed_filter_s: first-order filter of the measured speed (ACS880: motor speed filter time, 3 ms). speed_delay_s:
-    transport delay of the measured speed; one sample of 1 ms is the computing delay of a sampled controller (K. J.
-    Astrom, B. Wittenmark, "Computer-Controlled Systems", 3rd ed., section 5.6). encoder_counts_per_turn: the speed is
-    counted with that resolution, 0 is ideal; 2048 periods of a sine-cosine encoder, each divided by 512.
-    torque_share: the first of two motors' share of the torque.
+    overload_period_s. field_weakening: above nominal speed the limit falls as nominal speed over speed. torque_lag_s:
+    first-order lag of the torque loop; 2 ms rise in 4.4 ms from a tenth to nine tenths. speed_filter_s: first-order
+    filter of the measured speed. speed_delay_s: transport delay of the measured speed; 1 ms is one sample, the
+    computing delay of a controller that acts at its next sample. encoder_counts_per_turn: the speed is counted with
+    that resolution, 0 is ideal; 2048 periods of a sine-cosine encoder, each divided by 512. torque_share: the first
+    of two motors' share of the torque.
     """
 
     overload: Overload = 1.6

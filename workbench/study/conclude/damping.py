@@ -13,7 +13,7 @@ from workbench.study.scenario.load import Study, plan_study
 from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import changed
 
-RINGING = 0.02  # damping ratio of a load on a steel wire rope, see the machine `lightly_damped`
+RINGING = 0.02  # damping ratio assumed for a wire that rings; its range: the machine `lightly_damped`
 PEAK, SWING = "peak_torque_motor_nm", "wire_tension_swing_n"
 HARDLY = 2.0  # points that a saving may move and still hang little on the damping
 _ONLY_METRICS: dict[str, Any] = {"outputs": {"signals": "none"}, "sweep": None, "sample": None}
@@ -59,7 +59,7 @@ def damping_sentence(scenario: Scenario, machine: Hoist) -> str | None:
     return (
         f"The answer {much} on the wire's damping: at {payload:g} kg and the damping ratio assumed, "
         f"{load.damping:.2g}, {kind} takes {peak:.0f} % off the trapezoid's torque peak and {swing:.0f} % off its "
-        f"tension swing; at {RINGING:g}, as steel wire ropes have, {peak_ringing:.0f} % and {swing_ringing:.0f} %."
+        f"tension swing; at {RINGING:g}, a wire that rings, {peak_ringing:.0f} % and {swing_ringing:.0f} %."
     )
 
 

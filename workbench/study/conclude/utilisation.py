@@ -15,7 +15,7 @@ from workbench.tables import Column, Table, words
 
 Light = Literal["green", "amber", "red"]
 WIRE_SAFETY = 4.5  # least breaking load over tension of a running rope, mechanism group M5 (ISO 4308-1)
-OVERSPEED = 1.2  # of nominal, that a motor bears for two minutes (IEC 60034-1, overspeed), where its field is weakened
+OVERSPEED = 1.2  # of nominal speed, where the field is weakened: a round figure, not cited
 AMBER, RED = 85.0, 99.9  # % of what is borne
 SIGN = {"green": "●", "amber": "▲", "red": "■"}  # told apart without colour, too
 
