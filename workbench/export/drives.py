@@ -19,8 +19,8 @@ from workbench.machine import Hoist
 from workbench.plants import HOIST
 
 UNCHECKED = (
-    "Numbers, names and units of these parameters were not all compared with the drive's manual; compare each before it "
-    "is entered."
+    "Numbers, names and units of these parameters were not all compared with the drive's manual; compare each before "
+    "it is entered."
 )
 RPM = 60.0 / (2.0 * math.pi)
 
