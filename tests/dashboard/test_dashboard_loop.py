@@ -108,7 +108,7 @@ def test_a_bandwidth_out_of_reach_says_what_the_drive_allows(lagging):
     lagging.number_input(key="loop hertz").set_value(40.0)
     lagging.button(key="loop tune").click().run()
     (said,) = errors(lagging)
-    assert said.startswith("bandwidth: 40 Hz is out of reach: sample time, filters and delays allow at most 13.9 Hz")
+    assert said.startswith("bandwidth: 40 Hz is out of reach: this machine and drive allow at most 12.4 Hz at Ms 1.4")
 
 
 @pytest.mark.parametrize(

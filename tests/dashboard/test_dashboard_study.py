@@ -220,7 +220,9 @@ def test_an_uploaded_machine_is_what_is_run(drawn):
     heavier = with_values(default_hoist(), {"carriage.mass_kg": 12000.0})
     app.file_uploader(key="study machine file").upload("m.yaml", machine_text(heavier).encode(), "application/yaml")
     app.run()
-    assert not app.exception and not app.error
+    assert not app.exception
+    (overload,) = errors(app)
+    assert overload.startswith("Overload: rms torque 105 % of nominal torque")
     assert metrics(app)["Smallest wire tension"] != metrics(drawn)["Smallest wire tension"]
 
 
