@@ -334,7 +334,7 @@ def test_a_payload_that_is_picked_up_pulls_the_load_down(one: Instance):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"carriage.mass_kg": -1.0}, "'carriage.mass_kg' was given -1, expected more than 0"),
+        ({"carriage.mass_kg": -1.0}, "'carriage.mass_kg' was given -1, expected at least 1e-06"),
         ({"guide.coulomb_hoisting_n": float("nan")}, "expected a finite number"),
         ({"bearing.pin_friction_coefficient": 1.0}, "expected less than 1"),
         ({"motor.count": 1.5}, "expected a whole number"),

@@ -206,18 +206,44 @@ int core_rate(Core *m, unsigned reference, int order, double value) {
     return OK;
 }
 
+/* A lag over a step h, as workbench/control/lag.py has it: what is left of a difference at the end of the step, and the
+   straight line start + slope t of the same integral and first moment. */
+typedef struct {
+    double left, start, slope;
+} LagStep;
+
+static LagStep lag_step(double lag, double h) {
+    LagStep step = {0.0, 0.0, 0.0};
+    double x, m0, m1;
+    if (!(lag > 0.0)) return step;
+    x = h / lag;
+    step.left = exp(-x);
+    if (x < 0.02) {
+        m0 = 1.0 - x / 2.0 + x * x / 6.0 - x * x * x / 24.0 + x * x * x * x / 120.0;
+        m1 = 1.0 / 2.0 - x / 3.0 + x * x / 8.0 - x * x * x / 30.0 + x * x * x * x / 144.0;
+    } else {
+        m0 = (1.0 - step.left) / x;
+        m1 = (1.0 - (1.0 + x) * step.left) / (x * x);
+    }
+    step.start = 4.0 * m0 - 6.0 * m1;
+    step.slope = (12.0 * m1 - 6.0 * m0) / h;
+    return step;
+}
+
 /* Equal steps of the plant from `time` over `length`; the input at work is u, u_rate, or nears `command` with a lag. */
 static void cross(Core *m, double time, double length, double u, double u_rate, double lag) {
     State *now = &m->now;
-    double next[N_STATES];
+    double next[N_STATES], h;
     int steps = (int)ceil(length / now->p[STEP] - WHOLE);
+    LagStep near;
     if (steps < 1) steps = 1;
-    double h = length / steps, left = lag > 0.0 ? exp(-h / lag) : 0.0;
+    h = length / steps;
+    near = lag_step(lag, h);
     for (int i = 0; i < steps; i++) {
-        double since = i * h, before = now->actual;
+        double since = i * h, gap = now->actual - now->command;
         if (lag > 0.0) {
-            now->actual = now->command + (before - now->command) * left;
-            model_step(m->c, now->w, time + since, h, before, (now->actual - before) / h, now->s, next);
+            model_step(m->c, now->w, time + since, h, now->command + gap * near.start, gap * near.slope, now->s, next);
+            now->actual = now->command + gap * near.left;
         } else {
             model_step(m->c, now->w, time + since, h, u + u_rate * since, u_rate, now->s, next);
         }
