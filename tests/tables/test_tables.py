@@ -104,3 +104,14 @@ def test_a_table_without_rows_is_false_and_still_has_a_head():
 def test_a_template_refuses_to_leave_a_value_out():
     with pytest.raises(Exception, match="'title' is undefined"):
         render("figures/page.html.j2")
+
+
+def test_a_narrow_table_wraps_the_heads_of_numbers_and_cuts_words_but_no_number():
+    heads = ("feed forward inertia", "feed forward weight", "torque peak")
+    table = Table(
+        [words("reference"), *(Column(head, "N m") for head in heads)], [["trapezoid", "1.00", "0.50", "595.6"]]
+    )
+    lines = table.text(44).splitlines()
+    assert max(map(len, lines)) <= 44
+    assert {"1.00", "0.50", "595.6"} <= set(lines[-1].split())
+    assert [line.count("forward") for line in lines].count(2) == 1

@@ -76,15 +76,18 @@ class Table:
         from rich.table import Table as RichTable
 
         shown = RichTable(box=None, pad_edge=False, padding=(0, 1))
-        for column, unit in zip(self.columns, self.units, strict=True):
+        for i, (column, unit) in enumerate(zip(self.columns, self.units, strict=True)):
             head = f"{column.head}\n{unit}" if unit else column.head
-            shown.add_column(head, justify=column.align, no_wrap=True, vertical="bottom")
+            words = column.align == "left"
+            least = None if words else max(map(len, (unit, *(row[i] for row in self.rows))))
+            shown.add_column(head, justify=column.align, no_wrap=words, min_width=least, vertical="bottom")
         for row in self.rows:
             shown.add_row(*row)
         return shown
 
     def text(self, width: int = 1000) -> str:
-        """Plain text, at most so many characters wide; longer cells are cut with an ellipsis. Without the note."""
+        """Plain text without the note, at most so many characters wide: heads of numbers are wrapped, then words are
+        cut with an ellipsis. No number is cut while there is room for all of them."""
         from rich.console import Console
 
         console = Console(file=io.StringIO(), width=width, color_system=None, legacy_windows=False)
