@@ -49,7 +49,8 @@ def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float) -> Iterator
     if len(groups) < 2:
         return
     points = list(groups)
-    where = f"at {payload_kg:g} kg" + (", the worst runs," if max(map(len, groups.values())) > 1 else "")
+    several = max(map(len, groups.values())) > 1
+    where = f"at {payload_kg:g} kg" + (", the worst runs," if several else "")
     parts, same = [], []
     for metric in shown_in(View.SENTENCES):
         if not all(row.metrics.get(metric.name) is not None for row in rows):
@@ -60,7 +61,8 @@ def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float) -> Iterator
         else:
             same.append(metric.label)
     if not parts:
-        yield f"{axis.words.capitalize()} makes no difference at {payload_kg:g} kg to {listed(same)}."
+        to = f"the worst runs' {listed(same)}; single runs may differ" if several else listed(same)
+        yield f"{axis.words.capitalize()} makes no difference at {payload_kg:g} kg to {to}."
         return
     start = f"{axis.words.capitalize()} from {axis.short(points[0])} to {axis.short(points[-1])}"
     yield f"{start if axis.numeric else axis.words.capitalize()}: {where} {listed(parts)}."
