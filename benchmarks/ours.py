@@ -10,7 +10,7 @@ from workbench.control import PiSettings
 from workbench.identify.fit import Fit, fit
 from workbench.identify.models import SpeedModel
 from workbench.identify.parameters import free_parameters
-from workbench.machine import default_hoist
+from workbench.machine import DRIVES, default_hoist
 from workbench.multibody import Driven, move
 from workbench.run import Run
 from workbench.simulate.driven import Bench
@@ -50,7 +50,7 @@ def multibody_replay(case: Replay) -> Floats:
 
 
 def loop_cases(loops: Sequence[Loop]) -> list[LoopCase]:
-    machine = default_hoist()
+    machine = default_hoist().model_copy(update={"drive": DRIVES["ideal"]})
     return [
         LoopCase(
             f"benchmark {j}",

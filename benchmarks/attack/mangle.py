@@ -265,7 +265,11 @@ def _changed_table(content: bytes, chance: Chance) -> bytes:
                 odd = ["", "ok", "failed", "../../x", "\x00", "\x1b[31m", "é" * 300, "x" * 3000]
             new = chance.choice(odd)
             values = [new if way == "all" or i == row else value for i, value in enumerate(values)]
-            table = table.set_column(at, name, pa.array(values, type=table.schema.field(at).type))
+            try:
+                column = pa.array(values, type=table.schema.field(at).type)
+            except pa.ArrowInvalid:  # a number that is no truth value
+                column = pa.array([str(value) for value in values])
+            table = table.set_column(at, name, column)
         elif way == "type":
             odd_type = chance.choice([[str(v) for v in values], [True] * len(values), [[1.0]] * len(values)])
             table = table.set_column(at, name, pa.array(odd_type))

@@ -29,6 +29,13 @@ from workbench.logs import Campaign, read_campaign
 LONGEST = 3000  # characters of an error
 
 
+def _of_an_axis(log: bytes) -> bytes:
+    """The columns of a CSV log that an axis has."""
+    lines = [line.split(",") for line in log.decode().splitlines()]
+    kept = [lines[0].index(name) for name in ("time_s", "torque_motor1_nm", "speed_motor_rad_s")]
+    return "".join(",".join(cells[k] for k in kept) + "\n" for cells in lines).encode()
+
+
 @dataclass(frozen=True)
 class Ended:
     """How one input ended: read, noted (read, and something said of it), refused, traceback, unsound or unclear.
@@ -71,7 +78,8 @@ def _campaign(kind: str, content: bytes, folder: Path) -> Campaign:
     suffix = kind if kind in ("csv", "parquet", "mat") else "csv"
     (folder / "machine.yaml").write_bytes(good("machine", 0))
     (folder / "runs.yaml").write_text(AXIS_RUNS if kind == "axis" else RUNS.replace("lift.csv", f"lift.{suffix}"))
-    (folder / "runs" / "lift.csv").write_bytes(good("csv", 0))
+    log = good("csv", 0)
+    (folder / "runs" / "lift.csv").write_bytes(_of_an_axis(log) if kind == "axis" else log)
     name = {"machine": "machine.yaml", "axis": "machine.yaml", "runs": "runs.yaml"}.get(kind, f"runs/lift.{suffix}")
     (folder / name).write_bytes(content)
     return read_campaign(folder, uploaded=len(content) % 2 == 0)  # half as one's own, half as a stranger's

@@ -15,6 +15,7 @@ import pytest
 from tests.conftest import ROOT
 from tests.support.commands import Commands
 from tests.support.effect_machines import MACHINES
+from tests.support.ideal import ideal_hoist
 from tests.support.scenario_text import GOOD, write
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.control import PiSettings
@@ -24,7 +25,6 @@ from workbench.kinds import kind_of
 from workbench.machine import (
     Axis,
     Hoist,
-    default_hoist,
     load_machine,
     machine_from,
     save_machine,
@@ -42,7 +42,7 @@ from workbench.study.results.index import read_rows
 from workbench.yaml_strict import loads
 
 TURN = 2.0 * np.pi
-HOIST = default_hoist()
+HOIST = ideal_hoist()
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
 VISCOUS = 4000.0
 

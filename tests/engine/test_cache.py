@@ -76,7 +76,7 @@ EDITS = {
     ),
     "the step": ("engine/rodas3.py", "GAMMA = 0.5", "GAMMA = 0.501", "axis"),
     "a rule of derivatives": ("trace/derive.py", "return cos(a) * d[0]", "return 0.9 * (cos(a) * d[0])", "axis"),
-    "the controller": ("control/pi.py", "dt * (p.ki * (r - w)", "dt * (0.9 * p.ki * (r - w)", "loop"),
+    "the controller": ("control/pi.py", "dt * (p.ki * push", "dt * (0.9 * p.ki * push", "loop"),
 }
 
 

@@ -100,8 +100,9 @@ def test_straight_stretches_lose_points_and_corners_gaps_and_noise_keep_them() -
 def test_overview_has_a_column_a_payload_with_error_limits_and_nominal() -> None:
     runs = [(kind, loop_run(payload)) for payload in (0.0, 9000.0) for kind in planned_kinds()]
     figure = overview(runs, 480.0, 768.0)
-    # Four quantities, two payloads, three references; set points once per run.
-    assert len(figure.data) == 4 * 2 * 3 + 2 * 3
+    # Four quantities, two payloads, every reference; set points once per run.
+    count = len(planned_kinds())
+    assert len(figure.data) == 4 * 2 * count + 2 * count
     assert {a.text for a in figure.layout.annotations} >= {"<b>payload 0 kg</b>", "<b>payload 9000 kg</b>"}
     levels = {shape.y0 for shape in figure.layout.shapes if shape.type == "line"}
     assert levels == {480.0, 768.0}
@@ -135,7 +136,7 @@ def test_legend_names_each_line_once() -> None:
     figure = overview([(kind, loop_run(p)) for p in (0.0, 4500.0) for kind in planned_kinds()], 480.0, 768.0)
     named = [trace.name for trace in figure.data if trace.showlegend]
     assert sorted(named) == sorted(set(named))
-    assert len(named) == 4
+    assert len(named) == len(planned_kinds()) + 1  # and the set points
 
 
 def test_many_payloads_are_drawn_as_three_columns_and_the_title_says_so() -> None:

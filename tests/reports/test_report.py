@@ -121,7 +121,8 @@ def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, run) 
     assert done.status == 0
     page = Page((copy / "report.html").read_text(encoding="utf-8"))
     assert page.foreign == []
-    assert [len(lines) for lines in page.tables[:3]] == [5, 5, 5]  # a head and four runs
+    # A head and two references, a head and what is used of machine and drive; then a head and four runs.
+    assert [len(lines) for lines in page.tables[:5]] == [3, 7, 5, 5, 5]
     assert "What is asked." in page.words
     assert "Ruckig with the same limits, jerk-limited at 0.8 m/s³, costs" in page.words
     assert f"Report: {copy / 'report.html'}" in done.out

@@ -24,8 +24,9 @@ from workbench.blind.sources.simulator.hoist.profiles import reference
 from workbench.blind.sources.simulator.kind import Logging, RunPlan
 from workbench.effects import check
 from workbench.errors import InputError, nearest
+from workbench.kinds import kind_of
 from workbench.logs import Campaign, read_campaign
-from workbench.machine import Hoist, LinearAxis, RotaryAxis, load_machine
+from workbench.machine import Hoist, load_machine
 from workbench.machine.quantities import Finite, NotNegative, Positive
 from workbench.machine.record import Record
 from workbench.run import Array, Run
@@ -61,6 +62,9 @@ class Plan(Record):
     runs: Annotated[list[PlannedRun], Field(min_length=1, max_length=100)]
 
 
+PLAYED = ("hoist", "axis-linear", "axis-rotary")  # kinds of machine that a source plays
+
+
 def rig_of(machine_file: Path | None, runs: Path | None) -> Rig:
     """machine_file: None for the machine of the campaign `runs`; runs: a campaign or a plan.yaml.
 
@@ -84,7 +88,7 @@ def _plain(machine: Any, file: Path) -> Any:
     """The nominal machine. InputError where it holds effects already, or is of a kind that no source plays."""
     if machine.effects or machine.measured_correction is not None:
         raise InputError("holds effects already; name the nominal machine, whose effects will be withheld", file=file)
-    if not isinstance(machine, Hoist | LinearAxis | RotaryAxis):
+    if kind_of(machine).name not in PLAYED:
         raise InputError("is of a kind that no source plays, expected a hoist or an axis", file=file)
     return machine
 
@@ -95,7 +99,7 @@ def _plain(machine: Any, file: Path) -> Any:
 def _of_campaign(machine: Any, campaign: Campaign) -> Rig:
     runs = campaign.runs
     rate = round(1.0 / float(np.median([run.sample_time_s for run in runs])), 3)
-    if isinstance(machine, Hoist):
+    if kind_of(machine).payload:
         return _hoist(
             machine,
             [(run, _recorded(run, "speed_reference_rad_s", "speed_motor_rad_s", HOIST_S)) for run in runs],
@@ -173,7 +177,7 @@ def _tuple(values: Array) -> tuple[float, ...]:
 
 
 def _axis_of_campaign(machine: Any, runs: Sequence[Run], rate: float) -> Rig:
-    linear = isinstance(machine, LinearAxis)
+    linear = machine.input_signal == "force_n"
     x_, v_, u_ = ("position_m", "velocity_m_s", "force_n") if linear else ("angle_rad", "speed_rad_s", "torque_nm")
     r_ = "position_reference_m" if linear else "angle_reference_rad"
     ways, references = [], []
@@ -225,7 +229,7 @@ def _unit(linear: bool) -> str:
 def _of_plan(machine: Any, file: Path) -> Rig:
     document = load(file)
     plan = validate(Plan, document)
-    profiles = HOIST_PROFILES if isinstance(machine, Hoist) else AXIS_PROFILES
+    profiles = HOIST_PROFILES if kind_of(machine).payload else AXIS_PROFILES
     seen: set[str] = set()
     for k, run in enumerate(plan.runs):
         if run.profile not in profiles:
@@ -238,7 +242,7 @@ def _of_plan(machine: Any, file: Path) -> Rig:
     given = {"input_noise": plan.input_noise, "speed_noise": plan.speed_noise}
     sensors |= {name: value for name, value in given.items() if value is not None}
     try:
-        return _hoist_plan(machine, plan, sensors) if isinstance(machine, Hoist) else _axis_plan(machine, plan, sensors)
+        return _hoist_plan(machine, plan, sensors) if kind_of(machine).payload else _axis_plan(machine, plan, sensors)
     except InputError as error:
         raise InputError(error.problem, file=file, place=error.place) from error
 
@@ -283,5 +287,5 @@ def _axis_plan(machine: Any, plan: Plan, sensors: dict[str, Any]) -> Rig:
         clock += each.duration_s + BETWEEN_S
     logs = tuple(dict.fromkeys(["position", *(name for name in plan.signals if name != "tension")]))
     rate = min(plan.rate_hz, 1.0 / AXIS_S)
-    linear = isinstance(machine, LinearAxis)
+    linear = machine.input_signal == "force_n"
     return Rig("axis", drawn, tuple(plans), Logging(rate, logs), sensors, _on(drawn), _unit(linear))

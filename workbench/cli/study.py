@@ -112,7 +112,9 @@ def _report(study: Study, place: Place) -> None:
     if (decision := decision_table(rows)) is not None:
         click.echo()
         print_table(decision)
-    first = verdict(rows), alarm(utilisation(rows, study.machine)), damping_sentence(study.scenario, study.machine)
+    # The damping's sentence takes two more runs: a study that is there already is shown as it is.
+    damping = None if place.finished else damping_sentence(study.scenario, study.machine)
+    first = verdict(rows), alarm(utilisation(rows, study.machine)), damping
     print_text(["", *(s for s in first if s), *sentences(rows, motor_torque_limit_nm(study.machine)), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")

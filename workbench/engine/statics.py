@@ -44,25 +44,54 @@ def hang_still(
     kept = [np.array([m.start(p) for p in values]) for m in effects.memory]
     free = [i for i in range(len(q)) if i != plant.placed]
     t = np.asarray(times, dtype=float)
-    best_q, best_u, least = q, u, np.full(len(u), np.inf)
-    trial_q, trial_u, step = q.copy(), u.copy(), np.zeros((len(free) + 1, len(u)))
-    for _ in range(ROUNDS):
+
+    def at(trial_q: Array, trial_u: Array) -> tuple[Array, Array, Array]:
+        """Accelerations (scenarios, m), their slopes (scenarios, m, m), and the largest acceleration."""
         a, slopes = balance(t, trial_q, trial_u, table, kept)
-        matrix, size = slopes.transpose(2, 0, 1), np.max(np.abs(a), axis=0)
-        # A step too far ends in a slack wire, where no slope tells the way back.
-        better = (size < least) & (np.linalg.det(matrix) != 0.0)
-        best_q, best_u = np.where(better, trial_q, best_q), np.where(better, trial_u, best_u)
-        least = np.where(better, size, least)
-        off = least > AT_REST
-        if not off.any():
-            break
-        newton = off & better
-        step[:, newton] = np.linalg.solve(matrix[newton], a.T[newton][..., None])[..., 0].T
-        step[:, off & ~better] *= 0.5
-        trial_u[off] = best_u[off] - step[-1, off]
-        for row, i in enumerate(free):
-            trial_q[i, off] = best_q[i, off] - step[row, off]
-    return best_q, best_u
+        return a.T, slopes.transpose(2, 0, 1), np.max(np.abs(a), axis=0)
+
+    plainly, carefully = (_newton(at, q, u, free, halved) for halved in (False, True))
+    found_q, found_u, least = plainly()
+    if np.any(least > AT_REST):
+        other_q, other_u, other = carefully()
+        nearer = other < least
+        found_q, found_u = np.where(nearer, other_q, found_q), np.where(nearer, other_u, found_u)
+    return found_q, found_u
+
+
+def _newton(
+    at: Callable[[Array, Array], tuple[Array, Array, Array]], q: Array, u: Array, free: Sequence[int], halved: bool
+) -> Callable[[], tuple[Array, Array, Array]]:
+    """Newton's way to rest from q, u: the best point on it and the acceleration there.
+
+    halved: a step that leaves more acceleration than there was is halved, for a step too far ends in a slack wire, where
+    no slope tells the way back. Without, it goes on from there: the way across a play leads over more acceleration.
+    """
+
+    def found() -> tuple[Array, Array, Array]:
+        best_q, best_u, least = q, u, np.full(len(u), np.inf)
+        trial_q, trial_u, step = q.copy(), u.copy(), np.zeros((len(free) + 1, len(u)))
+        for _ in range(ROUNDS):
+            a, matrix, size = at(trial_q, trial_u)
+            solvable = np.isfinite(size) & (np.linalg.det(matrix) != 0.0)
+            better = (size < least) & solvable
+            best_q, best_u = np.where(better, trial_q, best_q), np.where(better, trial_u, best_u)
+            least = np.where(better, size, least)
+            off = least > AT_REST
+            if not off.any():
+                break
+            newton = off & (better if halved else solvable)
+            step[:, newton] = np.linalg.solve(matrix[newton], a[newton][..., None])[..., 0].T
+            step[:, off & ~newton] *= 0.5
+            from_q, from_u = (best_q, best_u) if halved else (trial_q, trial_u)
+            moved_q, moved_u = trial_q.copy(), trial_u.copy()
+            moved_u[off] = from_u[off] - step[-1, off]
+            for row, i in enumerate(free):
+                moved_q[i, off] = from_q[i, off] - step[row, off]
+            trial_q, trial_u = moved_q, moved_u
+        return best_q, best_u, least
+
+    return found
 
 
 @cache

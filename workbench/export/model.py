@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 from workbench.control import NEVER, PI, Controller, PiSettings, delay_weights, full_pi, loop_values
 from workbench.control.events import BRAKE_SPEED
@@ -142,7 +142,8 @@ def model_of(
         ]
     else:
         inputs += [(name, "speed that the motors shall follow, hoisting positive", False) for name in PI.references]
-    if isinstance(machine, Hoist):
+    if kind.payload:
+        machine = cast(Hoist, machine)
         inputs.append(("brake_closed", "the brake holds the motor shaft", True))
         strong = BRAKE_TORQUES * machine.motor.count * machine.motor.nominal_torque_nm
         meaning = "friction of the closed brake at the motor shaft"
@@ -151,9 +152,8 @@ def model_of(
         pieces = joined(pieces, _BRAKE)
     loop: Controller | None = None
     if controller is not None:
-        assert isinstance(machine, Hoist)
         inputs.append(("motor_failed", "one motor gives no torque", True))
-        loop, own, fixed = _loop(machine, controller)
+        loop, own, fixed = _loop(cast(Hoist, machine), controller)
         values += own
         p |= fixed
     p |= {v.symbol: symbol(f"p_{v.symbol}") for v in values}
@@ -180,12 +180,13 @@ def _check_payload(machine: Hoist | Axis, start: Start) -> None:
 
 
 def _driven(machine: Hoist | Axis) -> str:
-    return "motor shaft, of all motors" if isinstance(machine, Hoist) else "axis"
+    return "motor shaft, of all motors" if kind_of(machine).payload else "axis"
 
 
 def _start_position(machine: Hoist | Axis, start: Start) -> float:
-    if not isinstance(machine, Hoist):
+    if not kind_of(machine).payload:
         return 0.0 if start.position is None else start.position
+    machine = cast(Hoist, machine)
     low, high = machine.rail.lowest_position_m, machine.highest_position_m
     at = 0.5 * (low + high) if start.position is None else start.position
     if not 0.0 <= at <= machine.wire.segment_length_m:
@@ -195,7 +196,7 @@ def _start_position(machine: Hoist | Axis, start: Start) -> float:
 
 
 def _reach(machine: Hoist | Axis) -> Range:
-    return NOT_NEGATIVE if isinstance(machine, Hoist) else ANY
+    return NOT_NEGATIVE if kind_of(machine).payload else ANY
 
 
 def _brake(s: Any, p: Any) -> Scalar:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from workbench.errors import InputError
-from workbench.metrics import RunFacts, columns, run_metrics
+from workbench.metrics import RunFacts, columns, observer, run_metrics
 from workbench.references import Plan, motor_speed_rad_s
 from workbench.run import Array, Run
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop, torque_limit_nm
@@ -111,7 +111,10 @@ def _finished(spec: RunSpec, plan: Plan, result: LoopResult) -> Row:
 def _row(spec: RunSpec, measured: dict[str, float], reason: str) -> Row:
     """The row of a run. A failed run has no metrics but those that are known before it runs."""
     run = {metric.name: metric for metric in run_metrics()}
+    # What only some machines have, such as a wire whose breaking load is known, is empty where a run has failed.
     optional = [name for name in measured if name not in run]
+    if reason:
+        optional += [metric.name for metric in observer().metrics if metric.optional]
     names = dict.fromkeys((*(name for name in columns() if name not in run or run[name].fixed), *optional, *run))
     return Row(
         run_id=spec.run_id,

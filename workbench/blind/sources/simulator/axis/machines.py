@@ -33,7 +33,7 @@ class Drawn:
 
     @property
     def linear(self) -> bool:
-        return isinstance(self.machine, LinearAxis)
+        return self.machine.input_signal == "force_n"
 
     @property
     def loaded(self) -> bool:
