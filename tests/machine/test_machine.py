@@ -268,7 +268,7 @@ JSON = st.recursive(
     mass=POSITIVE, ratio=POSITIVE, level=POSITIVE, load=st.none() | POSITIVE, name=st.text(),
     effects=st.dictionaries(
         st.text(min_size=1).filter(lambda key: key != "<<"),
-        st.dictionaries(st.sampled_from(["a", "1e5", "yes", "no"]), st.floats(allow_nan=False, allow_infinity=False)),
+        st.dictionaries(st.sampled_from(["a", "1e5", "yes", "no"]), st.floats(-1e15, 1e15)),
         max_size=3,
     ),
     identified=st.dictionaries(st.text().filter(lambda key: key != "<<"), JSON, max_size=3),

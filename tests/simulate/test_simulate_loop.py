@@ -244,7 +244,7 @@ def test_a_state_without_bound_is_an_outcome_with_its_moment(record_every):
     # No file may ask for such an overload; the outcome is there for what else may run away.
     drive = MACHINE.drive.model_copy(update={"overload": 1e300, "field_weakening": False})
     unheld = MACHINE.model_copy(update={"drive": drive})
-    wild = PiSettings(kp_nm_s_per_rad=1e300, ki_nm_per_rad=0.0)
+    wild = PiSettings(kp_nm_s_per_rad=1.0, ki_nm_per_rad=0.0).model_copy(update={"kp_nm_s_per_rad": 1e300})
     result = one(ramp(50.0), machine=unheld, settings=wild, record_every=record_every)
     assert result.outcome is Outcome.DIVERGED
     assert result.at == ("by 0.01 s" if record_every else "")

@@ -64,8 +64,9 @@ def _newton(
 ) -> Callable[[], tuple[Array, Array, Array]]:
     """Newton's way to rest from q, u: the best point on it and the acceleration there.
 
-    halved: a step that leaves more acceleration than there was is halved, for a step too far ends in a slack wire, where
-    no slope tells the way back. Without, it goes on from there: the way across a play leads over more acceleration.
+    halved: a step that leaves more acceleration than there was is halved, for a step too far ends in a slack wire,
+    where no slope tells the way back. Without, it goes on from there: the way across a play leads over more
+    acceleration.
     """
 
     def found() -> tuple[Array, Array, Array]:
