@@ -118,6 +118,8 @@ def survey_of(problem: Problem, fit: Fitted) -> Survey:
     setting = fit.setting
     residual, base, errors = fit.residual - fit.jacobian @ back, -fit.jacobian * usual, problem.errors
     loop = loop_of(problem)
+    if loop is not None and loop.noise > fit.rms(problem.inputs):
+        loop = None  # a loop whose law leaves more than the gap itself, for it is not linear, says nothing of the gap
     if loop is not None:
         residual, base, errors = _with_loop(loop, residual, base, errors)
     return Survey(
