@@ -20,6 +20,7 @@ from workbench.simulate.lowpass import lowpass
 OVERSAMPLED = 16.0  # samples to a period of the band: what is folded over at standstill is sharper than the band
 TURN = 2.0 * np.pi
 RESTING = 0.01  # of the fastest speed
+LOUD = 4.0  # of the input's noise: a loop that leaves no more is as good as linear
 
 
 @dataclass(frozen=True)
@@ -118,8 +119,9 @@ def survey_of(problem: Problem, fit: Fitted) -> Survey:
     setting = fit.setting
     residual, base, errors = fit.residual - fit.jacobian @ back, -fit.jacobian * usual, problem.errors
     loop = loop_of(problem)
-    if loop is not None and loop.noise > fit.rms(problem.inputs):
-        loop = None  # a loop whose law leaves more than the gap itself, for it is not linear, says nothing of the gap
+    gap = float(np.sqrt(np.mean(residual[: problem.inputs] ** 2)))
+    if loop is not None and loop.noise > max(gap, LOUD * problem.noise):
+        loop = None  # its law leaves more than the gap itself, for it is not linear: it says nothing of the gap
     if loop is not None:
         residual, base, errors = _with_loop(loop, residual, base, errors)
     return Survey(
