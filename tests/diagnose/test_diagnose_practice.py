@@ -37,7 +37,6 @@ def test_a_tight_stretch_is_named_with_its_place_and_size(shared_data: Path):
     assert (found.where.subsystem, found.where.regime) == ("guide", "position")
 
 
-@pytest.mark.xfail(reason="the table of campaign 33 leaves 1.5 times the noise", strict=False)
 def test_a_rail_that_changes_its_friction_at_one_height_is_unknown_and_in_the_machine_as_a_table(shared_data: Path):
     found, _ = answer(shared_data, "33")
     assert (found.verdict.word, found.verdict.effects) == ("unknown", ())

@@ -242,7 +242,7 @@ def test_a_load_that_rests_at_the_end_of_its_rail_has_not_left_it():
 @pytest.mark.parametrize("record_every", [0, 10])
 def test_a_state_without_bound_is_an_outcome_with_its_moment(record_every):
     # No file may ask for such an overload; the outcome is there for what else may run away.
-    drive = MACHINE.drive.model_copy(update={"overload": 1e300, "field_weakening": False})
+    drive = MACHINE.drive.model_copy(update={"overload": 1e150, "field_weakening": False})
     unheld = MACHINE.model_copy(update={"drive": drive})
     wild = PiSettings(kp_nm_s_per_rad=1.0, ki_nm_per_rad=0.0).model_copy(update={"kp_nm_s_per_rad": 1e300})
     result = one(ramp(50.0), machine=unheld, settings=wild, record_every=record_every)
