@@ -50,10 +50,9 @@ def hang_still(
         a, slopes = balance(t, trial_q, trial_u, table, kept)
         return a.T, slopes.transpose(2, 0, 1), np.max(np.abs(a), axis=0)
 
-    plainly, carefully = (_newton(at, q, u, free, halved) for halved in (False, True))
-    found_q, found_u, least = plainly()
+    found_q, found_u, least = _newton(at, q, u, free, halved=False)
     if np.any(least > AT_REST):
-        other_q, other_u, other = carefully()
+        other_q, other_u, other = _newton(at, q, u, free, halved=True)
         nearer = other < least
         found_q, found_u = np.where(nearer, other_q, found_q), np.where(nearer, other_u, found_u)
     return found_q, found_u
@@ -61,38 +60,34 @@ def hang_still(
 
 def _newton(
     at: Callable[[Array, Array], tuple[Array, Array, Array]], q: Array, u: Array, free: Sequence[int], halved: bool
-) -> Callable[[], tuple[Array, Array, Array]]:
+) -> tuple[Array, Array, Array]:
     """Newton's way to rest from q, u: the best point on it and the acceleration there.
 
     halved: a step that leaves more acceleration than there was is halved, for a step too far ends in a slack wire,
     where no slope tells the way back. Without, it goes on from there: the way across a play leads over more
     acceleration.
     """
-
-    def found() -> tuple[Array, Array, Array]:
-        best_q, best_u, least = q, u, np.full(len(u), np.inf)
-        trial_q, trial_u, step = q.copy(), u.copy(), np.zeros((len(free) + 1, len(u)))
-        for _ in range(ROUNDS):
-            a, matrix, size = at(trial_q, trial_u)
-            solvable = np.isfinite(size) & (np.linalg.det(matrix) != 0.0)
-            better = (size < least) & solvable
-            best_q, best_u = np.where(better, trial_q, best_q), np.where(better, trial_u, best_u)
-            least = np.where(better, size, least)
-            off = least > AT_REST
-            if not off.any():
-                break
-            newton = off & (better if halved else solvable)
-            step[:, newton] = np.linalg.solve(matrix[newton], a[newton][..., None])[..., 0].T
-            step[:, off & ~newton] *= 0.5
-            from_q, from_u = (best_q, best_u) if halved else (trial_q, trial_u)
-            moved_q, moved_u = trial_q.copy(), trial_u.copy()
-            moved_u[off] = from_u[off] - step[-1, off]
-            for row, i in enumerate(free):
-                moved_q[i, off] = from_q[i, off] - step[row, off]
-            trial_q, trial_u = moved_q, moved_u
-        return best_q, best_u, least
-
-    return found
+    best_q, best_u, least = q, u, np.full(len(u), np.inf)
+    trial_q, trial_u, step = q.copy(), u.copy(), np.zeros((len(free) + 1, len(u)))
+    for _ in range(ROUNDS):
+        a, matrix, size = at(trial_q, trial_u)
+        solvable = np.isfinite(size) & (np.linalg.det(matrix) != 0.0)
+        better = (size < least) & solvable
+        best_q, best_u = np.where(better, trial_q, best_q), np.where(better, trial_u, best_u)
+        least = np.where(better, size, least)
+        off = least > AT_REST
+        if not off.any():
+            break
+        newton = off & (better if halved else solvable)
+        step[:, newton] = np.linalg.solve(matrix[newton], a[newton][..., None])[..., 0].T
+        step[:, off & ~newton] *= 0.5
+        from_q, from_u = (best_q, best_u) if halved else (trial_q, trial_u)
+        moved_q, moved_u = trial_q.copy(), trial_u.copy()
+        moved_u[off] = from_u[off] - step[-1, off]
+        for row, i in enumerate(free):
+            moved_q[i, off] = from_q[i, off] - step[row, off]
+        trial_q, trial_u = moved_q, moved_u
+    return best_q, best_u, least
 
 
 @cache

@@ -25,8 +25,8 @@ from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.verdict.against import against
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, VerdictWord
-from workbench.diagnose.verdict.repeats import repeated_share, sudden_share
 from workbench.diagnose.verdict.stretch import stretch
+from workbench.diagnose.verdict.structure import repeated_share, sudden_share
 from workbench.effects import find
 from workbench.kinds import kind_of
 

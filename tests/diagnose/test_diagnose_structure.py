@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.noisy_runs import hoist_runs
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.verdict.repeats import repeated_share, sudden_share
+from workbench.diagnose.verdict.structure import repeated_share, sudden_share
 from workbench.kinds import kind_of
 from workbench.machine import default_hoist
 from workbench.run import Array
