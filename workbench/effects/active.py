@@ -6,6 +6,7 @@ at the value where it vanishes. A user's effects make one more, library and thei
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from workbench.effects.correction import corrected
-from workbench.effects.declare import Effect, Ranged
+from workbench.effects.declare import Effect, EffectMemory, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
 from workbench.errors import InputError, nearest
 from workbench.kinds import Sizes, kind_of
@@ -27,6 +28,7 @@ from workbench.trace.expr import Scalar
 # What a run says beside its machine: when it began, so that effects may count from the campaign's start.
 RUN_SYMBOLS = ("start_time_s",)
 Chosen = Mapping[str, Mapping[str, float]]
+WAVES = 1.2  # along the way, at least
 
 
 @dataclass(frozen=True)
@@ -160,9 +162,10 @@ def compiled(kind: str, effects: tuple[Effect, ...]) -> Effects:
     """The pieces of several effects in the plant; one object for one set, for kernels are found by it."""
     pieces: dict[str, list[Callable[[Any, Any], Scalar]]] = {}
     for each in effects:
-        pieces.setdefault(each.place_on(kind), []).append(partial(_piece, each, kind))
+        for place, function in {each.place_on(kind): each.function, **each.beside}.items():
+            pieces.setdefault(place, []).append(partial(_piece, each, function, kind))
     symbols = [each.symbol(parameter, kind) for each in effects for parameter in each.parameters]
-    memory = [_memory(each, kind) for each in effects if each.memory is not None]
+    memory = [_memory(each, state, kind) for each in effects for state in each.memory]
     return Effects(pieces, (*symbols, *RUN_SYMBOLS), memory)
 
 
@@ -179,19 +182,16 @@ def joined(first: Effects, second: Effects) -> Effects:
     )
 
 
-def _piece(effect: Effect, kind: str, s: Any, p: Any) -> Scalar:
-    return effect.function(s, effect.own(p, kind), p)
+def _piece(effect: Effect, function: Callable[[Any, Any, Any], Any], kind: str, s: Any, p: Any) -> Scalar:
+    return function(s, effect.own(p, kind), p)
 
 
-def _memory(effect: Effect, kind: str) -> Memory:
-    memory = effect.memory
-    assert memory is not None
-
+def _memory(effect: Effect, memory: EffectMemory, kind: str) -> Memory:
     def own(p: Any) -> SimpleNamespace:
         return effect.own(p, kind)
 
     return Memory(
-        effect.memory_symbol,
+        effect.memory_symbol(memory),
         rate=lambda s, p: memory.rate(s, own(p), p),
         start=lambda p: memory.start(own(p), p),
         scale=lambda p: float(memory.scale(own(p), p)),
@@ -210,13 +210,17 @@ def sizes_of(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Sizes:
 
 def _where_it_went(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ranged:
     """Where the log says where a machine is, its zero may lie anywhere: a place along its way is looked for where
-    its runs have been."""
+    its runs have been. A wave is one that comes again on that way: of less than WAVES, nobody can say so."""
     kind = kind_of(machine)
-    if r.scan != "position" or not kind.moved.placed_by_log:
+    if r.scan not in ("position", "order") or not kind.moved.placed_by_log:
         return r
     position = kind.plant.positions[kind.plant.placed]
     been = [run[position] for run in runs if position in run]
     low, high = min(map(np.min, been), default=0.0), max(map(np.max, been), default=0.0)
     if not high > low:
         return r
+    if r.scan == "order":
+        least = min(max(r.lowest, WAVES * 2.0 * math.pi / float(high - low)), r.highest)
+        tries = tuple(order for order in r.tries if order >= least) or (least,)
+        return replace(r, lowest=least, start=max(r.start, least), tries=tries)
     return replace(r, lowest=float(low - 0.1 * (high - low)), highest=float(high + 0.1 * (high - low)))

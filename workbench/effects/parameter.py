@@ -15,7 +15,7 @@ def words(kind: str) -> Mapping[str, str]:
 
 
 Domain = Literal["any", "not_negative", "positive"]
-Scan = Literal["", "position", "drum_angle", "phase", "frequency", "waves"]
+Scan = Literal["", "position", "drum_angle", "phase", "frequency", "waves", "order"]
 DOMAINS: Mapping[str, tuple[Callable[[float], bool], str]] = {
     "any": (lambda value: True, "a number"),
     "not_negative": (lambda value: value >= 0.0, "at least 0"),
@@ -35,7 +35,8 @@ class Parameter:
     per_run: every run has its own. domain: what a value has to be at all.
     scan: how a search tries a shape (what has no vanishing value) before it refines it: as a
     place that the runs have passed (position, drum_angle), as a phase of the amplitude beside
-    it, as a frequency, as waves along the way, as finely as the runs resolve it; "": `tries` (in `size`), or some
+    it, as a frequency, as waves along the way, as finely as the runs resolve it; as an order (`tries`, of which the
+    way has to show more than one wave); "": `tries` (in `size`), or some
     values from lowest to highest.
     """
 

@@ -21,13 +21,14 @@ from workbench.diagnose.hypotheses.fits import (
     start_of,
     stepped_aside,
 )
-from workbench.diagnose.hypotheses.knobs import Knob, Value, within
+from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, Value, effect_knobs, within
+from workbench.diagnose.hypotheses.merit import beyond, beyond_discrepancy, discounted, inexact
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.scan import Atom, atoms
 from workbench.diagnose.hypotheses.score import STEP, cost, score_of
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
-from workbench.effects import Effect
+from workbench.effects import Effect, Ranged, ranges_of
 from workbench.run import Array
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
@@ -75,9 +76,11 @@ class Found:
 
 @dataclass(frozen=True)
 class Promise:
-    """What one effect takes off the objective at its best shape, linearly, and what that is worth."""
+    """What one effect takes off the objective at its best shape, linearly, `data` of it off the data; and what that is
+    worth."""
 
     gain: float
+    data: float
     merit: float
     atom: Atom
     amounts: Array
@@ -110,6 +113,16 @@ def searched(
     if standstill > 1.0:  # a fit has bent itself to what is near standstill, and asks for less than there is
         standstill *= STEP
     return search(problem.with_discrepancy((size, standstill)))
+
+
+@dataclass(frozen=True)
+class _Way:
+    """To a pair: by adding an effect to a leading one. worth: the pair's merit; gain: what it takes off; linearly."""
+
+    worth: float
+    gain: float
+    leader: Fitted
+    promise: Promise
 
 
 class Search:
@@ -200,6 +213,7 @@ class Search:
             self._try((name,), lambda each=promised[name]: self._fit_with(near, each))  # type: ignore[misc]
         if np.any(near.z != base.z):
             self._from_base(base, order)
+            self._with_delay(base)
         self._finish(base, [(name,) for name in order])
 
     def _from_base(self, base: Fitted, names: Sequence[str]) -> None:
@@ -210,6 +224,29 @@ class Search:
             fit = self.fits.get((name,))
             if fit is None or base.objective - fit.objective < 0.8 * each.gain:
                 self._try((name,), lambda e=each: self._fit_with(base, e))  # type: ignore[misc]
+
+    def _with_delay(self, at: Fitted) -> None:
+        """Where a fit has taken the log's timing far beyond its tolerance, a delay in its place: too far for a linear
+        promise."""
+        late = next((e for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late), None)
+        if late is None or late.id in at.effects or LOG_TIMING not in self.base:
+            return
+        timing, start = self.base[LOG_TIMING], 0
+        for knob in self.held:
+            if knob is timing:
+                break
+            start += len(knob.lowest)
+        if at.z[start] <= TOLERANCES:
+            return
+        more, amount = effect_knobs(late, self._ranges(late), {self.problem.late: at.z[start] * timing.scale})
+        z = np.concatenate([at.z, amount])
+        z[start] = 0.0
+        names = (*at.effects, late.id)
+        known: Names = tuple(sorted(names))
+        self._try(known, lambda: fit_knobs(self.problem, names, [*at.knobs, *more], z, LAST_ROUND, self.count))
+
+    def _ranges(self, effect: Effect) -> tuple[Ranged, ...]:
+        return ranges_of(effect, self.problem.machine, self.problem.runs)
 
     def _finish(self, base: Fitted, tried: Sequence[Names], reach: float = IN_REACH) -> None:
         """Follow to their end the fits that are in reach of the best."""
@@ -239,39 +276,62 @@ class Search:
         return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, LAST_ROUND, self.count)
 
     def _pairs(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
-        singles = sorted(
-            (n for n in self.fits if len(n) == 1 and n[0] in self.effects), key=lambda n: self.fits[n].objective
-        )
+        singles = [names for names in self.fits if len(names) == 1 and names[0] in self.effects]
         if not singles:
             return
-        best = base.objective - self.fits[singles[0]].objective
-        leaders = [n for n in singles[:LEADERS] if base.objective - self.fits[n].objective >= LEADS * best]
-        wanted: dict[Names, list[tuple[float, Fitted, Promise]]] = {}
+        best = max(base.objective - self.fits[names].objective for names in singles)
+        none, scores = (
+            score_of(self.problem, base),
+            {names: score_of(self.problem, self.fits[names]) for names in singles},
+        )
+        worth = {names: self._worth(base, self.fits[names], none.value - scores[names].value) for names in singles}
+        singles.sort(key=lambda names: -worth[names])
+        leaders = [n for n in singles[:LEADERS] if worth[n] > 0.0 and worth[n] >= LEADS * worth[singles[0]]]
+        ways: dict[Names, list[_Way]] = {}
         leading: set[Names] = set()
         for k, names in enumerate(leaders):
             leader = self.fits[names]
-            if self.merit_of(base, leader) <= 0.0:
-                continue
             self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders), names))
             again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
-            promised = self._promised(leader, again)
-            for rank, name in enumerate(sorted(promised, key=lambda n: -promised[n].merit)):
+            least = inexact(self.problem, near, leader, scores[names])
+            added = {
+                name: self._worth_beside(leader, promise, least)
+                for name, promise in self._promised(leader, again).items()
+                if promise.merit > 0.0
+            }
+            gained = base.objective - leader.objective
+            for rank, name in enumerate(sorted(added, key=lambda name: -added[name][0])):
+                more, promise = added[name]
                 pair: Names = (min(names[0], name), max(names[0], name))
-                if rank < PARTNERS and promised[name].merit > 0.0:
+                if rank < PARTNERS:
                     leading.add(pair)
-                total = base.objective - leader.objective + promised[name].gain
-                wanted.setdefault(pair, []).append((total, leader, promised[name]))
-        chosen = [(pair, ways) for pair, ways in wanted.items() if pair in leading]
-        for pair, ways in sorted(chosen, key=lambda q: -max(way[0] for way in q[1]))[:PAIRS_REFITTED]:
-            self.linear[pair] = max(way[0] for way in ways)
+                ways.setdefault(pair, []).append(_Way(worth[names] + more, gained + promise.gain, leader, promise))
+        for pair in sorted(leading, key=lambda pair: -max(way.worth for way in ways[pair]))[:PAIRS_REFITTED]:
+            self.linear[pair] = max(way.gain for way in ways[pair])
             # A promise is linear, and may not be kept: the way from the better single effect is tried first.
-            for _, leader, each in sorted(ways, key=lambda way: way[1].objective):
+            for way in sorted(ways[pair], key=lambda way: way.leader.objective):
                 fit = self.fits.get(pair)
-                if fit is None or fit.objective > leader.objective:
-                    self._try(pair, lambda f=leader, e=each: self._fit_with(f, e))  # type: ignore[misc]
+                if fit is None or fit.objective > way.leader.objective:
+                    self._try(pair, lambda w=way: self._fit_with(w.leader, w.promise))  # type: ignore[misc]
+        for names in leaders:
+            self._with_delay(self.fits[names])
         self._joint(near, signatures, near.objective - base.objective + best)
         self._finish(base, [n for n in self.fits if len(n) == 2], PAIR_IN_REACH)
         self._drop(base)
+
+    def _worth(self, base: Fitted, fit: Fitted, gain: float) -> float:
+        """A single effect's merit, without what the machine's own discrepancy could be worth. gain: of its score."""
+        return beyond_discrepancy(self.problem, base, fit, gain) - cost(self.problem, len(fit.z) - len(base.z))
+
+    def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> tuple[float, Promise]:
+        """What a second effect's promise adds to a leader's merit. least: what the leader's inexact law could be
+        worth."""
+        taken = promise.atom.columns @ promise.amounts
+        z = self._aside(leader, taken, promise.atom)
+        left = leader.residual - taken + leader.jacobian @ (z - leader.z)
+        data = discounted(self.problem, (promise.atom.effect.id,), promise.data, leader.residual, left)
+        paid = promise.gain - promise.merit
+        return promise.gain - promise.data + beyond(data, least) - paid, promise
 
     def _drop(self, base: Fitted) -> None:
         """Each effect of the leading pairs alone, from where the pair left it: a pair is worth what both earn."""
@@ -317,10 +377,6 @@ class Search:
         for _, pair, a, b, amounts in sorted(found, key=lambda q: -q[0])[:PARTNERS]:
             self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
 
-    def merit_of(self, base: Fitted, fit: Fitted) -> float:
-        """Of one effect, against none, with the discrepancy at its default size."""
-        return base.objective - fit.objective - cost(self.problem, len(fit.z) - len(base.z))
-
     def _promised(self, at: Fitted, signatures: Sequence[Atom]) -> dict[str, Promise]:
         """Effect -> its best shape, linearly."""
         projection = Projection.of(self.problem, at)
@@ -329,7 +385,7 @@ class Search:
             columns = projection.clean(atom.columns)
             data, prior, amounts = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
             size = columns.shape[1] + len(atom.at)
-            each = Promise(data + prior, data + prior - cost(self.problem, size), atom, amounts)
+            each = Promise(data + prior, data, data + prior - cost(self.problem, size), atom, amounts)
             if atom.effect.id not in best or each.merit > best[atom.effect.id].merit:
                 best[atom.effect.id] = each
         return best
@@ -337,21 +393,24 @@ class Search:
     def _fit_with(self, at: Fitted, promise: Promise) -> Fitted:
         more, start = start_of(self.problem, promise.atom, promise.amounts)
         names = (*at.effects, promise.atom.effect.id)
-        delay = self.problem.late in {r.symbol for r in promise.atom.amounts}
-        beside = stepped_aside(self.problem, at, promise.atom.columns @ promise.amounts, delay)
+        beside = self._aside(at, promise.atom.columns @ promise.amounts, promise.atom)
         knobs, z = [*at.knobs, *more], np.concatenate([beside, start])
         return fit_knobs(self.problem, names, knobs, z, FIRST_ROUND, self.count)
 
     def _fit_both(self, near: Fitted, a: Atom, b: Atom, amounts: Array) -> Fitted:
         split = a.columns.shape[1]
         taken = a.columns @ amounts[:split] + b.columns @ amounts[split:]
-        delay = self.problem.late in {r.symbol for atom in (a, b) for r in atom.amounts}
-        knobs, start = list(near.knobs), list(stepped_aside(self.problem, near, taken, delay))
+        knobs, start = list(near.knobs), list(self._aside(near, taken, a, b))
         for atom, part in ((a, amounts[:split]), (b, amounts[split:])):
             more, z = start_of(self.problem, atom, part)
             knobs, start = [*knobs, *more], [*start, *z]
         names = (a.effect.id, b.effect.id)
         return fit_knobs(self.problem, names, knobs, np.array(start), FIRST_ROUND, self.count)
+
+    def _aside(self, at: Fitted, taken: Array, *atoms: Atom) -> Array:
+        """Where a fit's own parameters go once effects take so much (samples,) off its residual."""
+        delay = self.problem.late in {r.symbol for atom in atoms for r in atom.amounts}
+        return stepped_aside(self.problem, at, taken, delay)
 
     def _try(self, names: Names, fit: Callable[[], Fitted]) -> None:
         """A candidate that breaks down is a row in the report, not the end."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from workbench.diagnose.hypotheses.base import traces
 from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.merit import SECOND, beyond, beyond_discrepancy, discrepancy_rms, inexact
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
@@ -26,7 +27,7 @@ from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.verdict.against import against
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, VerdictWord
 from workbench.diagnose.verdict.stretch import stretch
-from workbench.diagnose.verdict.structure import repeated_share, sudden_share
+from workbench.diagnose.verdict.structure import lasting_share, repeated_share, sudden_share
 from workbench.effects import find
 from workbench.kinds import kind_of
 
@@ -34,16 +35,14 @@ from workbench.kinds import kind_of
 # one, for of all causes weighed one would have relieved them.
 BY_CHANCE = {False: 2.0, True: 1.0}
 UNDONE = 0.15  # logarithm of energies: as far two effects undo each other by chance
-# Of the discrepancy: the least that an effect has to take off the residual; of what acts at low speed only the second.
-SYSTEMATIC = {False: 0.5, True: 1.0}
 TRACE = 3.0  # standard deviations of an effect's trace, by chance
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
-SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
 FREER = 10.0  # merit by which a law of more freedom has to be better than a simpler one
 OWN = 0.02  # of the largest input: what an axis may leave itself; the EMPS axis leaves 0.008 to 0.016
 OWN_AGAIN = 0.01  # of that, what comes again with place or speed; the EMPS axis leaves 0.009
+OWN_BLOW = 0.003  # of that, what comes in a few moments at speed; the EMPS axis leaves none
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
@@ -114,7 +113,7 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
         if len(names) != 1:
             continue
         gain = none.value - scores[names].value
-        merit = beyond_discrepancy(found, found.base, fit, gain) - cost(problem, len(fit.z) - len(found.base.z))
+        merit = beyond_discrepancy(problem, found.base, fit, gain) - cost(problem, len(fit.z) - len(found.base.z))
         singles[names] = weighed(names, scores[names], beyond_trace(problem, fit, names[0], merit))
     singles = {names: _not_freer(found, w, singles, kind) for names, w in singles.items()}
     for names, fit in found.fits.items():
@@ -123,20 +122,18 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
         first = max((singles[(name,)] for name in names if (name,) in singles), key=lambda w: w.merit, default=None)
         if first is None:
             continue
-        gain = beyond_discrepancy(found, first.fit, fit, first.score.value - scores[names].value)
+        gain = beyond_discrepancy(problem, first.fit, fit, first.score.value - scores[names].value)
         prior = first.fit.prior - fit.prior
-        added = prior + beyond(gain - prior, inexact(found, first)) - cost(problem, len(fit.z) - len(first.fit.z))
+        added = (
+            prior
+            + beyond(gain - prior, inexact(problem, found.near, first.fit, first.score))
+            - cost(problem, len(fit.z) - len(first.fit.z))
+        )
         (second,) = set(names) - set(first.names)
         merit = first.merit + beyond_trace(problem, fit, second, added) - calibration()["pair"]
         pairs[names] = weighed(names, scores[names], merit)
     pairs = {names: _not_freer(found, w, pairs, kind) for names, w in pairs.items()}
     return tuple(sorted([*singles.values(), *pairs.values()], key=lambda w: -w.merit)), none
-
-
-def inexact(found: Found, weighed: Weighed) -> float:
-    """What another cause could be worth that only mends the inexact law of the one weighed: SECOND of what that
-    explains, rms."""
-    return SECOND**2 * explained(found.problem, found.near, weighed.fit, weighed.score)
 
 
 def _not_freer(found: Found, mine: Weighed, beside: Mapping[Names, Weighed], kind: str) -> Weighed:
@@ -159,37 +156,8 @@ def advantage(found: Found, mine: Weighed, other: Weighed) -> float:
     """By how much a hypothesis is better than another one that it may only mend: what the tolerances say in full, what
     the data say beyond the other one's inexactness."""
     prior = other.fit.prior - mine.fit.prior
-    return prior + beyond(mine.merit - other.merit - prior, inexact(found, other))
-
-
-def beyond(data: float, least: float) -> float:
-    """What the data are worth beyond a least size; what they cost, they cost."""
-    return max(data - least, 0.0) if data > 0.0 else data
-
-
-def beyond_discrepancy(found: Found, before: Fitted, after: Fitted, gain: float) -> float:
-    """By how much the score falls, without what the machine's own discrepancy could be worth, were it of this effect's
-    form.
-
-    The discrepancy is taken for random in the likelihood. It need not be: a law of friction that is not the machine's
-    leaves what some effect describes. So of what the data give, the share is taken off that an effect as large as
-    SYSTEMATIC of the default discrepancy would have, rms; as large as all of it where a machine has shown more than the
-    default. Tolerances need no such discount.
-    """
-    problem = found.problem
-    if not after.effects:
-        return gain
-    added = set(after.effects) - set(before.effects)
-    slow = all(find(name, problem.active.kind).regime == "low_speed" for name in added)
-    taken = before.rms(problem.inputs) ** 2 - after.rms(problem.inputs) ** 2
-    default = SYSTEMATIC[slow] * discrepancy_rms(problem.with_discrepancy((1.0, 1.0)))
-    shown = discrepancy_rms(problem) if max(problem.errors.sizes) > 1.0 else 0.0
-    least = max(default, shown) ** 2
-    prior = before.prior - after.prior
-    data = gain - prior
-    if data <= 0.0:
-        return gain
-    return prior + data * max(1.0 - least / max(taken, 1e-300), 0.0)
+    least = inexact(found.problem, found.near, other.fit, other.score)
+    return prior + beyond(mine.merit - other.merit - prior, least)
 
 
 def beyond_trace(problem: Problem, fit: Fitted, name: str, merit: float) -> float:
@@ -244,11 +212,6 @@ def ranked_merits(weighed: Sequence[Weighed], vetoes: Sequence[Weighed]) -> list
     """Merits as they are ranked. An unlisted effect that is about as good as the best listed one is alike, and no
     veto."""
     return [(() if w.rival else w.names, w.merit) for w in weighed if not w.rival or w in vetoes]
-
-
-def discrepancy_rms(problem: Problem) -> float:
-    """The discrepancy of the input's rows, rms, in the input's unit."""
-    return float(np.sqrt(np.mean(problem.errors.discrepancy[: problem.inputs] ** 2)))
 
 
 def input_rms(problem: Problem) -> float:
@@ -319,16 +282,21 @@ def unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> fl
     """How much what is left speaks for a cause: the logarithm of the discrepancy's excess, as far as it matters.
 
     An axis has ripple and resonances of its own. There only what is beyond OWN of the largest input counts, or what
-    comes again with place or speed, or in a few moments, beyond OWN_AGAIN, which no random discrepancy does.
+    comes again with place or speed, or to stay, beyond OWN_AGAIN, or in a few moments beyond OWN_BLOW, which no random
+    discrepancy does.
     """
     many = max(math.log(excess), 0.0)
     if kind_of(problem.machine).floor == "sensors":
         return many * min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
     largest = max(float(np.max(np.abs(u))) for u in problem.bench.measured)
-    structured = max(repeated_share(problem, held.residual), sudden_share(problem, held.residual))
-    again = left.rms * math.sqrt(structured)
     beyond_own = min(max(left.rms / (OWN * largest) - 1.0, 0.0), 1.0)
-    return max(many * beyond_own, AGAIN * min(max(again / (OWN_AGAIN * largest) - 1.0, 0.0), 1.0))
+    structured = (
+        (repeated_share(problem, held.residual), OWN_AGAIN),
+        (lasting_share(problem, held.residual), OWN_AGAIN),
+        (sudden_share(problem, held.residual), OWN_BLOW),
+    )
+    again = max(left.rms * math.sqrt(share) / (own * largest) for share, own in structured)
+    return max(many * beyond_own, AGAIN * min(max(again - 1.0, 0.0), 1.0))
 
 
 def _reasons(

@@ -1,7 +1,8 @@
-"""What speaks for a cause in what a fit leaves: the share that comes again, and the share that comes all at once.
+"""What speaks for a cause in what a fit leaves: what comes again, what comes all at once, and what comes to stay.
 
 A machine of its own leaves something that no lumped model has: a resonance, a controller's cycle, wear that shifts. A
-cause comes again where the machine is in the same state; or it is a blow, in a few moments of the runs.
+cause comes again where the machine is in the same state; or it is a blow, in a few moments of the runs; or friction
+changes its level at one moment of a run and keeps it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ from workbench.run import Array
 
 BINS = 24  # of each variable, each way
 MOMENTS = 0.02  # of the rows
+AT_SPEED = 0.1  # of the largest of the run: slower is near standstill
+SHORTEST = 0.05  # of a run's rows, before and behind a change that lasts
+LASTING = 0.2  # of the energy: machines without such a change show up to 0.17
 BY_CHANCE = 0.3  # of the energy, in so many rows: 0.13 of normal noise, some more of what is loud now and then
 
 
@@ -48,8 +52,33 @@ def _foretold(rows: Array, folds: np.ndarray, variable: Array, forward: np.ndarr
 
 def sudden_share(problem: Problem, residual: Array) -> float:
     """Of the energy of the input's residual (samples,), 0 to 1: what the loudest MOMENTS of its rows hold beyond
-    BY_CHANCE."""
-    energy = np.sort(residual[: problem.inputs] ** 2)
+    BY_CHANCE, of those at speed. Near standstill a machine is loud for a moment at each reversal, by its friction."""
+    at_speed = [
+        np.abs(motion.speed[at]) > AT_SPEED * np.max(np.abs(motion.speed[at]), initial=0.0)
+        for motion, at in zip(problem.bench.motions, problem.rows, strict=True)
+    ]
+    rows = residual[: problem.inputs]
+    energy = np.sort(rows[np.concatenate(at_speed)] ** 2)
     loudest = energy[-max(int(MOMENTS * len(energy)), 1) :]
     share = float(np.sum(loudest)) / max(float(np.sum(energy)), 1e-300)
-    return max((share - BY_CHANCE) / (1.0 - BY_CHANCE), 0.0)
+    of_all = float(np.sum(energy)) / max(float(rows @ rows), 1e-300)
+    return max((share - BY_CHANCE) / (1.0 - BY_CHANCE), 0.0) * of_all
+
+
+def lasting_share(problem: Problem, residual: Array) -> float:
+    """Of the energy of the input's residual (samples,), 0 to 1: what friction takes off it whose level changes once in
+    each run, at its best moment, beyond LASTING, as much as a slow discrepancy looks like that by chance."""
+    start, taken = 0, 0.0
+    for motion, at in zip(problem.bench.motions, problem.rows, strict=True):
+        along = residual[start : start + len(at)] * np.sign(motion.speed[at])
+        start += len(at)
+        least = max(int(SHORTEST * len(at)), 1)
+        if len(at) <= 2 * least:
+            continue
+        before, total, count = np.cumsum(along)[least - 1 : -least], float(np.sum(along)), len(at)
+        rows = np.arange(least, count - least + 1)
+        changed = before**2 / rows + (total - before) ** 2 / (count - rows) - total**2 / count
+        taken += float(np.max(changed))
+    energy = float(residual[: problem.inputs] @ residual[: problem.inputs])
+    share = taken / energy if energy > 0.0 else 0.0
+    return max((share - LASTING) / (1.0 - LASTING), 0.0)

@@ -72,7 +72,7 @@ def _grip_rate(s: Any, e: Any, p: Any) -> Scalar:
     reference="a spring-applied brake whose magnet builds up its field with the time constant τ",
     shows="a burst against the motion at each start that dies away; none at stops",
     dissipative=True,
-    memory=EffectMemory("z", _grip_rate, start=lambda e, p: e.T, scale=lambda e, p: e.T or 1.0),
+    memory=[EffectMemory("z", _grip_rate, start=lambda e, p: e.T, scale=lambda e, p: e.T or 1.0)],
 )  # fmt: skip
 def brake_drag(s: Any, e: Any, p: Any) -> Scalar:
     """A brake that lets go late at each start."""
@@ -88,7 +88,7 @@ def brake_drag(s: Any, e: Any, p: Any) -> Scalar:
             vanishes_at=0.0, domain="not_negative",
         ),
         Parameter("n", "order_per_turn", "waves per turn of the motor", "1", 0.1, 400.0, 0.02, 1.0, domain="positive",
-                  tries=(0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)),
+                  scan="order", tries=(0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)),
         Parameter("phi", "phase_rad", "at motor angle 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0,
                   per_run=True, scan="phase"),  # a millimetre of the start height is a fifth of a radian here
     ],

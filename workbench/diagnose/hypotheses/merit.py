@@ -1,0 +1,76 @@
+"""What a hypothesis is worth, beyond what an imperfect model would be worth too.
+
+A score weighs what a hypothesis explains as if all that is left were noise and a random discrepancy. Two discounts are
+taken off what the data give, none off what the tolerances say: an effect may be of the form of the machine's own
+discrepancy (`beyond_discrepancy`), and a second effect may only mend the first one's inexact law (`inexact`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.score import Score, explained
+from workbench.effects import find
+from workbench.run import Array
+
+# Of the discrepancy: the least that an effect has to take off the residual; of what acts at low speed only the second.
+SYSTEMATIC = {False: 0.5, True: 1.0}
+SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
+
+
+def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score) -> float:
+    """What another cause could be worth that only mends the inexact law of this fit: SECOND of what that explains,
+    rms."""
+    return SECOND**2 * explained(problem, near, fit, score)
+
+
+def beyond(data: float, least: float) -> float:
+    """What the data are worth beyond a least size; what they cost, they cost."""
+    return max(data - least, 0.0) if data > 0.0 else data
+
+
+def beyond_discrepancy(problem: Problem, before: Fitted, after: Fitted, gain: float) -> float:
+    """By how much the score falls, without what the machine's own discrepancy could be worth, were it of this effect's
+    form.
+
+    The discrepancy is taken for random in the likelihood. It need not be: a law of friction that is not the machine's
+    leaves what some effect describes. So of what the data give, the share is taken off that an effect as large as
+    SYSTEMATIC of the default discrepancy would have, rms; as large as all of it where a machine has shown more than the
+    default. Tolerances need no such discount.
+    """
+    added = set(after.effects) - set(before.effects)
+    if not added:
+        return gain
+    prior = before.prior - after.prior
+    return prior + discounted(problem, added, gain - prior, before.residual, after.residual)
+
+
+def discounted(problem: Problem, added: Collection[str], data: float, before: Array, after: Array) -> float:
+    """What the data give for effects, see `beyond_discrepancy`. before, after: residuals (samples,) without and with.
+
+    What acts at speed is compared with the discrepancy at speed: rows count less the more of their discrepancy is that
+    near standstill.
+    """
+    if data <= 0.0:
+        return data
+    slow = all(find(name, problem.active.kind).regime == "low_speed" for name in added)
+    rows = slice(0, problem.inputs)
+    errors = problem.errors
+    size, standstill = errors.sizes
+    if slow:
+        share = np.ones(problem.inputs)
+    else:
+        share = errors.moving[rows] ** 2 / (errors.moving[rows] ** 2 + (standstill * errors.standstill[rows]) ** 2)
+    default = SYSTEMATIC[slow] ** 2 * float(np.mean(share * errors.sized((1.0, 1.0)).discrepancy[rows] ** 2))
+    shown = float(np.mean(share * errors.discrepancy[rows] ** 2)) if max(size, standstill) > 1.0 else 0.0
+    taken = float(np.mean(share * (before[rows] ** 2 - after[rows] ** 2)))
+    return data * max(1.0 - max(default, shown) / max(taken, 1e-300), 0.0)
+
+
+def discrepancy_rms(problem: Problem) -> float:
+    """The discrepancy of the input's rows, rms, in the input's unit."""
+    return float(np.sqrt(np.mean(problem.errors.discrepancy[: problem.inputs] ** 2)))
