@@ -254,7 +254,7 @@ def test_beyond_its_range_the_exponential_is_zero_or_stays_finite(elementary):
 
 
 def test_memory_stands_behind_the_speeds():
-    assert [m.symbol for m in all_off(MACHINES["hoist"]).effects.memory] == ["brake_drag__memory_z"]
+    assert [m.symbol for m in all_off(MACHINES["hoist"]).effects.memory] == ["brake_drag__memory"]
     kept = [m.symbol for m in all_off(MACHINES["axis-linear"]).effects.memory]
-    assert kept == ["presliding__memory_z", "backlash__memory_q", "backlash__memory_w"]
+    assert kept == ["presliding__memory", "backlash__memory"]
     assert Effects().memory == ()

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from workbench.effects.correction import corrected
-from workbench.effects.declare import Effect, EffectMemory, Ranged
+from workbench.effects.declare import Effect, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
 from workbench.errors import InputError, nearest
 from workbench.kinds import Sizes, kind_of
@@ -162,10 +162,9 @@ def compiled(kind: str, effects: tuple[Effect, ...]) -> Effects:
     """The pieces of several effects in the plant; one object for one set, for kernels are found by it."""
     pieces: dict[str, list[Callable[[Any, Any], Scalar]]] = {}
     for each in effects:
-        for place, function in {each.place_on(kind): each.function, **each.beside}.items():
-            pieces.setdefault(place, []).append(partial(_piece, each, function, kind))
+        pieces.setdefault(each.place_on(kind), []).append(partial(_piece, each, kind))
     symbols = [each.symbol(parameter, kind) for each in effects for parameter in each.parameters]
-    memory = [_memory(each, state, kind) for each in effects for state in each.memory]
+    memory = [_memory(each, kind) for each in effects if each.memory is not None]
     return Effects(pieces, (*symbols, *RUN_SYMBOLS), memory)
 
 
@@ -182,16 +181,19 @@ def joined(first: Effects, second: Effects) -> Effects:
     )
 
 
-def _piece(effect: Effect, function: Callable[[Any, Any, Any], Any], kind: str, s: Any, p: Any) -> Scalar:
-    return function(s, effect.own(p, kind), p)
+def _piece(effect: Effect, kind: str, s: Any, p: Any) -> Scalar:
+    return effect.function(s, effect.own(p, kind), p)
 
 
-def _memory(effect: Effect, memory: EffectMemory, kind: str) -> Memory:
+def _memory(effect: Effect, kind: str) -> Memory:
+    memory = effect.memory
+    assert memory is not None
+
     def own(p: Any) -> SimpleNamespace:
         return effect.own(p, kind)
 
     return Memory(
-        effect.memory_symbol(memory),
+        effect.memory_symbol,
         rate=lambda s, p: memory.rate(s, own(p), p),
         start=lambda p: memory.start(own(p), p),
         scale=lambda p: float(memory.scale(own(p), p)),

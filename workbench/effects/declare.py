@@ -75,8 +75,7 @@ class Effect:
     listed: bool
     function: Callable[[Any, Any, Any], Any]
     inverse: Callable[[Any, Any, Any], Any] | None
-    memory: tuple[EffectMemory, ...]
-    beside: Mapping[str, Callable[[Any, Any, Any], Any]]
+    memory: EffectMemory | None
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
@@ -104,14 +103,13 @@ class Effect:
     def own(self, p: Any, kind: str) -> SimpleNamespace:
         """e: the effect's parameters, and its memory, out of the plant's."""
         e = {short: getattr(p, symbol) for short, symbol in _symbols(self, kind)}
-        for each in self.memory:
-            if hasattr(p, self.memory_symbol(each)):
-                e[each.symbol] = getattr(p, self.memory_symbol(each))
+        if self.memory is not None and hasattr(p, self.memory_symbol):
+            e[self.memory.symbol] = getattr(p, self.memory_symbol)
         return SimpleNamespace(**e)
 
-    def memory_symbol(self, each: EffectMemory) -> str:
-        """What a state of its own is called among the plant's parameters."""
-        return f"{self.id}__memory_{each.symbol}"
+    @property
+    def memory_symbol(self) -> str:
+        return f"{self.id}__memory"
 
     def ranges(self, sizes: Sizes) -> tuple[Ranged, ...]:
         """Its parameters on one machine."""
@@ -152,8 +150,7 @@ def effect(
     dissipative: bool = False,
     listed: bool = True,
     inverse: Callable[[Any, Any, Any], Any] | None = None,
-    memory: Sequence[EffectMemory] = (),
-    beside: Mapping[str, Callable[[Any, Any, Any], Any]] | None = None,
+    memory: EffectMemory | None = None,
 ) -> Callable[[Callable[[Any, Any, Any], Any]], Effect]:
     """Declares the function beneath as an effect.
 
@@ -161,8 +158,7 @@ def effect(
     regime: when it shows. reads: the signals at the place that it reads, with units.
     dissipative: for values at or above the vanishing ones it takes energy only. listed: its
     name is one that a diagnosis may give without being asked for it. inverse: of an effect on
-    a sensor, from the logged series to the true one. memory: states of its own. beside: what it adds at other places
-    of the same plants, by place.
+    a sensor, from the logged series to the true one.
     ValueError for a declaration that does not fit together.
     """
 
@@ -183,8 +179,7 @@ def effect(
             listed=listed,
             function=function,
             inverse=inverse,
-            memory=tuple(memory),
-            beside=dict(beside or {}),
+            memory=memory,
         )
         for problem in problems(made):
             raise ValueError(f"effect {name}: {problem}")

@@ -110,7 +110,7 @@ def _section(each: Effect, title: str) -> list[str]:
     places = "; ".join(dict.fromkeys(f"{kind.partition('-')[0]}: {place} ({of})" for kind, place, of in where))
     traits = [
         "takes energy only" if each.dissipative else "",
-        "keeps a state" if each.memory else "",
+        "keeps a state" if each.memory is not None else "",
         "" if each.listed else "not listed",
     ]
     said = [trait for trait in traits if trait]

@@ -6,11 +6,10 @@ import math
 from typing import Any
 
 from workbench.effects.declare import EffectMemory, Parameter, effect
-from workbench.plants.axis import friction, level
-from workbench.trace.expr import Scalar, absolute, clip, maximum, minimum, sin, where
+from workbench.plants.axis import level
+from workbench.trace.expr import Scalar, absolute, sin, where
 
-CONTACT = 2.0 * math.pi * 100.0  # rad/s, of the teeth on their flank: beyond what a diagnosis compares
-CONTACT_DAMPING = 0.1
+PRESS_S = 0.01  # a load that outweighs friction presses the teeth onto their flank within this time
 
 
 @effect(
@@ -47,9 +46,9 @@ def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
     equation="F = F_C S(v) − z;  z' = (F_C v − |v| z)/d",
     reference="P. R. Dahl, A solid friction model, Aerospace Corp. TOR-0158(3107-18), 1968",
     shows="after each reversal the friction comes back over a distance, not at once",
-    memory=[
-        EffectMemory("z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: max(p.F_f, p.F_b) or 1.0),
-    ],
+    memory=EffectMemory(
+        "z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: max(p.F_f, p.F_b) or 1.0,
+    ),
 )  # fmt: skip
 def presliding(s: Any, e: Any, p: Any) -> Scalar:
     """Friction that builds up over a small distance, as bristles bend, instead of jumping at a reversal."""
@@ -76,56 +75,33 @@ def torque_ripple(s: Any, e: Any, p: Any) -> Scalar:
     return e.A * sin(2.0 * math.pi * e.n * s.x + e.phi)
 
 
-def _through(v: Scalar, e: Any, p: Any) -> Scalar:
-    """Force from flank to flank were all of the axis beyond the play: a stiff contact that only pushes."""
-    behind = e.q - clip(e.q, -0.5 * e.play, 0.5 * e.play)
-    pushed = p.M * (CONTACT * CONTACT * behind + 2.0 * CONTACT_DAMPING * CONTACT * (v - e.w))
-    return where(behind > 0.0, maximum(pushed, 0.0), where(behind < 0.0, minimum(pushed, 0.0), 0.0))
+def _flank_rate(s: Any, e: Any, p: Any) -> Scalar:
+    """Where the teeth are: -1 to 1; moved by the motion, held on their flank by a load beyond friction."""
+    v = _speed(s)
+    half = where(e.play > 0.0, 0.5 * e.play, 1.0)
+    load = _load(s, p)
+    pressed = where(absolute(load) > level(v, p), (where(load > 0.0, 1.0, -1.0) - e.n) / PRESS_S, 0.0)
+    return where(e.play > 0.0, (v - absolute(v) * e.n) / half + pressed, 0.0)
 
 
-def _lead_rate(s: Any, e: Any, p: Any) -> Scalar:
-    return where(e.share > 0.0, _speed(s) - e.w, 0.0)
-
-
-def _beyond_rate(s: Any, e: Any, p: Any) -> Scalar:
-    """The acceleration of what lies beyond the play."""
-    load = p.C if hasattr(s, "velocity_m_s") else p.G * sin(s.angle_rad - e.q) + p.C
-    return where(e.share > 0.0, (_through(_speed(s), e, p) - friction(e.w, p) - load) / p.M, 0.0)
-
-
-def _pressed(e: Any, p: Any) -> Scalar:
-    """On the flank that the constant load presses against."""
-    return where(p.C >= 0.0, 0.5, -0.5) * e.play + p.C / (p.M * CONTACT * CONTACT)
-
-
-def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
-    return -(e.share * p.M)
+def _load(s: Any, p: Any) -> Scalar:
+    return p.C if hasattr(s, "velocity_m_s") else p.G * sin(s.angle_rad) + p.C
 
 
 @effect(
     place={"axis": "axis_force"}, subsystem="axis", regime="event",
     parameters=[
-        Parameter("share", "load_share", "of inertia, friction and load that lies beyond the play", "1", 0.0, 0.95,
-                  0.05, 0.3, vanishes_at=0.0, domain="not_negative"),
-        # Little and large play look nothing alike: it is tried, and the share says whether there is any.
-        Parameter("play", "play_{m}", "from flank to flank", "length", 1e-4, 0.1, 0.0005, 0.003,
-                  domain="positive", tries=(0.0005, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03)),
+        Parameter("play", "play_{m}", "from flank to flank", "length", 0.0, 0.1, 0.001, 0.003,
+                  vanishes_at=0.0, domain="not_negative"),
+        Parameter("share", "load_share", "of friction and load that lies beyond the play", "1", 0.0, 1.0, 0.1, 0.5,
+                  domain="not_negative", tries=(0.5,)),
     ],
-    reads={"v": "speed, {m}/s", "friction": "the axis' friction, {n}", "load": "its load, {n}",
-           "q": "its memory: motor before load, {m}", "w": "its memory: the load's speed, {m}/s"},
-    equation="M → (1 − share) M;  F = share (friction + load − T(q, v − w));  q' = v − w;  "
-    "M w' = T − friction(w) − load;  T: contact at ±play/2, 100 Hz, damping 0.1",
-    reference="M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002; "
-    "damping of teeth 0.03 to 0.17: R. Kasuba, J. W. Evans, An extended model for determining dynamic loads in spur "
-    "gearing, Journal of Mechanical Design 103, 1981",
-    shows="after each reversal the motor turns without the load for a short way, then a blow",
-    memory=[
-        EffectMemory("q", _lead_rate, start=_pressed, scale=lambda e, p: e.play),
-        EffectMemory("w", _beyond_rate, start=lambda e, p: 0.0, scale=lambda e, p: 0.1 * CONTACT * e.play),
-    ],
-    beside={"axis_inertia": _less_inertia},
+    reads={"friction": "the axis' friction, {n}", "load": "its load, {n}", "n": "its memory: the flank, −1 to 1"},
+    equation="F = share (1 − n²)(friction + load);  n' = (v − |v| n)/(play/2), held at the load's flank",
+    reference="M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002",
+    shows="a gap in friction and load for a short way after each reversal; the blow at its end is left out",
+    memory=EffectMemory("n", _flank_rate, start=lambda e, p: where(p.C >= 0.0, 1.0, -1.0), scale=lambda e, p: 1.0),
 )  # fmt: skip
 def backlash(s: Any, e: Any, p: Any) -> Scalar:
-    """Play in the drive: within it the motor moves without what lies beyond, then takes it along with a blow."""
-    nominal = s.friction + s.load
-    return where(e.share > 0.0, e.share * (nominal - _through(s.v, e, p)), 0.0)
+    """Play in the drive: after a reversal what lies beyond it asks nothing until the teeth meet again."""
+    return where(e.play > 0.0, e.share * (1.0 - e.n * e.n) * (s.friction + s.load), 0.0)
