@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tests.support.noisy_runs import hoist_runs
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.verdict.structure import repeated_share, sudden_share
+from workbench.diagnose.verdict.structure import lasting_share, repeated_share, sudden_share
 from workbench.kinds import kind_of
 from workbench.machine import default_hoist
 from workbench.run import Array
@@ -52,3 +55,30 @@ def test_a_blow_is_sudden_and_noise_is_not(problem: Problem):
     blow = np.where(np.arange(problem.samples) == problem.samples // 3, 100.0, 0.0)
     assert sudden_share(problem, noise) == 0.0
     assert sudden_share(problem, noise + blow) > 0.8
+
+
+def test_a_blow_near_standstill_is_friction_and_not_sudden():
+    """An axis forth and back: the same blow, once at full speed and once while it turns."""
+    speed = np.sin(np.linspace(0.0, 4.0 * np.pi, 1001))
+    motion, rows = SimpleNamespace(speed=speed), np.arange(len(speed))
+    axis: Any = SimpleNamespace(inputs=len(speed), rows=[rows], bench=SimpleNamespace(motions=[motion]))
+    noise = np.random.default_rng(1).normal(size=len(speed))
+    turning, fast = (np.where(rows == at, 100.0, 0.0) for at in (500, 625))
+    assert sudden_share(axis, noise + turning) == 0.0
+    assert sudden_share(axis, noise + fast) > 0.8
+
+
+def test_friction_that_sets_in_during_each_run_lasts(problem: Problem):
+    """A stick that jams: friction from some moment of each run on."""
+    speed, lengths = of_rows(problem, "speed"), [len(rows) for rows in problem.rows]
+    later = np.concatenate([np.arange(n) > 0.6 * n for n in lengths])
+    noise = 0.1 * np.random.default_rng(1).normal(size=len(speed))
+    assert lasting_share(problem, np.sign(speed) * (later - 0.4) + noise) > 0.8
+
+
+def test_neither_noise_nor_what_wanders_a_little_lasts(problem: Problem):
+    rng = np.random.default_rng(1)
+    assert lasting_share(problem, rng.normal(size=problem.samples)) == 0.0
+    assert lasting_share(problem, np.zeros(problem.samples)) == 0.0
+    wandering = np.convolve(rng.normal(size=problem.samples), np.ones(10) / 10.0, mode="same")
+    assert lasting_share(problem, wandering) < 0.1
