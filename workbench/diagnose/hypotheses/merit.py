@@ -17,8 +17,6 @@ from workbench.diagnose.hypotheses.score import Score, explained
 from workbench.effects import find
 from workbench.run import Array
 
-# Of the discrepancy: the least that an effect has to take off the residual; of what acts at low speed only the second.
-SYSTEMATIC = {False: 0.5, True: 1.0}
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 
 
@@ -38,9 +36,8 @@ def beyond_discrepancy(problem: Problem, before: Fitted, after: Fitted, gain: fl
     form.
 
     The discrepancy is taken for random in the likelihood. It need not be: a law of friction that is not the machine's
-    leaves what some effect describes. So of what the data give, the share is taken off that an effect as large as
-    SYSTEMATIC of the default discrepancy would have, rms; as large as all of it where a machine has shown more than the
-    default. Tolerances need no such discount.
+    leaves what some effect describes. So of what the data give, the share is taken off that an effect as large as the
+    discrepancy would have, rms: the default one, or that which the machine has shown. Tolerances need no such discount.
     """
     added = set(after.effects) - set(before.effects)
     if not added:
@@ -65,7 +62,7 @@ def discounted(problem: Problem, added: Collection[str], data: float, before: Ar
         share = np.ones(problem.inputs)
     else:
         share = errors.moving[rows] ** 2 / (errors.moving[rows] ** 2 + (standstill * errors.standstill[rows]) ** 2)
-    default = SYSTEMATIC[slow] ** 2 * float(np.mean(share * errors.sized((1.0, 1.0)).discrepancy[rows] ** 2))
+    default = float(np.mean(share * errors.sized((1.0, 1.0)).discrepancy[rows] ** 2))
     shown = float(np.mean(share * errors.discrepancy[rows] ** 2)) if max(size, standstill) > 1.0 else 0.0
     taken = float(np.mean(share * (before[rows] ** 2 - after[rows] ** 2)))
     return data * max(1.0 - max(default, shown) / max(taken, 1e-300), 0.0)
