@@ -40,6 +40,12 @@ class ErrorModel:
         """(n,) d_i."""
         return self.sizes[0] * np.hypot(self.moving, self.sizes[1] * self.standstill)
 
+    @property
+    def at_speed(self) -> Array:
+        """(n,) Of each row's discrepancy (its square), the share that is not that near standstill."""
+        moving = self.moving**2
+        return moving / np.maximum(moving + (self.sizes[1] * self.standstill) ** 2, 1e-300)
+
     def sized(self, sizes: Sizes) -> ErrorModel:
         """With other sizes of its discrepancy."""
         other = replace(self, sizes=sizes)

@@ -57,13 +57,9 @@ def discounted(problem: Problem, added: Collection[str], data: float, before: Ar
     slow = all(find(name, problem.active.kind).regime == "low_speed" for name in added)
     rows = slice(0, problem.inputs)
     errors = problem.errors
-    size, standstill = errors.sizes
-    if slow:
-        share = np.ones(problem.inputs)
-    else:
-        share = errors.moving[rows] ** 2 / (errors.moving[rows] ** 2 + (standstill * errors.standstill[rows]) ** 2)
+    share = np.ones(problem.inputs) if slow else errors.at_speed[rows]
     default = float(np.mean(share * errors.sized((1.0, 1.0)).discrepancy[rows] ** 2))
-    shown = float(np.mean(share * errors.discrepancy[rows] ** 2)) if max(size, standstill) > 1.0 else 0.0
+    shown = float(np.mean(share * errors.discrepancy[rows] ** 2)) if max(errors.sizes) > 1.0 else 0.0
     taken = float(np.mean(share * (before[rows] ** 2 - after[rows] ** 2)))
     return data * max(1.0 - max(default, shown) / max(taken, 1e-300), 0.0)
 

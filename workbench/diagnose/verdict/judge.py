@@ -40,8 +40,8 @@ STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two 
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
 FREER = 10.0  # merit by which a law of more freedom has to be better than a simpler one
-OWN = 0.02  # of the largest input: what an axis may leave itself; the EMPS axis leaves 0.008 to 0.016
-OWN_AGAIN = 0.01  # of that, what comes again with place or speed; the EMPS axis leaves 0.009
+OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
+OWN_AGAIN = 0.007  # of that, what comes again with place or speed; the EMPS axis leaves 0.005
 OWN_BLOW = 0.003  # of that, what comes in a few moments at speed; the EMPS axis leaves none
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
@@ -281,7 +281,8 @@ def evidence_of(found: Found, held: Fitted, score: Score, left: Left, share: flo
 def unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> float:
     """How much what is left speaks for a cause: the logarithm of the discrepancy's excess, as far as it matters.
 
-    An axis has ripple and resonances of its own. There only what is beyond OWN of the largest input counts, or what
+    An axis has ripple and resonances of its own, and near standstill its own friction. There only what is beyond OWN of
+    the largest input at speed counts, or what
     comes again with place or speed, or to stay, beyond OWN_AGAIN, or in a few moments beyond OWN_BLOW, which no random
     discrepancy does.
     """
@@ -289,7 +290,9 @@ def unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> fl
     if kind_of(problem.machine).floor == "sensors":
         return many * min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
     largest = max(float(np.max(np.abs(u))) for u in problem.bench.measured)
-    beyond_own = min(max(left.rms / (OWN * largest) - 1.0, 0.0), 1.0)
+    energy, inputs = held.residual[: problem.inputs] ** 2, slice(0, problem.inputs)
+    at_speed = float(problem.errors.at_speed[inputs] @ energy) / max(float(np.sum(energy)), 1e-300)
+    beyond_own = min(max(left.rms * math.sqrt(at_speed) / (OWN * largest) - 1.0, 0.0), 1.0)
     structured = (
         (repeated_share(problem, held.residual), OWN_AGAIN),
         (lasting_share(problem, held.residual), OWN_AGAIN),
