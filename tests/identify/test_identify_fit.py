@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.noisy_runs import hoist_runs
 from workbench.control import PiSettings
 from workbench.errors import InputError
 from workbench.identify.fit import Fit, fit
@@ -323,3 +324,12 @@ def test_a_machine_that_stands_still_is_nothing_to_fit():
     run = Run("still", still.time_s, {name: still[name] for name in names}, 4500.0, 8.0)
     with pytest.raises(InputError, match="hardly moves in these runs"):
         identify(Campaign("still", Path("still"), NOMINAL, (run,)))
+
+
+@pytest.mark.parametrize("sample_time_s", [0.02, 0.01])
+def test_a_log_without_noise_claims_no_more_than_its_sampling_allows(monkeypatch, sample_time_s):
+    """Sampling alone shifts what a balance finds: without noise that is all there is, and the errors have to say it."""
+    monkeypatch.setattr("tests.support.noisy_runs.SAMPLE_TIME_S", sample_time_s)
+    found = identify(Campaign("clean", Path("clean"), NOMINAL, hoist_runs(NOMINAL, noise=0.0))).fit
+    off = np.array([v - f.nominal for f, v in zip(found.free, found.value, strict=True)]) / np.array(found.std_error)
+    assert np.max(np.abs(off)) < 2.0

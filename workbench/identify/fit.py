@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,8 +43,16 @@ class Fit(Brief):
         return {f.key: v for f, v in zip(self.free, self.value, strict=True)}
 
 
-def fit(model: OutputModel, free: Sequence[Free], ties: Sequence[tuple[str, str]] = ()) -> Fit:
+def fit(
+    model: OutputModel,
+    free: Sequence[Free],
+    ties: Sequence[tuple[str, str]] = (),
+    own: Callable[[Array], Array] | None = None,
+) -> Fit:
     """Least squares of the model's residuals over their noise, and of z over its tolerances.
+
+    own: residuals (samples,) at z of the fitted model's own log, sampled as the machine's: what sampling alone leaves.
+    By as much as it shifts a value, that is uncertain.
 
     The noise is the larger of the sensor's and of what the fit leaves, found in three
     rounds: an honest model error widens the error bars. `ties` are pairs of keys that the
@@ -76,6 +84,9 @@ def fit(model: OutputModel, free: Sequence[Free], ties: Sequence[tuple[str, str]
         if settled:
             break
     covariance = _covariance(jacobian / sigma, residual / sigma, prior, model)
+    if own is not None:
+        shift = _information(jacobian / sigma, prior) @ (jacobian.T @ own(z)) / sigma**2
+        covariance = covariance + np.outer(shift, shift)
     std_z = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(std_z > 0.0, std_z, 1.0)
     return Fit(
@@ -126,8 +137,13 @@ def _covariance(jacobian: Array, residual: Array, prior: Array, model: OutputMod
         total = np.concatenate([np.zeros((lags + 1, total.shape[1])), total, np.repeat(total[-1:], lags, axis=0)])
         windows = total[lags + 1 :] - total[: -lags - 1]
         middle = middle + windows.T @ windows / (lags + 1.0)
-    bread = np.linalg.pinv(jacobian.T @ jacobian + prior.T @ prior, rcond=1e-14)
+    bread = _information(jacobian, prior)
     return bread @ middle @ bread
+
+
+def _information(jacobian: Array, prior: Array) -> Array:
+    """The inverse of the whitened normal equations, (m, m)."""
+    return np.asarray(np.linalg.pinv(jacobian.T @ jacobian + prior.T @ prior, rcond=1e-14))
 
 
 def _statements(

@@ -16,9 +16,10 @@ from workbench.identify.parameters import free_parameters
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, with_values
+from workbench.run import Array
 from workbench.shown import Shown
 from workbench.simulate.driven import Bench
-from workbench.simulate.replay import ReplayResult, replay_runs
+from workbench.simulate.replay import ReplayResult, own_log, replay_runs
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,8 +46,15 @@ def identify(
     levels = friction_levels(bench)
     parameters = free_parameters(machine, campaign.runs, free)
     ties = _ties(machine, [f.key for f in parameters])
+    model = BalanceModel(bench)
+
+    def own(z: Array) -> Array:
+        """Residuals of the fitted model on its own log: the motion that the measured input gives it, sampled."""
+        values = {f.key: f.value(float(x)) for f, x in zip(parameters, z, strict=True)}
+        return model.on(own_log(with_values(machine, values), campaign.runs)).residuals(parameters, [z])[0]
+
     try:
-        result = fit(BalanceModel(bench), parameters, ties)
+        result = fit(model, parameters, ties, own)
     except (np.linalg.LinAlgError, ZeroDivisionError, OverflowError) as error:
         said = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
         raise InputError(said, file=campaign.path) from error

@@ -17,7 +17,7 @@ import numpy as np
 from workbench.effects import logged_input, true_input
 from workbench.engine import kernels
 from workbench.identify.parameters import Free
-from workbench.run import Array
+from workbench.run import Array, Run
 from workbench.simulate.driven import Bench, changed, sensor, start_point
 from workbench.simulate.lowpass import lowpass, noise_rms
 
@@ -64,6 +64,12 @@ class BalanceModel:
             self.rows.append(np.flatnonzero(moving)[::stride])
         self.run_lengths = tuple(len(rows) for rows in self.rows)
         self.lags = int(2 * SAMPLES_PER_PERIOD)
+
+    def on(self, runs: Sequence[Run]) -> BalanceModel:
+        """The same samples of other runs that were sampled alike."""
+        other = BalanceModel(Bench(self.bench.machine, runs, self.bench.band_hz))
+        other.rows, other.run_lengths = self.rows, self.run_lengths
+        return other
 
     def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array:
         """(sets, samples), in the input's unit."""

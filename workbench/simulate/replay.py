@@ -7,11 +7,11 @@ beside it: the replay restarted every 2 s, and the rms of the torque (force) bal
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from workbench.effects import true_input
+from workbench.effects import logged, true_input
 from workbench.engine import kernels
 from workbench.machine import Axis, Hoist
 from workbench.plants import Plant
@@ -125,6 +125,20 @@ def simulate_replays(machine: Hoist | Axis, bench: Bench) -> list[Array]:
         effects=bench.model.effects,
     )
     return [out[: len(run.time_s), : 2 * len(plant.positions), j] for j, run in enumerate(bench.runs)]
+
+
+def own_log(machine: Hoist | Axis, runs: Sequence[Run]) -> list[Run]:
+    """The runs as this machine would have logged them under the same logged input, at the same times, without noise."""
+    bench = Bench(machine, runs)
+    states = simulate_replays(machine, bench)
+    made = []
+    for run, of_run in zip(bench.runs, states, strict=True):
+        moved = simulated_run(bench.plant, run, of_run)
+        shown = logged(
+            replace(run, signals={name: moved[name] for name in run.signals if name in moved}), bench.model.active
+        )
+        made.append(replace(shown, signals={**shown.signals, bench.plant.input: run[bench.plant.input]}))
+    return made
 
 
 def _starts(bench: Bench) -> tuple[Array, Array]:
