@@ -138,7 +138,7 @@ def test_without_out_nothing_is_written(
         (["--candidates", "friction_viscos"], "--candidates: unknown effect 'friction_viscos'; did you mean "),
         (["--candidates", "presliding"], "unknown effect 'presliding'"),
         (["--baseline", "refit"], "'refit' is not one of 'tolerances', 'nominal'"),
-        (["--max-effects", "3"], "3 is not in the range 1<=x<=2"),
+        (["--max-effects", "4"], "4 is not in the range 1<=x<=3"),
         (["--seed", "-1"], "-1 is not in the range x>=0"),
         (["--runs", "emty"], "no run 'emty'; did you mean 'empty'?"),
         (["--band", "0.01"], "--band: 0.01 Hz, expected at least"),

@@ -217,6 +217,17 @@ def test_a_cause_taken_out_of_the_library_is_unknown(kind: str):
     assert d.shrink.after < 0.5 * d.shrink.before
 
 
+def test_a_third_cause_is_found_by_going_on_from_two():
+    truth = {"friction_viscous": {"viscous_n_s_per_m": 3000.0}, "drum_eccentricity": {"amplitude_m": 0.004}}
+    runs = hoist_runs(with_effects(nominal("hoist"), {**truth, "torque_scale": {"gain": 0.95}}))
+    asked = (*truth, "torque_scale", "friction_coulomb", "torque_offset")
+    campaign = Campaign("made", Path("made"), nominal("hoist"), runs)
+    d = diagnose(campaign, candidates=asked, most_effects=3, study=False)
+    assert set(d.verdict.effects) == {*truth, "torque_scale"}, d.verdict.sentence
+    merits = [step.merit for step in d.verdict.steps]
+    assert len(merits) == 3 and merits == sorted(merits)
+
+
 def test_an_axis_under_gravity_passes_for_no_other_machine_unless_its_torque_is_upside_down():
     runs = runs_of(nominal("axis-rotary"))
     flipped = tuple(replace(run, signals={**run.signals, "torque_nm": -run["torque_nm"]}) for run in runs)

@@ -23,7 +23,7 @@ from workbench.diagnose.readiness.motion_noise import motion_noise
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
-from workbench.diagnose.verdict.judge import Judged, alike, judge
+from workbench.diagnose.verdict.judge import Judged, alike, judge, steps
 from workbench.diagnose.verdict.records import Verdict, VerdictWord
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
@@ -51,7 +51,8 @@ def diagnose(
 
     baseline: "tolerances": the base parameters are refitted, each held by its tolerance; "nominal":
     they stay. candidates: ids of effects to weigh, None for the listed ones of the machine's kind.
-    most_effects: at once, 1 or 2. study: whether to look at what changes in the control study.
+    most_effects: at once, 1 to 3: each is looked for beside the best hypotheses so far.
+    study: whether to look at what changes in the control study.
     tell: hears of each stage. The same seed gives the same answer. InputError where the runs cannot be diagnosed.
     """
     say = tell or (lambda progress: None)
@@ -104,7 +105,15 @@ def diagnose(
     changes, why_not = _consequences(campaign, refitted, corrected, judged.word) if study else (None, "Not asked for.")
     sentence = sentence_of(judged, gap, shrink, also, corrected.measured_correction is not None)
     verdict = Verdict(
-        judged.word, judged.names, judged.ranking, also, sentence, judged.reasons, judged.explained, judged.left
+        judged.word,
+        judged.names,
+        judged.ranking,
+        also,
+        sentence,
+        judged.reasons,
+        judged.explained,
+        judged.left,
+        steps(judged, problem.inputs),
     )
     return Diagnosis(
         campaign=campaign,

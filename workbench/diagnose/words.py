@@ -8,6 +8,12 @@ from workbench.diagnose.shrink import Shrink
 from workbench.diagnose.verdict.judge import Judged
 
 
+def listed(names: Names) -> str:
+    """a; a and b; a, b and c."""
+    *rest, last = names
+    return f"{', '.join(rest)} and {last}" if rest else last
+
+
 def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: bool = False) -> str:
     """What an engineer reads first: the answer, how sure, and how far the gap shrinks.
 
@@ -31,7 +37,7 @@ def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: b
             + "."
         )
     likeliest = next(row.probability for row in judged.ranking if row.effects == judged.names)
-    text = f"The gap comes from {' and '.join(judged.names)} ({chance(likeliest)}): "
+    text = f"The gap comes from {listed(judged.names)} ({chance(likeliest)}): "
     text += (
         f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}, noise {shrink.noise:.2g}"
     )

@@ -11,7 +11,7 @@ import click
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--processes", type=click.IntRange(1, 64), default=2, show_default=True, help="Diagnoses at a time.")
 @click.option("--count", type=click.IntRange(min=1), help="Of the campaigns the first ones only. Default: all.")
-@click.option("--max-effects", type=click.IntRange(1, 2), default=2, show_default=True, help="As of `diagnose`.")
+@click.option("--max-effects", type=click.IntRange(1, 3), default=2, show_default=True, help="As of `diagnose`.")
 def command(folder: Path, processes: int, count: int | None, max_effects: int) -> None:
     """Diagnose the campaigns of FOLDER, each in a process and a folder that know neither label nor seed.
 

@@ -103,7 +103,11 @@ def searched(
     def search(problem: Problem) -> Found:
         one = Search(problem, effects, tell, rivals, base)
         found = one.singles()
-        return one.pairs(found) if most_effects > 1 else found
+        if most_effects > 1:
+            found = one.pairs(found)
+        for _ in range(2, most_effects):
+            found = one.more(found)
+        return found
 
     found = search(problem)
     scores = (score_of(problem, fit) for fit in (found.base, *found.fits.values()))
@@ -171,7 +175,21 @@ class Search:
     def pairs(self, found: Found) -> Found:
         """What `singles` found, and the pairs around the best."""
         near = replace(found.near, knobs=found.base.knobs)
-        self._pairs(found.base, near, [atom for atom in found.atoms if atom.effect.id in self.effects])
+        self._extend(found.base, found.near, 1)
+        if any(len(names) == 1 and names[0] in self.effects for names in self.fits):
+            self._joint(found.base, near, [atom for atom in found.atoms if atom.effect.id in self.effects])
+        self._finish(found.base, [names for names in self.fits if len(names) == 2], PAIR_IN_REACH)
+        self._drop(found.base)
+        return self._settled(found)
+
+    def more(self, found: Found) -> Found:
+        """What was found so far, and the leading hypotheses with one more effect each."""
+        size = max(len(names) for names in self.fits)
+        self._extend(found.base, found.near, size)
+        self._finish(found.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
+        return self._settled(found)
+
+    def _settled(self, found: Found) -> Found:
         self._offer_standstill(found.base)
         return self._found(found.base, found.near, found.atoms)
 
@@ -275,18 +293,18 @@ class Search:
     def _again(self, fit: Fitted) -> Fitted:
         return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, LAST_ROUND, self.count)
 
-    def _pairs(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
-        singles = [names for names in self.fits if len(names) == 1 and names[0] in self.effects]
-        if not singles:
+    def _extend(self, base: Fitted, near: Fitted, size: int) -> None:
+        """The leading hypotheses of so many effects, with one more each: those that promise most."""
+        known = [names for names in self.fits if len(names) == size and set(names) <= set(self.effects)]
+        if not known:
             return
-        best = max(base.objective - self.fits[names].objective for names in singles)
         none, scores = (
             score_of(self.problem, base),
-            {names: score_of(self.problem, self.fits[names]) for names in singles},
+            {names: score_of(self.problem, self.fits[names]) for names in known},
         )
-        worth = {names: self._worth(base, self.fits[names], none.value - scores[names].value) for names in singles}
-        singles.sort(key=lambda names: -worth[names])
-        leaders = [n for n in singles[:LEADERS] if worth[n] > 0.0 and worth[n] >= LEADS * worth[singles[0]]]
+        worth = {names: self._worth(base, self.fits[names], none.value - scores[names].value) for names in known}
+        known.sort(key=lambda names: -worth[names])
+        leaders = [n for n in known[:LEADERS] if worth[n] > 0.0 and worth[n] >= LEADS * worth[known[0]]]
         ways: dict[Names, list[_Way]] = {}
         leading: set[Names] = set()
         for k, names in enumerate(leaders):
@@ -302,22 +320,19 @@ class Search:
             gained = base.objective - leader.objective
             for rank, name in enumerate(sorted(added, key=lambda name: -added[name][0])):
                 more, promise = added[name]
-                pair: Names = (min(names[0], name), max(names[0], name))
+                together: Names = tuple(sorted((*names, name)))
                 if rank < PARTNERS:
-                    leading.add(pair)
-                ways.setdefault(pair, []).append(_Way(worth[names] + more, gained + promise.gain, leader, promise))
-        for pair in sorted(leading, key=lambda pair: -max(way.worth for way in ways[pair]))[:PAIRS_REFITTED]:
-            self.linear[pair] = max(way.gain for way in ways[pair])
-            # A promise is linear, and may not be kept: the way from the better single effect is tried first.
-            for way in sorted(ways[pair], key=lambda way: way.leader.objective):
-                fit = self.fits.get(pair)
+                    leading.add(together)
+                ways.setdefault(together, []).append(_Way(worth[names] + more, gained + promise.gain, leader, promise))
+        for names in sorted(leading, key=lambda names: -max(way.worth for way in ways[names]))[:PAIRS_REFITTED]:
+            self.linear[names] = max(way.gain for way in ways[names])
+            # A promise is linear, and may not be kept: the way from the better hypothesis is tried first.
+            for way in sorted(ways[names], key=lambda way: way.leader.objective):
+                fit = self.fits.get(names)
                 if fit is None or fit.objective > way.leader.objective:
-                    self._try(pair, lambda w=way: self._fit_with(w.leader, w.promise))  # type: ignore[misc]
+                    self._try(names, lambda w=way: self._fit_with(w.leader, w.promise))  # type: ignore[misc]
         for names in leaders:
             self._with_delay(self.fits[names])
-        self._joint(near, signatures, near.objective - base.objective + best)
-        self._finish(base, [n for n in self.fits if len(n) == 2], PAIR_IN_REACH)
-        self._drop(base)
 
     def _worth(self, base: Fitted, fit: Fitted, gain: float) -> float:
         """A single effect's merit, without what the machine's own discrepancy could be worth. gain: of its score."""
@@ -349,8 +364,10 @@ class Search:
         knobs = [*pair.knobs[:own], *mine]
         return fit_knobs(self.problem, (left,), knobs, pair.z[kept], FIRST_ROUND, self.count)
 
-    def _joint(self, near: Fitted, signatures: Sequence[Atom], best: float) -> None:
+    def _joint(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
         """Pairs of effects of which neither leads alone, where they promise more together than the best alone."""
+        alone = (fit.objective for names, fit in self.fits.items() if len(names) == 1 and names[0] in self.effects)
+        best = near.objective - min(alone)  # what the best alone takes off, from the same point
         projection = Projection.of(self.problem, near)
         kept: dict[str, list[tuple[float, Atom, Array]]] = {}
         for atom in signatures:
@@ -372,7 +389,7 @@ class Search:
                     options.append((worth, (first, second), a, b, amounts, data + prior))
             worth, names, a, b, amounts, gain = max(options, key=lambda q: q[0])
             self.linear[names] = max(gain, self.linear.get(names, 0.0))
-            if gain > best:  # what the best alone takes off, from the same point
+            if gain > best:
                 found.append((worth, names, a, b, amounts))
         for _, pair, a, b, amounts in sorted(found, key=lambda q: -q[0])[:PARTNERS]:
             self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]

@@ -13,6 +13,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.verdict.against import against
-from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, VerdictWord
+from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord
 from workbench.diagnose.verdict.stretch import stretch
 from workbench.diagnose.verdict.structure import lasting_share, repeated_share, sudden_share
 from workbench.effects import find
@@ -96,8 +97,8 @@ class Judged:
 def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
     """All fitted hypotheses, the worthiest first; and the score without any effect.
 
-    A pair is worth its better effect and what the other one adds. The second has to add more than the first one's own
-    inexactness would (`inexact`).
+    Several effects are worth the best of their parts and what the last one adds. It has to add more than the
+    inexactness of the others would (`inexact`).
     """
     problem, none = found.problem, score_of(found.problem, found.base)
     kind = problem.active.kind
@@ -106,34 +107,36 @@ def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
         rival = any(name in found.rivals for name in names)
         return Weighed(names, found.fits[names], found.gain(names), merit, score, rival)
 
-    singles: dict[Names, Weighed] = {}
-    pairs: dict[Names, Weighed] = {}
     scores = {names: score_of(problem, fit) for names, fit in found.fits.items()}
+    singles: dict[Names, Weighed] = {}
     for names, fit in found.fits.items():
         if len(names) != 1:
             continue
         gain = none.value - scores[names].value
         merit = beyond_discrepancy(problem, found.base, fit, gain) - cost(problem, len(fit.z) - len(found.base.z))
         singles[names] = weighed(names, scores[names], beyond_trace(problem, fit, names[0], merit))
-    singles = {names: _not_freer(found, w, singles, kind) for names, w in singles.items()}
-    for names, fit in found.fits.items():
-        if len(names) != 2:
-            continue
-        first = max((singles[(name,)] for name in names if (name,) in singles), key=lambda w: w.merit, default=None)
-        if first is None:
-            continue
-        gain = beyond_discrepancy(problem, first.fit, fit, first.score.value - scores[names].value)
-        prior = first.fit.prior - fit.prior
-        added = (
-            prior
-            + beyond(gain - prior, inexact(problem, found.near, first.fit, first.score))
-            - cost(problem, len(fit.z) - len(first.fit.z))
-        )
-        (second,) = set(names) - set(first.names)
-        merit = first.merit + beyond_trace(problem, fit, second, added) - calibration()["pair"]
-        pairs[names] = weighed(names, scores[names], merit)
-    pairs = {names: _not_freer(found, w, pairs, kind) for names, w in pairs.items()}
-    return tuple(sorted([*singles.values(), *pairs.values()], key=lambda w: -w.merit)), none
+    all_weighed = {names: _not_freer(found, w, singles, kind) for names, w in singles.items()}
+    for size in range(2, max(map(len, found.fits), default=0) + 1):
+        together: dict[Names, Weighed] = {}
+        for names in (names for names in found.fits if len(names) == size):
+            parts = (all_weighed.get(part) for part in combinations(names, size - 1))
+            first = max((part for part in parts if part is not None), key=lambda w: w.merit, default=None)
+            if first is not None:
+                merit = first.merit + _added(found, first, names, scores[names])
+                together[names] = weighed(names, scores[names], merit)
+        all_weighed |= {names: _not_freer(found, w, together, kind) for names, w in together.items()}
+    return tuple(sorted(all_weighed.values(), key=lambda w: -w.merit)), none
+
+
+def _added(found: Found, first: Weighed, names: Names, score: Score) -> float:
+    """What one more effect adds to the merit of a hypothesis."""
+    problem, fit = found.problem, found.fits[names]
+    gain = beyond_discrepancy(problem, first.fit, fit, first.score.value - score.value)
+    prior = first.fit.prior - fit.prior
+    data = beyond(gain - prior, inexact(problem, found.near, first.fit, first.score))
+    (last,) = set(names) - set(first.names)
+    merit = prior + data - cost(problem, len(fit.z) - len(first.fit.z))
+    return beyond_trace(problem, fit, last, merit) - calibration()["pair"]
 
 
 def _not_freer(found: Found, mine: Weighed, beside: Mapping[Names, Weighed], kind: str) -> Weighed:
@@ -348,6 +351,18 @@ def alike(judged: Judged, kind: str, within: float = 12.0) -> tuple[str, ...]:
             or (same_but_freer(best.names[0], w.names[0], kind) and w.merit > (1.0 - SIMPLER) * best.merit)
         )
     )
+
+
+def steps(judged: Judged, inputs: int) -> tuple[Step, ...]:
+    """How a named answer was come to, one effect after the other. inputs: rows of the residual that are the input's."""
+    known = {w.names: w for w in judged.weighed}
+    found: list[Step] = []
+    names = judged.names
+    while names in known:
+        found.insert(0, Step(names, known[names].merit, known[names].fit.rms(inputs)))
+        parts = [part for part in combinations(names, len(names) - 1) if part in known]
+        names = max(parts, key=lambda part: known[part].merit, default=())
+    return tuple(found)
 
 
 def same_but_freer(freer: str, simpler: str, kind: str) -> bool:

@@ -72,8 +72,19 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
+class Step:
+    """One effect more on the way to an answer. merit: of these effects; left_rms: what they leave, in the input's
+    unit."""
+
+    effects: Names
+    merit: float
+    left_rms: float
+
+
+@dataclass(frozen=True)
 class Verdict:
-    """The answer. alike: what this campaign cannot tell from it. sentence: the answer in one sentence."""
+    """The answer. alike: what this campaign cannot tell from it. sentence: the answer in one sentence. steps: how an
+    answer was come to, one effect after the other."""
 
     word: VerdictWord
     effects: Names
@@ -83,3 +94,4 @@ class Verdict:
     reasons: tuple[Reason, ...] = ()
     explained: float = 0.0
     left: Left = Left(0.0, 0.0, False)
+    steps: tuple[Step, ...] = ()

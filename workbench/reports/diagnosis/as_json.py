@@ -49,7 +49,8 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         },
         "shrink": {name: value for name, value in vars(d.shrink).items() if name not in ("by_run", "sentences")},
     }
-    return fixed | plain({key: fixed[key] for key in ("gap", "shrink")}, DIGITS) | details(d)
+    steps = {"steps": [plain(vars(step), DIGITS) for step in v.steps]}
+    return fixed | plain({key: fixed[key] for key in ("gap", "shrink")}, DIGITS) | steps | details(d)
 
 
 def probabilities(exact: Sequence[float]) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from workbench.diagnose.progress import Progress, Stage, Task
+from workbench.diagnose.words import listed
 
 STAGES = {
     Stage.READ: "reading the logs",
@@ -18,7 +19,7 @@ STAGES = {
 
 def progress_words(progress: Progress) -> str:
     """One short line."""
-    names = " and ".join(progress.effects)
+    names = listed(progress.effects) if progress.effects else ""
     return {
         Task.BASE: "base parameters",
         Task.SIGNATURES: "signatures of all effects",
