@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from workbench.control import PiSettings
+from workbench.effects import effects_for, parts, ranges_of, searchable
 from workbench.machine import LinearAxis, default_hoist, with_values
 from workbench.run import Run
 from workbench.simulate.driven import Bench, changed
@@ -53,6 +54,25 @@ def test_the_carriage_of_the_driven_simulation_moves_as_in_the_closed_loop():
     (balance,) = Bench(MACHINE, [logged(result.run)]).balances()
     assert balance.states[:, 1] == pytest.approx(result.run["position_carriage_m"], abs=2e-3)
     assert balance.states[:, 3] == pytest.approx(result.run["speed_carriage_m_s"], abs=5e-3)
+
+
+def test_every_part_of_the_effects_predicts_what_the_whole_does(runs):
+    """Every effect at work alone: in the smallest part that has it, and with none left out."""
+    active = searchable(MACHINE, runs)
+    whole = Bench(MACHINE, runs, 1.7, active)
+    by_parts = Bench(MACHINE, runs, 1.7, active, parts(MACHINE, runs))
+    at_work = [{}]
+    for effect in effects_for("hoist").values():
+        if not effect.on_sensor:
+            at_work.append({r.symbol: r.start for r in ranges_of(effect, MACHINE, runs)})
+    needed = set()
+    for values in at_work:
+        sets = [[changed(p, values) for p in whole.base]]
+        tables = [np.array([[vars(p)[symbol]] for symbol in whole.symbols]) for p in sets[0]]
+        needed.add(int(by_parts.parts_needed(tables)[0]))
+        for (full, _), (part, _) in zip(whole.predict(sets)[0], by_parts.predict(sets)[0], strict=True):
+            assert part == pytest.approx(full, abs=1e-9 * np.max(np.abs(full)))
+    assert needed == {0, 1, 2}
 
 
 def test_a_bench_of_runs_of_unequal_length_balances_each_as_alone(runs):

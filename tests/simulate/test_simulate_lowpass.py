@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from workbench.simulate.lowpass import inside, lowpass, noise_rms
+from workbench.simulate.lowpass_at import LowpassAt
 from workbench.simulate.motion import moving
 
 TIME = np.arange(0.0, 40.0, 0.01)
@@ -46,6 +47,23 @@ def test_no_phase_is_turned(frequency):
 def test_a_constant_and_a_line_pass_unchanged_to_their_very_ends(level, slope, band):
     line = level + slope * TIME
     assert lowpass(TIME, line, band) == pytest.approx(line, abs=1e-9 * (1.0 + abs(level) + 40.0 * abs(slope)))
+
+
+@pytest.mark.parametrize(("band", "summed"), [(0.1, False), (1.7, True), (8.0, False), (60.0, False)])
+def test_the_low_pass_at_some_samples_is_the_low_pass_there(band, summed):
+    """Next to the ends, evenly apart and across a gap; by sums where they are quicker than a transform."""
+    rows = np.concatenate([[0, 1, 5], np.arange(40, 1500, 12), np.arange(1777, 3990, 12), [3998, 3999]])
+    series = np.array([5.0, -40.0, 0.0]) + np.cumsum(np.random.default_rng(3).normal(size=(len(TIME), 3)), axis=0)
+    at = LowpassAt(TIME, band, rows)
+    assert at.summed == summed
+    assert at(series) == pytest.approx(lowpass(TIME, series, band)[rows], abs=1e-9 * np.max(np.abs(series)))
+
+
+def test_the_low_pass_at_some_irregular_samples_is_the_low_pass_there():
+    time = np.sort(np.random.default_rng(2).uniform(0.0, 40.0, 4000))
+    rows = np.arange(30, 3900, 9)
+    series = np.sin(time)[:, None]
+    assert np.array_equal(LowpassAt(time, 1.7, rows)(series), lowpass(time, series, 1.7)[rows])
 
 
 def test_irregular_samples_are_filtered_at_their_own_times():

@@ -23,11 +23,10 @@ def rms(values: Array) -> float:
 def made_by(problem: Problem, setting: Setting) -> Problem:
     """The problem with the torque that the machine under `setting` takes, to the last bit of it."""
     gain, offset, _ = problem._sensed(setting)
-    p = [problem._of_run(setting, j) for j in range(len(problem.runs))]
-    predicted = problem.bench.predict([p])[0]
+    predicted = [required[:, 0, 0] for required in problem.bench.required(problem._tables([setting]))]
     runs = [
         replace(run, signals={**run.signals, "torque_motor_nm": gain * raw + offset})
-        for run, (raw, _) in zip(problem.runs, predicted, strict=True)
+        for run, raw in zip(problem.runs, predicted, strict=True)
     ]
     return Problem(problem.machine, runs, problem.band_hz)
 

@@ -99,8 +99,17 @@ def _groups(scenarios: int, lanes: int) -> list[np.ndarray]:
 
 def _lanes(a: Array, group: np.ndarray) -> Array:
     """The columns of a group, flat: rows of lanes. A single column serves every scenario."""
-    columns = a[..., group] if a.shape[-1] > 1 else np.broadcast_to(a, (*a.shape[:-1], len(group)))
+    columns = np.take(a, group, axis=-1) if a.shape[-1] > 1 else np.broadcast_to(a, (*a.shape[:-1], len(group)))
+    if columns.dtype == float and columns.flags.c_contiguous and columns.flags.owndata:
+        return columns.reshape(-1)
     return np.array(columns, dtype=float, order="C").reshape(-1)  # a copy: kernels advance states in place
+
+
+def _read(a: Array, group: np.ndarray) -> Array:
+    """As `_lanes`, of what a kernel only reads: without a copy where it is in lanes already."""
+    if a.shape[-1] == len(group) and a.dtype == float and a.flags.c_contiguous and group[-1] == len(group) - 1:
+        return a.reshape(-1)
+    return _lanes(a, group)
 
 
 def _interleaved(references: Sequence[Array]) -> Array:
@@ -171,7 +180,7 @@ def _integrated(
         state = _lanes(start, group)
         kernel(
             kernel.constants(parameters[:, group]),
-            *(_lanes(each, group) for each in signals),
+            *(_read(each, group) for each in signals),
             state,
             np.empty_like(state),
             np.empty(kernel.lanes),
@@ -198,13 +207,15 @@ def driven(
     effects: Effects = NO_EFFECTS,
     tolerance: float = TOLERANCE,
     threads: int | None = None,
+    lanes: int | None = None,
 ) -> Array:
     """The input that the measured motion of the driven coordinate takes, and the other states.
 
     times, angles, speeds, accelerations: (n, scenarios); start: (other states,
-    scenarios). Returns (n, 1 + other states, scenarios), the input first.
+    scenarios). lanes: of the kernel, None for the narrowest that takes them all. Returns
+    (n, 1 + other states, scenarios), the input first.
     """
-    kernel = driven_kernel(plant, effects, lanes_for(parameters.shape[1]))
+    kernel = driven_kernel(plant, effects, lanes or lanes_for(parameters.shape[1]))
     signals, rows = (times, angles, speeds, accelerations), 1 + start.shape[0]
     return _integrated(kernel, parameters, signals, start, speed_scales[1:], rows, tolerance, threads)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any
 
@@ -40,7 +41,7 @@ def hang_still(
     if effects is NO_EFFECTS:
         return q, u
     balance, names = _balance(plant, effects)
-    table = [np.array([getattr(p, name) for p in values], dtype=float) for name in names]
+    table = list(np.array(list(map(attrgetter(*names), values)), dtype=float).T)
     kept = [np.array([m.start(p) for p in values]) for m in effects.memory]
     free = [i for i in range(len(q)) if i != plant.placed]
     t = np.asarray(times, dtype=float)
@@ -53,7 +54,7 @@ def hang_still(
     found_q, found_u, least = _newton(at, q, u, free, halved=False)
     if np.any(least > AT_REST):
         other_q, other_u, other = _newton(at, q, u, free, halved=True)
-        nearer = other < least
+        nearer = (other < least) & (least > AT_REST)
         found_q, found_u = np.where(nearer, other_q, found_q), np.where(nearer, other_u, found_u)
     return found_q, found_u
 

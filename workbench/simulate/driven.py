@@ -8,14 +8,16 @@ balance: it does not drift, as an open-loop replay does.
 from __future__ import annotations
 
 import os
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import attrgetter
 from types import SimpleNamespace
 
 import numpy as np
 
-from workbench.effects import Active, logged_input, moved_by, true_run
+from workbench.effects import Active, Part, logged_input, moved_by, true_run
 from workbench.engine import kernels
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
@@ -24,10 +26,12 @@ from workbench.run import Array, Run
 from workbench.simulate.band import default_band
 from workbench.simulate.lowpass import inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving
-from workbench.simulate.plant_model import plant_model
+from workbench.simulate.plant_model import PlantModel, plant_model
 
 # Relative to the speed scale, per sample. A measured speed is noisy; its noise need not be integrated exactly.
 TOLERANCE = 1e-4
+PART_LANES = (8, 16)  # of kernels of parts: few widths, for each one is compiled
+MOTIONS_KEPT = 4  # of each run, behind a late sensor
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,10 @@ class Bench:
         runs: Sequence[Run],
         band_hz: float | None = None,
         active: Active | None = None,
+        parts: Sequence[Part] = (),
     ) -> None:
-        """active: effects in place of the machine's own."""
+        """active: effects in place of the machine's own. parts: of them, the smallest first; the first one that has
+        all that is at work is simulated, which takes less time."""
         self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
         self.model = plant_model(machine, active)
         self.base = [
@@ -73,7 +79,12 @@ class Bench:
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
         # The motion behind the log: what a late speed sensor shows is brought forward first.
         self.motions = [motion_of(true_run(run, self.model.active), self.plant, self.band_hz) for run in self.runs]
+        self.symbols = tuple(vars(self.base[0]))
+        self.row_of = {symbol: row for row, symbol in enumerate(self.symbols)}
+        self.parts = tuple(parts)
+        self.models = [PlantModel(self.plant, replace(self.model.active, effects=part.effects)) for part in parts]
         self._late = moved_by(self.model.active)
+        self._behind: OrderedDict[tuple[int, tuple[float, ...]], Motion] = OrderedDict()
         self.scale = speed_scale(machine, self.runs, self.motions)
         self.inputs = [run[self.plant.input] for run in self.runs]
         self.measured = [lowpass(run.time_s, u, self.band_hz) for run, u in zip(self.runs, self.inputs, strict=True)]
@@ -91,50 +102,100 @@ class Bench:
         the input (n,) and the other states (n, states). The sets of a run take the same
         steps, sixteen at a time, so their differences are free of step-size noise.
         """
-
-        def one(j: int) -> Array:
-            return self._predict_run(j, [chosen[j] for chosen in values])
-
-        workers = min(len(self.runs), os.cpu_count() or 1)
-        first = one(0)  # compiles, if need be, in one thread only
-        with ThreadPoolExecutor(workers) as pool:
-            by_run = [first, *pool.map(one, range(1, len(self.runs)))]
+        columns = attrgetter(*self.symbols)
+        tables = [np.array([columns(chosen[j]) for chosen in values], dtype=float).T for j in range(len(self.runs))]
+        by_run = self.required(tables)
         return [[(out[:, 0, i], out[:, 1:, i]) for out in by_run] for i in range(len(values))]
 
-    def _predict_run(self, j: int, sets: Sequence[SimpleNamespace]) -> Array:
-        plant, run = self.plant, self.runs[j]
-        motions = self._motions_behind(j, sets)
-        points = [start_point(plant, run, motion) for motion in motions] * (len(sets) // len(motions))
-        clocks = [float(run.time_s[0])] * len(sets)
-        start, _ = self.model.starts([at for at, _ in points], [speed for _, speed in points], clocks, sets)
-        travelled = np.stack([motion.position - motion.position[0] for motion in motions], axis=-1)
-        n = len(plant.positions)
-        return kernels.driven(
-            plant,
-            self.model.table(sets),
-            run.time_s[:, None],
+    def required(self, tables: Sequence[Array]) -> list[Array]:
+        """As `predict`, of each run's table (symbols, sets): (n, 1 + other states, sets) of each run."""
+        needed = int(np.max(self.parts_needed(tables)))
+        model = self.models[needed] if needed < len(self.models) else self.model
+        sets = [[SimpleNamespace(**dict(zip(self.symbols, c, strict=True))) for c in t.T.tolist()] for t in tables]
+        motions = [self._motions_behind(j, table) for j, table in enumerate(tables)]
+        points = [
+            [start_point(self.plant, run, m) for m in each] for run, (each, _) in zip(self.runs, motions, strict=True)
+        ]
+        first = [point for at, (_, which) in zip(points, motions, strict=True) for point in map(at.__getitem__, which)]
+        clocks = [float(run.time_s[0]) for run, table in zip(self.runs, tables, strict=True) for _ in table.T]
+        every = [p for chosen in sets for p in chosen]
+        start, _ = model.starts([at for at, _ in first], [speed for _, speed in first], clocks, every)
+        scales = model.scales(self.scale, every)
+        rows = [self.row_of[name] for name in model.names]
+        ends = np.cumsum([0, *(table.shape[1] for table in tables)])
+
+        def one(j: int) -> Array:
+            its = slice(ends[j], ends[j + 1])
+            return self._required_in(j, model, tables[j][rows], *motions[j], start[:, its], scales[:, its])
+
+        workers = min(len(self.runs), os.cpu_count() or 1)
+        before = one(0)  # compiles, if need be, in one thread only
+        with ThreadPoolExecutor(workers) as pool:
+            return [before, *pool.map(one, range(1, len(self.runs)))]
+
+    def _required_in(
+        self,
+        j: int,
+        model: PlantModel,
+        parameters: Array,
+        motions: Sequence[Motion],
+        which: Sequence[int],
+        start: Array,
+        scales: Array,
+    ) -> Array:
+        sets, n = len(which), len(self.plant.positions)
+        lanes = next((lanes for lanes in PART_LANES if lanes >= sets), PART_LANES[-1]) if self.models else None
+        full = np.minimum(np.arange(max(sets, lanes or 0)), sets - 1)  # spare lanes repeat the last set
+
+        def in_lanes(series: list[Array]) -> Array:
+            if len(motions) == 1:
+                return series[0][:, None]
+            return np.take(np.stack(series, axis=-1), np.array(which)[full], axis=-1)
+
+        start = start[:, full]
+        travelled = in_lanes([motion.position - motion.position[0] for motion in motions])
+        out = kernels.driven(
+            self.plant,
+            parameters[:, full],
+            self.runs[j].time_s[:, None],
             travelled + start[0],
-            np.stack([motion.speed for motion in motions], axis=-1),
-            np.stack([motion.acceleration for motion in motions], axis=-1),
+            in_lanes([motion.speed for motion in motions]),
+            in_lanes([motion.acceleration for motion in motions]),
             np.concatenate([start[1:n], start[n + 1 :]]),
-            self.model.scales(self.scale, sets),
-            effects=self.model.effects,
+            scales[:, full],
+            effects=model.effects,
             tolerance=TOLERANCE,
             threads=1,
+            lanes=lanes,
         )
+        return out[..., :sets]
 
-    def _motions_behind(self, j: int, sets: Sequence[SimpleNamespace]) -> list[Motion]:
-        """The true motion of run j: one for all sets, or one for each if the sets differ in the sensor's delay."""
-        base = self.base[j]
-        if not any(getattr(p, name) != getattr(base, name) for p in sets for name in self._late):
-            return [self.motions[j]]
-        found: dict[tuple[float, ...], Motion] = {}
-        keys = [tuple(getattr(p, name) for name in self._late) for p in sets]
-        for key in keys:
-            if key not in found:
-                behind = true_run(self.runs[j], self.model.active, dict(zip(self._late, key, strict=True)))
-                found[key] = motion_of(behind, self.plant, self.band_hz)
-        return [found[key] for key in keys]
+    def parts_needed(self, tables: Sequence[Array]) -> np.ndarray:
+        """(sets,) which of `parts` has all that is at work in a set, in any run; len(parts) for the whole."""
+        needed = np.full(tables[0].shape[1], len(self.parts))
+        for k in reversed(range(len(self.parts))):
+            rows = [self.row_of[symbol] for symbol in self.parts[k].off]
+            off = np.array(list(self.parts[k].off.values()))[:, None]
+            idle = np.all([np.all(table[rows] == off, axis=0) for table in tables], axis=0)
+            needed[idle] = k
+        return needed
+
+    def _motions_behind(self, j: int, table: Array) -> tuple[list[Motion], list[int]]:
+        """The true motions of run j, which differ where sets differ in the sensor's delay, and each set's."""
+        rows = [self.row_of[name] for name in self._late]
+        keys = list(map(tuple, table[rows].T.tolist()))
+        different = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+        return [self._motion_behind(j, key) for key in different], [different[key] for key in keys]
+
+    def _motion_behind(self, j: int, key: tuple[float, ...]) -> Motion:
+        if key == tuple(getattr(self.base[j], name) for name in self._late):
+            return self.motions[j]
+        if (j, key) not in self._behind:
+            behind = true_run(self.runs[j], self.model.active, dict(zip(self._late, key, strict=True)))
+            self._behind[j, key] = motion_of(behind, self.plant, self.band_hz)
+            while len(self._behind) > MOTIONS_KEPT * len(self.runs):
+                self._behind.popitem(last=False)
+        return self._behind[j, key]
 
     def balances(self, values: Sequence[SimpleNamespace] | None = None) -> list[Balance]:
         """Each run's balance under one set of parameters, the machine's own by default."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from types import SimpleNamespace
 
 import numpy as np
@@ -39,7 +40,7 @@ class PlantModel:
 
     def table(self, values: Sequence[SimpleNamespace]) -> Array:
         """(names, scenarios)"""
-        return np.array([[getattr(p, name) for p in values] for name in self.names], dtype=float)
+        return np.array(list(map(attrgetter(*self.names), values)), dtype=float).T
 
     def starts(
         self,

@@ -13,11 +13,12 @@ import numpy as np
 from workbench.diagnose.hypotheses.discrepancy import error_model
 from workbench.diagnose.hypotheses.error_model import ErrorModel, Sizes
 from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Setting, Value, setting_of
-from workbench.effects import find, logged_input, ranges_of, searchable
+from workbench.effects import find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.kinds import kind_of
 from workbench.run import Array, Run
-from workbench.simulate.driven import Bench, changed
+from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass, noise_rms
+from workbench.simulate.lowpass_at import LowpassAt
 
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the discrepancy, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
@@ -46,7 +47,9 @@ class Problem:
         self.machine, self.runs = machine, tuple(runs)
         kind = kind_of(machine)
         self.active = searchable(machine, runs)
-        self.bench = Bench(machine, runs, band_hz, active=self.active)
+        self.bench = Bench(machine, runs, band_hz, active=self.active, parts=parts(machine, runs))
+        self._idle = idle_sensors(machine, runs)
+        self._smooth: dict[int, LowpassAt] = {}
         self.band_hz = self.bench.band_hz
         self.rows: list[np.ndarray] = []
         spacing = []
@@ -96,18 +99,23 @@ class Problem:
 
     def residuals(self, settings: Sequence[Setting]) -> Array:
         """(settings, samples), in the input's unit. Each group's differences are noise-free, beside its first."""
-        parts = [self._group(settings[k : k + GROUP]) for k in range(0, len(settings), GROUP)]
-        return np.concatenate(parts)
+        return np.concatenate([self._group(settings[k : k + GROUP]) for k in range(0, len(settings), GROUP)])
 
     def differences(self, base: Setting, others: Sequence[Setting]) -> tuple[Array, Array]:
         """Residuals at `base`, (samples,), and what each other setting adds to them, (others, samples)."""
-        first, parts = None, []
-        for k in range(0, max(len(others), 1), GROUP - 1):
-            out = self._group([base, *others[k : k + GROUP - 1]])
+        if not len(others):
+            return self._group([base])[0], np.zeros((0, self.samples))
+        # Those that need the same part of the model go together.
+        order = np.argsort(self.bench.parts_needed(self._tables(others)), kind="stable")
+        change = np.empty((len(others), self.samples))
+        first = None
+        for k in range(0, len(others), GROUP - 1):
+            group = order[k : k + GROUP - 1]
+            out = self._group([base, *(others[i] for i in group)])
             first = out[0] if first is None else first
-            parts.append(out[1:] - out[0])
+            change[group] = out[1:] - out[0]
         assert first is not None
-        return first, np.concatenate(parts)
+        return first, change
 
     def evaluate(self, knobs: Sequence[Knob], z: Array, only: Iterable[int] | None = None) -> tuple[Array, Array]:
         """Residual (samples,) and its Jacobian (samples, len(z), or those of `only`) by differences."""
@@ -125,27 +133,53 @@ class Problem:
 
     def _group(self, settings: Sequence[Setting]) -> Array:
         self.evaluations += 1
-        sensors = [self._sensed(s) for s in settings]
-        chosen = [[self._of_run(s, j) for j in range(len(self.runs))] for s in settings]
-        predicted = self.bench.predict(chosen)
-        gain, offset, tension_gain = np.array(sensors).T
+        tables = self._tables(settings)
+        gain, offset, tension_gain = np.array([self._sensed(s) for s in settings]).T
         torque, tension = [], []
-        for j, run in enumerate(self.bench.runs):
-            raw = np.stack(
-                [
-                    logged_input(self.active, run.time_s, predicted[i][j][0], vars(chosen[i][j]))
-                    for i in range(len(settings))
-                ],
-                axis=-1,
-            )
-            rows = self.rows[j]
-            smooth = lowpass(run.time_s, raw * gain + offset, self.band_hz)[rows]
-            torque.append(self.bench.measured[j][rows, None] - smooth)
+        for j, required in enumerate(self.bench.required(tables)):
+            rows, smooth = self.rows[j], self._smooth_at(j)
+            logged = smooth(self._logged(j, required[:, 0], tables[j])) * gain + offset
+            torque.append(self.bench.measured[j][rows, None] - logged)
             if self.has_tension:
-                pulls = [self._tension(run, predicted[i][j][1], chosen[i][j]) for i in range(len(settings))]
-                smooth = lowpass(run.time_s, np.stack(pulls, axis=-1) * tension_gain, self.band_hz)[rows]
-                tension.append((self.tension[j][rows, None] - smooth) * (self.noise / self.tension_noise))
+                sets = [self._parameters(tables[j], i) for i in range(len(settings))]
+                pulls = [self._tension(self.runs[j], required[:, 1:, i], p) for i, p in enumerate(sets)]
+                logged = smooth(np.stack(pulls, axis=-1)) * tension_gain
+                tension.append((self.tension[j][rows, None] - logged) * (self.noise / self.tension_noise))
         return np.concatenate([*torque, *tension]).T
+
+    def _logged(self, j: int, required: Array, table: Array) -> Array:
+        """(n, sets) of the true input -> of what the sensor shows: another where an effect on it is at work."""
+        rows = [self.bench.row_of[symbol] for symbol in self._idle]
+        at_work = np.flatnonzero(np.any(table[rows] != np.array(list(self._idle.values()))[:, None], axis=0))
+        if not len(at_work):
+            return required
+        logged, time = required.copy(), self.bench.runs[j].time_s
+        for i in at_work:
+            logged[:, i] = logged_input(self.active, time, required[:, i], vars(self._parameters(table, int(i))))
+        return logged
+
+    def _smooth_at(self, j: int) -> LowpassAt:
+        """The low-pass of run j at its rows."""
+        known = self._smooth.get(j)
+        if known is None or known.rows is not self.rows[j]:
+            known = self._smooth[j] = LowpassAt(self.bench.runs[j].time_s, self.band_hz, self.rows[j])
+        return known
+
+    def _parameters(self, table: Array, i: int) -> SimpleNamespace:
+        """One set of a run's table, by symbol."""
+        return SimpleNamespace(**dict(zip(self.bench.symbols, table[:, i].tolist(), strict=True)))
+
+    def _tables(self, settings: Sequence[Setting]) -> list[Array]:
+        """Each run's parameters (symbols, settings)."""
+        row_of, base = self.bench.row_of, [[vars(p)[name] for name in self.bench.symbols] for p in self.bench.base]
+        tables = np.repeat(np.array(base, dtype=float)[:, :, None], len(settings), axis=2)
+        for i, setting in enumerate(settings):
+            for symbol, value in setting.items():
+                if symbol not in SENSOR_KEYS and symbol != LOG_TIMING:
+                    tables[:, row_of[symbol], i] = value
+            # Added, so that an effect's delay is weighed from none at all.
+            tables[:, row_of[self.late], i] += setting.get(LOG_TIMING, 0.0)
+        return list(tables)
 
     def _tension(self, run: Run, states: Array, p: SimpleNamespace) -> Array:
         """The dead line's tension (n,) that goes with the driven states."""
@@ -158,10 +192,3 @@ class Problem:
         gain, offset = kind_of(self.machine).sensor_of(self.machine)
         said = {GAIN: gain, OFFSET: offset, TENSION_GAIN: 1.0, **setting}
         return [float(x) for x in map(said.__getitem__, SENSOR_KEYS) if not isinstance(x, tuple)]
-
-    def _of_run(self, setting: Setting, j: int) -> SimpleNamespace:
-        plain = {k: v[j] if isinstance(v, tuple) else v for k, v in setting.items() if k not in SENSOR_KEYS}
-        timing = plain.pop(LOG_TIMING, 0.0)
-        if timing:  # added, so that an effect's delay is weighed from none at all
-            plain[self.late] = plain.get(self.late, getattr(self.bench.base[j], self.late)) + timing
-        return changed(self.bench.base[j], plain)
