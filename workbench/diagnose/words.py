@@ -7,6 +7,8 @@ from workbench.diagnose.location.records import Gap
 from workbench.diagnose.shrink import Shrink
 from workbench.diagnose.verdict.judge import Judged
 
+SAME = 0.5  # merit between two effects that are one and the same in these runs
+
 
 def listed(names: Names) -> str:
     """a; a and b; a, b and c."""
@@ -36,8 +38,13 @@ def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: b
             )
             + "."
         )
-    likeliest = next(row.probability for row in judged.ranking if row.effects == judged.names)
-    text = f"The gap comes from {listed(judged.names)} ({chance(likeliest)}): "
+    same = twins(judged, also)
+    answers = {judged.names, *((name,) for name in same)}
+    likely = sum(row.probability for row in judged.ranking if row.effects in answers)
+    text = f"The gap comes from {listed(judged.names)} ({chance(likely)}): "
+    if same:
+        text = f"The gap comes from {' or '.join((*judged.names, *same))}, one cause by two names in these runs "
+        text += f"({chance(likely)}): "
     text += (
         f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}, noise {shrink.noise:.2g}"
     )
@@ -47,9 +54,15 @@ def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: b
             f"; {judged.left.rms:.2g} {unit} beyond noise stay, {judged.left.percent_of_input:.2g} % of the input, "
             + ("enough to change a conclusion" if judged.left.relevant else "too little to change a conclusion")
         )
-    if also:
-        text += f"; these runs cannot tell it from {', '.join(also)}"
+    if others := [name for name in also if name not in same]:
+        text += f"; these runs cannot tell it from {', '.join(others)}"
     return text + "."
+
+
+def twins(judged: Judged, also: Names) -> Names:
+    """Of what these runs cannot tell from the answer, what differs from it in name only."""
+    merits = {w.names: w.merit for w in judged.weighed}
+    return tuple(name for name in also if abs(merits[(name,)] - merits[judged.names]) < SAME)
 
 
 def _percent(share: float) -> str:
