@@ -1,7 +1,7 @@
 # `make demo` and `make test` do all the set-up on a fresh machine with Python 3.11 or newer and make.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo blind app check test bench docs notebook lint lock clean
+.PHONY: help demo blind app check test proof bench docs notebook lint lock clean
 
 VENV := .venv
 PY := $(VENV)/bin/python
@@ -52,10 +52,14 @@ app: $(STAMP) ## open the dashboard in a browser; Ctrl-C ends it
 
 check: $(STAMP) ## ruff and the quick tests, for daily use
 	$(PY) -m ruff check --quiet --output-format concise .
-	$(PY) -m pytest -n 2 -q $(CHECK) $(ARGS)
+	$(PY) -m pytest -n 2 --dist worksteal -q $(CHECK) $(ARGS)
 
-test: $(STAMP) ## run all tests
-	$(PY) -m pytest -n 2 $(ARGS)
+# worksteal: each worker begins with a stretch of whole files, so that what a file's tests share is made once.
+test: $(STAMP) ## run all tests but the proofs
+	$(PY) -m pytest -n 2 --dist worksteal $(ARGS)
+
+proof: $(STAMP) ## the laws on more machines and recordings, before a release: what `make test` leaves out
+	WORKBENCH_REQUIRE_DATA=1 $(PY) -m pytest -n 2 --dist worksteal -m proof $(ARGS)
 
 bench: $(BENCH_STAMP) ## measure against the peers; writes benchmarks/results.json
 	$(PY) -m benchmarks.run

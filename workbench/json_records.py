@@ -36,7 +36,7 @@ def _shortened(value: Any, digits: int) -> Any:
     if isinstance(value, float):
         return rounded(value, digits)
     if isinstance(value, dict):
-        return {key: _shortened(each, digits) for key, each in value.items()}
+        return {key: _shortened(item, digits) for key, item in value.items()}
     if isinstance(value, list):
-        return [_shortened(each, digits) for each in value]
+        return [_shortened(item, digits) for item in value]
     return value

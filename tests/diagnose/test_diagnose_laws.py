@@ -111,12 +111,17 @@ ALIKE: dict[str, list[set[str]]] = {
     "axis-rotary": [LEVELS, LOAD],
 }
 TRUTHS = {"hoist": HOIST | SILENT, "axis-linear": LINEAR, "axis-rotary": ROTARY}
+# Every effect of the registry is found again in each run of the tests, on one axis; the other axis is proof, but for
+# what a constant load makes another law.
 LAWS = [
-    pytest.param(kind, name, id=f"{kind}-{name}")
+    pytest.param(
+        kind, name, id=f"{kind}-{name}",
+        marks=[pytest.mark.proof] if kind == "axis-linear" and name not in LOAD | {"friction_coulomb"} else [],
+    )
     for kind, truths in TRUTHS.items()
     for name in truths
     if name not in SILENT or kind != "hoist"
-]
+]  # fmt: skip
 
 
 @cache
@@ -195,7 +200,7 @@ WITHIN: dict[str, Values] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.proof)])
 @pytest.mark.parametrize("kind", TRUTHS)
 def test_a_machine_within_its_tolerances_has_no_gap(kind: str, seed: int):
     d = diagnosed(kind, runs_of(with_values(nominal(kind), WITHIN[kind]), seed))

@@ -15,6 +15,9 @@ from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.verdict.records import Reason, ReasonKind
 from workbench.logs import read_campaign
 
+# What is marked as proof has a quicker counterpart: effects that are found again and unknown causes of simulated runs
+# in test_diagnose_laws.py, the table of campaign 33 in test_diagnose_unknown.py.
+
 
 def answer(shared_data: Path, name: str) -> tuple[Diagnosis, dict[str, float]]:
     folder = shared_data / "campaigns"
@@ -22,8 +25,10 @@ def answer(shared_data: Path, name: str) -> tuple[Diagnosis, dict[str, float]]:
     return diagnose(read_campaign(folder / name), study=False), label["values"]
 
 
-def test_a_machine_that_sticks_has_no_gap(shared_data: Path):
-    found, _ = answer(shared_data, "01")
+# 25 is of the smaller machine; 01 sticks, and its search is long.
+@pytest.mark.parametrize("number", ["25", pytest.param("01", marks=pytest.mark.proof)])
+def test_a_machine_within_its_tolerances_has_no_gap(shared_data: Path, number: str):
+    found, _ = answer(shared_data, number)
     assert (found.verdict.word, found.verdict.effects) == ("no_gap", ())
 
 
@@ -37,6 +42,7 @@ def test_a_tight_stretch_is_named_with_its_place_and_size(shared_data: Path):
     assert (found.where.subsystem, found.where.regime) == ("guide", "position")
 
 
+@pytest.mark.proof
 def test_a_rail_that_changes_its_friction_at_one_height_is_unknown_and_in_the_machine_as_a_table(shared_data: Path):
     found, _ = answer(shared_data, "33")
     assert (found.verdict.word, found.verdict.effects) == ("unknown", ())
@@ -53,6 +59,7 @@ def values(found: Diagnosis) -> dict[str, tuple[float, float]]:
     return {each.name: (each.value, each.std_error) for each in rows}  # type: ignore[misc]
 
 
+@pytest.mark.proof
 def test_an_offset_of_the_torque_is_named_or_what_is_alike_by_nature(shared_data: Path):
     found, told = answer(shared_data, "16")
     assert found.verdict.word == "named"
@@ -73,6 +80,7 @@ def test_two_effects_are_named_together_each_with_its_size(shared_data: Path):
     assert found.shrink.after < 1.3 * found.shrink.noise < 0.1 * found.shrink.before
 
 
+@pytest.mark.proof
 def test_a_late_speed_of_a_small_machine_is_named(shared_data: Path):
     found, told = answer(shared_data, "31")
     assert found.verdict.effects == ("speed_delay",)
@@ -121,6 +129,7 @@ def test_a_fully_known_real_axis_has_no_gap(emps: Emps):
     assert (found.verdict.word, found.verdict.effects) == ("no_gap", ()), found.verdict.sentence
 
 
+@pytest.mark.proof
 @pytest.mark.parametrize("more", ["", "tolerances: {force_offset_n: 0.3, coulomb: 0.02}\n"], ids=["default", "tight"])
 def test_an_offset_withheld_from_a_real_axis_comes_back(emps: Emps, more: str):
     found = emps(offset=0.0, more=more)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from workbench.machine import Hoist, load_machine
 
 WITHOUT_A_GAP = ("01", "20", "25", "26", "27", "28")
 WITH_A_GAP = [f"{number:02d}" for number in range(1, 34) if f"{number:02d}" not in WITHOUT_A_GAP]
+# Of the two hoists: friction, a large load error, two effects at once, one that no effect explains.
+DAILY = ("01", "20", "25", "05", "15", "24", "29", "33")
 LEVELS = ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n")
 
 
@@ -33,7 +36,11 @@ def assert_finite(data: Any, place: str = "") -> None:
         assert_finite(value, f"{place}.{key}")
 
 
-@pytest.mark.parametrize("number", WITHOUT_A_GAP)
+def daily(numbers: Sequence[str]) -> list[Any]:
+    return [pytest.param(number, marks=[] if number in DAILY else [pytest.mark.proof]) for number in numbers]
+
+
+@pytest.mark.parametrize("number", daily(WITHOUT_A_GAP))
 def test_a_machine_without_a_gap_is_explained_down_to_the_noise(
     workbench: Commands, campaigns: Path, tmp_path: Path, number: str
 ):
@@ -57,7 +64,7 @@ def test_a_machine_without_a_gap_is_explained_down_to_the_noise(
         assert 0.0 < entry["std_error"] < entry["nominal"]
 
 
-@pytest.mark.parametrize("number", WITH_A_GAP)
+@pytest.mark.parametrize("number", daily(WITH_A_GAP))
 def test_a_machine_with_a_gap_gives_finite_and_sensible_figures(
     workbench: Commands, campaigns: Path, tmp_path: Path, number: str
 ):

@@ -54,18 +54,18 @@ def phase_lags_deg(drive: Drive, settings: PiSettings, frequency_hz: float) -> d
 
 
 def why(
-    found: Sequence[AntiResonance], lags_deg: dict[str, float], frequency_hz: Array, T: Array, crossing_hz: float
+    zeros: Sequence[AntiResonance], lags_deg: dict[str, float], frequency_hz: Array, T: Array, crossing_hz: float
 ) -> str:
     """One sentence: the dip of |T|, (n,) of the slowest member, in which its bandwidth ends, or the phase that is lost.
 
-    found: the slowest member's anti-resonances; lags_deg: at crossing_hz, the widest bandwidth.
+    zeros: the slowest member's anti-resonances; lags_deg: at crossing_hz, the widest bandwidth.
     """
     lost = ", ".join(f"{name} {lag:.0f}°" for name, lag in lags_deg.items() if lag >= 0.5)
     phase = f"at {crossing_hz:.3g} Hz phase is lost to {lost}" if lost else "sampling leaves no more"
     beyond = frequency_hz > crossing_hz
     comes_back = frequency_hz[beyond & (math.sqrt(0.5) < T)]
     if len(comes_back):
-        inside = [zero for zero in found if crossing_hz < 1.05 * zero.frequency_hz < 1.1 * comes_back[0]]
+        inside = [zero for zero in zeros if crossing_hz < 1.05 * zero.frequency_hz < 1.1 * comes_back[0]]
         if inside:
             zero = inside[0]
             return (

@@ -34,10 +34,10 @@ WARM_S = 200.0
 
 def training_error(row: Row) -> Said:
     """The single effect whose fit leaves the least chi-squared; it always names one."""
-    singles = [each for each in row["weighed"] if len(each["names"]) == 1]
+    singles = [fit for fit in row["weighed"] if len(fit["names"]) == 1]
     if not singles:
         return "no_gap", ()
-    return "named", tuple(min(singles, key=lambda each: float(each["chi2"]))["names"])
+    return "named", tuple(min(singles, key=lambda fit: float(fit["chi2"]))["names"])
 
 
 def bic(row: Row) -> Said:
@@ -46,9 +46,9 @@ def bic(row: Row) -> Said:
         return "no_gap", ()
     cost = math.log(max(float(row["none"]["samples"]), 2.0))
     scores: dict[tuple[str, ...], float] = {(): float(row["none"]["chi2"])}
-    for each in row["weighed"]:
-        if each["names"]:
-            scores[tuple(each["names"])] = float(each["chi2"]) + cost * float(each["parameters"])
+    for fit in row["weighed"]:
+        if fit["names"]:
+            scores[tuple(fit["names"])] = float(fit["chi2"]) + cost * float(fit["parameters"])
     best = min(scores, key=lambda names: scores[names])
     return ("named", best) if best else ("no_gap", ())
 
@@ -84,13 +84,13 @@ def baselines(rows: Sequence[Row]) -> dict[str, list[dict[str, Any]]]:
         SPARSE: sparse,
         COMMONEST: commonest(rows),
     }
-    found = {}
+    answers = {}
     for name, method in methods.items():
         said = [(row, method(row)) for row in rows]
         given = [_instead(row, answer) for row, answer in said if answer is not None]
         if given:
-            found[name] = given
-    return found
+            answers[name] = given
+    return answers
 
 
 def _instead(row: Row, said: Said) -> dict[str, Any]:

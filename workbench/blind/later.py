@@ -32,12 +32,12 @@ Tell = Callable[[str], None]
 def with_oracle(score: Score, processes: int, tell: Tell) -> Score:
     """Each case of listed effects with its true effect's held-out rms, fitted where the diagnosis has not."""
     lack = [row for row in score.rows if right_word(row) == "named" and oracle_after(row) is None and row["noise"]]
-    found: dict[str, Row] = {}
+    fitted: dict[str, Row] = {}
     with mapped(processes) as over:
         for row in over(partial(fitted_truth, score.folder / CAMPAIGNS), lack):
-            found[row["folder"]] = row
-            tell(f"{len(found)}/{len(lack)} true effects fitted")
-    return score.with_rows([found.get(row["folder"], row) for row in score.rows])
+            fitted[row["folder"]] = row
+            tell(f"{len(fitted)}/{len(lack)} true effects fitted")
+    return score.with_rows([fitted.get(row["folder"], row) for row in score.rows])
 
 
 def fitted_truth(campaigns: Path, row: Row) -> Row:
@@ -48,13 +48,13 @@ def fitted_truth(campaigns: Path, row: Row) -> Row:
     told = sorted(row["label"]["effects"])
     try:
         campaign = read_campaign(campaigns / row["folder"])
-        found = diagnose(campaign, candidates=told, most_effects=len(told), study=False)
+        diagnosis = diagnose(campaign, candidates=told, most_effects=len(told), study=False)
     except InputError:
         return row
     more = [
-        [list(each.effects), each.held_out_rms]
-        for each in found.candidates
-        if sorted(each.effects) == told and each.held_out_rms is not None
+        [list(candidate.effects), candidate.held_out_rms]
+        for candidate in diagnosis.candidates
+        if sorted(candidate.effects) == told and candidate.held_out_rms is not None
     ]
     return {**row, "held_out": [*row["held_out"], *more]}
 
@@ -110,9 +110,9 @@ def extended(content: Content, recommended: Mapping[str, Any], campaign: Path) -
     read = read_campaign(campaign)
     problem = Problem(read.machine, read.runs)
     fits = [
-        each
-        for each in menu(problem)
-        if _motion(each.words) == _motion(recommended["profile"]) and each.payload_kg == recommended["payload_kg"]
+        planned
+        for planned in menu(problem)
+        if _motion(planned.words) == _motion(recommended["profile"]) and planned.payload_kg == recommended["payload_kg"]
     ]
     if not fits:
         raise InputError(f"no run '{recommended['profile']}' on the menu", file=campaign)

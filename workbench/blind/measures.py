@@ -90,27 +90,27 @@ OF_A_METHOD = ("named", "first_three", "pair_both", "pair_one", "false_alarm", "
 
 
 def measure(key: str) -> Measure:
-    return next(each for each in MEASURES if each.key == key)
+    return next(known for known in MEASURES if known.key == key)
 
 
 def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """ "source, kind" -> its rows, then each kind's all where it has more than one source."""
-    found: dict[str, list[Row]] = {}
+    grouped: dict[str, list[Row]] = {}
     for row in sorted(rows, key=lambda r: (criteria.kind_of(r), criteria.source_of(r))):
-        found.setdefault(f"{criteria.kind_of(row)}, {criteria.source_of(row)}", []).append(row)
+        grouped.setdefault(f"{criteria.kind_of(row)}, {criteria.source_of(row)}", []).append(row)
     for kind in sorted({criteria.kind_of(row) for row in rows}):
         of_kind = [row for row in rows if criteria.kind_of(row) == kind]
         if len({criteria.source_of(row) for row in of_kind}) > 1:
-            found[f"{kind}, all"] = of_kind
-    return found
+            grouped[f"{kind}, all"] = of_kind
+    return grouped
 
 
 def by_size(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Size of the gap over the noise -> the rows with a cause of that size; those of unknown size last."""
     sized = [(criteria.size_over_noise(row), row) for row in rows if _cause(row)]
-    found = {name: [row for size, row in sized if low <= size < high] for name, low, high in SIZES}
-    found["size not known"] = [row for size, row in sized if math.isnan(size)]
-    return {name: which for name, which in found.items() if which}
+    sizes = {name: [row for size, row in sized if low <= size < high] for name, low, high in SIZES}
+    sizes["size not known"] = [row for size, row in sized if math.isnan(size)]
+    return {name: which for name, which in sizes.items() if which}
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ INSIDE_90 = 1.6449
 
 
 def numbers(rows: Sequence[Row]) -> Numbers:
-    within = [each for row in rows for each in criteria.estimates_within(row)]
+    within = [estimate for row in rows for estimate in criteria.estimates_within(row)]
     ratios = [criteria.of_the_oracle(row) for row in rows if right_word(row) == "named"]
     return Numbers(
         parameter_errors=tuple(sorted(error for _, error, _ in within)),
@@ -179,7 +179,10 @@ def _said(row: Row) -> float:
 
 def calibration_error(rows: Sequence[Row]) -> float | None:
     bins = reliability(rows)
-    total = sum(each.right.of for each in bins)
+    total = sum(interval.right.of for interval in bins)
     if not total:
         return None
-    return sum(each.right.of * abs(each.said - each.right.count / each.right.of) for each in bins) / total
+    return (
+        sum(interval.right.of * abs(interval.said - interval.right.count / interval.right.of) for interval in bins)
+        / total
+    )

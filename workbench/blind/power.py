@@ -71,13 +71,15 @@ def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str
     for row in score.rows:
         if criteria.single(row) and row["noise"] and (amount := first_amount(row, rig.kind)) is not None:
             cases.setdefault(row["label"]["effects"][0], []).append((row, *amount))
-    cases = {name: each for name, each in sorted(cases.items()) if len(each) >= LEAST}
-    sizes = [[float(c[0]["label"]["torque_change_rms_nm"]) for c in each] for each in cases.values()]
-    passed = [[criteria.right_or_alike(c[0]) for c in each] for each in cases.values()]
+    cases = {name: members for name, members in sorted(cases.items()) if len(members) >= LEAST}
+    sizes = [[float(c[0]["label"]["torque_change_rms_nm"]) for c in members] for members in cases.values()]
+    passed = [[criteria.right_or_alike(c[0]) for c in members] for members in cases.values()]
     fit = thresholds(sizes, passed)
     effects = tuple(
-        _effect(name, each, sizes[k], passed[k], float(fit.threshold[k]), float(fit.std[k]), (one_more or {}).get(name))
-        for k, (name, each) in enumerate(cases.items())
+        _effect(
+            name, members, sizes[k], passed[k], float(fit.threshold[k]), float(fit.std[k]), (one_more or {}).get(name)
+        )
+        for k, (name, members) in enumerate(cases.items())
     )
     few = sorted({r["label"]["effects"][0] for r in score.rows if criteria.single(r)} - set(cases))
     note = (
@@ -143,9 +145,9 @@ def thresholds(sizes: Sequence[Sequence[float]], passed: Sequence[Sequence[bool]
         return Fit(np.zeros(0), np.zeros(0))
     from scipy.optimize import minimize
 
-    x = np.concatenate([np.log(each) for each in sizes])
-    y = np.concatenate([np.asarray(each, dtype=float) for each in passed])
-    of = np.repeat(np.arange(len(sizes)), [len(each) for each in sizes])
+    x = np.concatenate([np.log(of_effect) for of_effect in sizes])
+    y = np.concatenate([np.asarray(of_effect, dtype=float) for of_effect in passed])
+    of = np.repeat(np.arange(len(sizes)), [len(of_effect) for of_effect in sizes])
     centre = float(np.mean(x))
 
     def loss(p: Array) -> float:

@@ -250,21 +250,21 @@ def _of_plan(machine: Any, file: Path) -> Rig:
 def _hoist_plan(machine: Hoist, plan: Plan, sensors: dict[str, Any]) -> Rig:
     runs = []
     clock = 0.0
-    for k, each in enumerate(plan.runs):
-        start = 0.36 * machine.wire.segment_length_m if each.start_position_m is None else each.start_position_m
-        top = each.top_speed or machine.motor.nominal_speed_rad_s
+    for k, run in enumerate(plan.runs):
+        start = 0.36 * machine.wire.segment_length_m if run.start_position_m is None else run.start_position_m
+        top = run.top_speed or machine.motor.nominal_speed_rad_s
         room = 0.24 * machine.wire.segment_length_m / machine.lift_m_per_rad
         rng = np.random.default_rng([SEED, k])
-        speed = reference(each.profile, rng, duration_s=each.duration_s, speed_rad_s=top, room_rad=room)
-        runs.append((Run(each.name, np.zeros(0), {}, each.payload_kg, start, clock), speed))
-        clock += each.duration_s + BETWEEN_S
+        speed = reference(run.profile, rng, duration_s=run.duration_s, speed_rad_s=top, room_rad=room)
+        runs.append((Run(run.name, np.zeros(0), {}, run.payload_kg, start, clock), speed))
+        clock += run.duration_s + BETWEEN_S
     logs = tuple(name for name in plan.signals if name != "speed")
     split = () if machine.motor.count == 2 else ("sum",)
     return _hoist(machine, runs, Logging(min(plan.rate_hz, 1.0 / HOIST_S), (*logs, *split)), sensors)
 
 
 def _axis_plan(machine: Any, plan: Plan, sensors: dict[str, Any]) -> Rig:
-    top = max((each.top_speed or 0.0 for each in plan.runs), default=0.0)
+    top = max((run.top_speed or 0.0 for run in plan.runs), default=0.0)
     if plan.travel is None or not top:
         raise InputError("the plan of an axis needs travel (m or rad) and top_speed of a run", place="travel")
     ramp = min(0.2, 0.35 * plan.travel / top)
@@ -276,15 +276,15 @@ def _axis_plan(machine: Any, plan: Plan, sensors: dict[str, Any]) -> Rig:
         + role("viscous") * top
         + load
     )
-    low = min((each.start_position_m or 0.0 for each in plan.runs), default=0.0)
+    low = min((run.start_position_m or 0.0 for run in plan.runs), default=0.0)
     drawn = DrawnAxis(machine, low, plan.travel, top, ramp, float(force), 12.0, 1e-6 * plan.travel)
     plans, clock = [], 0.0
-    for k, each in enumerate(plan.runs):
-        excited = excitation(each.profile, np.random.default_rng([SEED, k]), drawn, each.duration_s)
-        speed = excited.speed * ((each.top_speed or top) / top)
-        start = low if each.start_position_m is None else each.start_position_m
-        plans.append(RunPlan(each.name, each.profile, 0.0, start, clock, each.duration_s, _tuple(speed)))
-        clock += each.duration_s + BETWEEN_S
+    for k, run in enumerate(plan.runs):
+        excited = excitation(run.profile, np.random.default_rng([SEED, k]), drawn, run.duration_s)
+        speed = excited.speed * ((run.top_speed or top) / top)
+        start = low if run.start_position_m is None else run.start_position_m
+        plans.append(RunPlan(run.name, run.profile, 0.0, start, clock, run.duration_s, _tuple(speed)))
+        clock += run.duration_s + BETWEEN_S
     logs = tuple(dict.fromkeys(["position", *(name for name in plan.signals if name != "tension")]))
     rate = min(plan.rate_hz, 1.0 / AXIS_S)
     linear = machine.input_signal == "force_n"

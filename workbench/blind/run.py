@@ -78,8 +78,8 @@ def run(
         for name, text in _answers(folder, todo, processes, diagnose or partial(answered, most_effects=most_effects)):
             _keep(folder, manifest, name, text)
             done += 1
-            each = (time.monotonic() - begun) / done
-            left = each * (len(todo) - done)
+            each_s = (time.monotonic() - begun) / done
+            left = each_s * (len(todo) - done)
             tell(f"{len(kept) + done}/{len(wanted)} campaign {name}: {_said(text)}; {left / 60.0:.0f} min left")
         return Ran(len(manifest.cases), len(kept), len(kept) + done)
 

@@ -48,13 +48,13 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
     comparison = compare(rows_a, rows_b)
     if not comparison.pairs:
         raise InputError(f"no run is in both A ({a}) and B ({b}): {why_unmatched(rows_a, rows_b)}")
-    found = regressions(comparison, allowed)
+    worse = regressions(comparison, allowed)
     _show(comparison)
     if json_file is not None:
-        replace_json(json_file, as_json(comparison, allowed, found), "newly_failed")
+        replace_json(json_file, as_json(comparison, allowed, worse), "newly_failed")
     if not allowed:
         return 0
-    broken = [_regression_line(each) for each in found]
+    broken = [_regression_line(regression) for regression in worse]
     broken += [f"{pair.name} failed: {pair.b.reason}" for pair in comparison.newly_failed]
     _print_some("Too much worse:", broken)
     if not broken:
@@ -114,9 +114,13 @@ def _values(metric: str, pair: Pair) -> str:
     return f"{pair.name}{TIE}{before}{TIE}→{TIE}{after}"
 
 
-def _regression_line(each: Regression) -> str:
-    by = "from nothing" if math.isinf(each.worse) else f"by {each.worse:.3g}{' %' if each.limit.relative else ''}"
-    return f"{_values(each.limit.metric, each.pair)}: worse {by}, allowed {each.limit}"
+def _regression_line(regression: Regression) -> str:
+    by = (
+        "from nothing"
+        if math.isinf(regression.worse)
+        else f"by {regression.worse:.3g}{' %' if regression.limit.relative else ''}"
+    )
+    return f"{_values(regression.limit.metric, regression.pair)}: worse {by}, allowed {regression.limit}"
 
 
 def _print_some(title: str, lines: list[str] | tuple[str, ...], most: int = MOST_LINES) -> None:

@@ -84,9 +84,9 @@ def command(
             )
 
         if out is None:
-            found = run()
+            diagnosis = run()
         else:
             from workbench.reports.diagnosis.page import write_diagnosis
 
-            found = write_diagnosis(run, out, stages.writing)
-    show(found, out)
+            diagnosis = write_diagnosis(run, out, stages.writing)
+    show(diagnosis, out)

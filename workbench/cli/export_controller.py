@@ -49,9 +49,9 @@ def command(controller: Path, form: str, drive: str, out: Path, machine: Path | 
     hoist = default_hoist()
     if machine is not None:
         read = load_machine(machine, check_effects=check)
-        if (found := studied(read)) is None:
+        if (hoist_read := studied(read)) is None:
             raise InputError(f"is {of_kind(read)}; a controller is exported for {STUDIED}", file=machine)
-        hoist = found
+        hoist = hoist_read
     if not 0.0 <= payload < float("inf"):
         raise InputError(f"{payload:g} kg, expected 0 or more", place="payload_kg")
     files = controller_files(form, settings, hoist, payload, drive, ramp)  # type: ignore[arg-type]

@@ -25,22 +25,24 @@ def candidates(found: Found, judged: Judged, keys: Mapping[str, Value]) -> tuple
     problem = found.problem
     gap = max(_energy(found, found.near) - problem.noise**2, 1e-300)
     rows, folds = [], _folds(found)
-    for k, each in enumerate(judged.weighed):
-        unseen = [held_out(problem, each.fit, f.fold_of_row).rms(problem.inputs) for f in folds] if k < SCORED else []
+    for k, hypothesis in enumerate(judged.weighed):
+        unseen = (
+            [held_out(problem, hypothesis.fit, f.fold_of_row).rms(problem.inputs) for f in folds] if k < SCORED else []
+        )
         rows.append(
             Candidate(
-                effects=each.names,
-                gain=each.gain,
-                merit=each.merit,
-                residual_rms=each.fit.rms(problem.inputs),
+                effects=hypothesis.names,
+                gain=hypothesis.gain,
+                merit=hypothesis.merit,
+                residual_rms=hypothesis.fit.rms(problem.inputs),
                 held_out_rms=unseen[0] if unseen else None,
-                explained=float(np.clip((_energy(found, found.near) - _energy(found, each.fit)) / gap, 0.0, 1.0)),
-                parameters=estimates(problem, each.fit, calibration()["interval"]),
+                explained=float(np.clip((_energy(found, found.near) - _energy(found, hypothesis.fit)) / gap, 0.0, 1.0)),
+                parameters=estimates(problem, hypothesis.fit, calibration()["interval"]),
                 fitted=True,
-                against=tuple(_against(found, judged, each, keys, list(zip(folds, unseen, strict=False)))),
+                against=tuple(_against(found, judged, hypothesis, keys, list(zip(folds, unseen, strict=False)))),
             )
         )
-    known = {each.names for each in judged.weighed}
+    known = {hypothesis.names for hypothesis in judged.weighed}
     rows += [
         Candidate(names, gain, -math.inf, None, None, None, {}, False)
         for names, gain in sorted(found.linear.items(), key=lambda q: -q[1])
@@ -59,19 +61,19 @@ def _energy(found: Found, fit: Fitted) -> float:
 
 
 def _against(
-    found: Found, judged: Judged, each: Weighed, keys: Mapping[str, Value], unseen: Sequence[tuple[_Folds, float]]
+    found: Found, judged: Judged, hypothesis: Weighed, keys: Mapping[str, Value], unseen: Sequence[tuple[_Folds, float]]
 ) -> list[str]:
     """Plain sentences."""
-    problem, fit = found.problem, each.fit
+    problem, fit = found.problem, hypothesis.fit
     said = []
     left = fit.rms(problem.inputs) / problem.noise
     if left > 1.5:
         said.append(f"leaves {left:.1f} times the noise")
     best = judged.best
-    if each.rival:
+    if hypothesis.rival:
         said.append("is none of the causes that are named unasked")
-    if best is not None and each.names != best.names and best.gain > each.gain:
-        said.append(f"gains {best.gain - each.gain:.0f} less in chi-squared than {' and '.join(best.names)}")
+    if best is not None and hypothesis.names != best.names and best.gain > hypothesis.gain:
+        said.append(f"gains {best.gain - hypothesis.gain:.0f} less in chi-squared than {' and '.join(best.names)}")
     far = [
         (abs(float(z)) / knob.std, key)
         for (key, knob), z in zip(keys.items(), fit.z, strict=False)

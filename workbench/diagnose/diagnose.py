@@ -68,7 +68,7 @@ def diagnose(
     problem = problem.noisier(shaking)
     state = condition(campaign, problem, shaking)
 
-    others = [each for each in effects_for(problem.active.kind).values() if not each.listed]
+    others = [effect for effect in effects_for(problem.active.kind).values() if not effect.listed]
     rivals = others if candidates is None else []
     keys = base_knobs(campaign.machine, campaign.runs)
     if baseline == "nominal":
@@ -84,7 +84,7 @@ def diagnose(
     say(Progress(Stage.LOCATE))
     gap = gap_of(problem, found, campaign)
     fit = found.fits[judged.names] if judged.names else None
-    named = [each for each in effects if each.id in judged.names]
+    named = [effect for effect in effects if effect.id in judged.names]
     where = where_of(problem, found.near, fit, named, seed) if judged.word != "no_gap" else None
     say(Progress(Stage.SEPARATE))
     apart = isolability(problem, found)
@@ -159,7 +159,7 @@ def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effe
 
     known = effects_for(plant_of(campaign.machine).kind)
     if names is None:
-        return [each for each in known.values() if each.listed]
+        return [effect for effect in known.values() if effect.listed]
     for name in names:
         if name not in known:
             raise InputError(f"unknown effect '{name}'; {nearest(name, known)}", place="candidates")

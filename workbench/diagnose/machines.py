@@ -37,9 +37,9 @@ def machine_of(
     return _with_effects(machine, {**machine.effects, **chosen})
 
 
-def refitted_machine(problem: Problem, base_keys: Mapping[str, Value], found: Fitted | Setting) -> Hoist | Axis:
+def refitted_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: Fitted | Setting) -> Hoist | Axis:
     """The nominal machine with the base values of a fit, or of its setting, and nothing else."""
-    setting = found.setting if isinstance(found, Fitted) else found
+    setting = fitted.setting if isinstance(fitted, Fitted) else fitted
     known = set(value_names(problem.machine))  # a load cell's gain is no value of the machine
     return with_values(
         problem.machine,
@@ -54,11 +54,11 @@ def refitted_machine(problem: Problem, base_keys: Mapping[str, Value], found: Fi
 def of_first_run(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
     """Sentences on what the corrected machine holds of the first run only."""
     first = problem.runs[0].name
-    found = []
+    sentences = []
     for name in fitted.effects:
         own = [r for r in _ranges(problem, name) if isinstance(fitted.setting.get(r.symbol), tuple)]
-        found += [f"{name}: {r.name} is each run's own; machine.yaml holds that of run {first}." for r in own]
-    return tuple(found)
+        sentences += [f"{name}: {r.name} is each run's own; machine.yaml holds that of run {first}." for r in own]
+    return tuple(sentences)
 
 
 def _values(problem: Problem, name: str, setting: Setting) -> dict[str, float]:
@@ -71,9 +71,9 @@ def _ranges(problem: Problem, name: str) -> tuple[Ranged, ...]:
 
 
 def _with_effects(machine: AnyMachine, effects: Mapping[str, Mapping[str, float]]) -> AnyMachine:
-    found = type(machine).model_validate(machine.model_dump() | {"effects": effects})
-    of(found)  # InputError for a value that the effect cannot have
-    return cast(AnyMachine, found)
+    changed = type(machine).model_validate(machine.model_dump() | {"effects": effects})
+    of(changed)  # InputError for a value that the effect cannot have
+    return cast(AnyMachine, changed)
 
 
 def _first(value: float | tuple[float, ...]) -> float:

@@ -96,13 +96,13 @@ def shrink_of(
 
 
 def _by_run(problem: Problem, folds: Folds) -> dict[str, tuple[float, float]]:
-    found = {}
+    by_run = {}
     for j, run in enumerate(problem.runs):
         rows = np.flatnonzero(problem.run_of_row[: problem.inputs] == j)
         if len(rows):
-            sizes = [float(np.sqrt(np.mean(each.residual[rows] ** 2))) for each in (folds.before, folds.after)]
-            found[run.name] = (sizes[0], sizes[1])
-    return found
+            sizes = [float(np.sqrt(np.mean(fold.residual[rows] ** 2))) for fold in (folds.before, folds.after)]
+            by_run[run.name] = (sizes[0], sizes[1])
+    return by_run
 
 
 def _interval(folds: Folds, inputs: int, seed: int) -> tuple[float, float]:
@@ -111,8 +111,8 @@ def _interval(folds: Folds, inputs: int, seed: int) -> tuple[float, float]:
     count = int(np.max(of_row)) + 1 if inputs else 0
     sums = np.array(
         [
-            [np.sum(each.residual[:inputs][of_row == f] ** 2) for f in range(count)]
-            for each in (folds.before, folds.after)
+            [np.sum(held_out.residual[:inputs][of_row == f] ** 2) for f in range(count)]
+            for held_out in (folds.before, folds.after)
         ]
     )
     draw = np.random.default_rng(seed).integers(0, max(count, 1), (DRAWS, max(count, 1)))
@@ -126,14 +126,14 @@ def _machines(
     problem: Problem, keys: Mapping[str, Value], names: Names, settings: Sequence[Setting]
 ) -> list[Hoist | Axis | None]:
     """Of each run, the machine fitted to the others; None where that is no machine."""
-    found: list[Hoist | Axis | None] = []
+    machines: list[Hoist | Axis | None] = []
     for j in range(len(problem.runs)):
         setting = settings[j] if len(settings) == len(problem.runs) else settings[0]
         try:
-            found.append(machine_of(problem, keys, names, for_run(setting, j)))
+            machines.append(machine_of(problem, keys, names, for_run(setting, j)))
         except InputError:
-            found.append(None)
-    return found
+            machines.append(None)
+    return machines
 
 
 def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:

@@ -28,7 +28,7 @@ def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: b
         return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
     if judged.word == "unknown":
         # Rivals are weighed beside what may be named: one of them may well explain it.
-        which = "listed effect" if any(each.rival for each in judged.weighed) else "effect of the library"
+        which = "listed effect" if any(hypothesis.rival for hypothesis in judged.weighed) else "effect of the library"
         return (
             f"The gap ({size}) has a cause that no {which} explains ({chance(sure)}); "
             + (

@@ -83,17 +83,19 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     if not wanted:
         return corrected(Active(kind), machine)
     sizes = sizes_of(machine)
-    found = {name: find(name, kind) for name in wanted}
+    chosen_effects = {name: find(name, kind) for name in wanted}
     values: dict[str, float] = {}
-    for name, each in found.items():
-        values |= _numbers(each, wanted[name], sizes, place)
-    in_plant = [each for each in found.values() if not each.on_sensor]
-    sensors = tuple(each for each in effects_for(kind).values() if each in found.values() and each.on_sensor)
+    for name, effect in chosen_effects.items():
+        values |= _numbers(effect, wanted[name], sizes, place)
+    in_plant = [effect for effect in chosen_effects.values() if not effect.on_sensor]
+    sensors = tuple(
+        effect for effect in effects_for(kind).values() if effect in chosen_effects.values() and effect.on_sensor
+    )
     if not in_plant:
         return corrected(Active(kind, values=MappingProxyType(values), sensors=sensors), machine)
-    own = {each.id for each in library_effects()}
-    held = _in_plants(kind) if all(each.id in own for each in in_plant) else _with_users(kind)
-    everything = {symbol: value for each in held for symbol, value in vanished(each, sizes).items()}
+    own = {effect.id for effect in library_effects()}
+    held = _in_plants(kind) if all(effect.id in own for effect in in_plant) else _with_users(kind)
+    everything = {symbol: value for effect in held for symbol, value in vanished(effect, sizes).items()}
     return corrected(Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors), machine)
 
 
@@ -101,18 +103,18 @@ def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
     """As `of`, but without the rest of the library at its vanishing values: for a model that stays as it is."""
     kind, whole = plant_of(machine).kind, of(machine, chosen)
     wanted = tuple(find(name, kind) for name in {**machine.effects, **(chosen or {})})
-    in_plant = tuple(each for each in wanted if not each.on_sensor)
-    numbers = {name: whole.values[name] for each in in_plant for name in vanished(each, sizes_of(machine))}
+    in_plant = tuple(effect for effect in wanted if not effect.on_sensor)
+    numbers = {name: whole.values[name] for effect in in_plant for name in vanished(effect, sizes_of(machine))}
     pieces = compiled(kind, in_plant) if in_plant else NO_EFFECTS
     made = corrected(Active(kind, pieces, MappingProxyType(numbers)), machine)
-    return Alone(made.effects, made.values, in_plant, tuple(each.id for each in whole.sensors))
+    return Alone(made.effects, made.values, in_plant, tuple(effect.id for effect in whole.sensors))
 
 
 def all_off(machine: Hoist | Axis) -> Active:
     """The whole library at its vanishing values: what a fit starts from."""
     kind, sizes = plant_of(machine).kind, sizes_of(machine)
     held = _with_users(kind)
-    values = {symbol: value for each in held for symbol, value in vanished(each, sizes).items()}
+    values = {symbol: value for effect in held for symbol, value in vanished(effect, sizes).items()}
     return corrected(Active(kind, compiled(kind, held), MappingProxyType(values)), machine)
 
 
@@ -121,9 +123,9 @@ def searchable(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Active:
     own = of(machine)
     kind, sizes = plant_of(machine).kind, sizes_of(machine, runs)
     everything = tuple(effects_for(kind).values())
-    off = {symbol: value for each in everything for symbol, value in vanished(each, sizes).items()}
-    pieces = compiled(kind, tuple(each for each in everything if not each.on_sensor))
-    sensors = tuple(each for each in everything if each.on_sensor)
+    off = {symbol: value for effect in everything for symbol, value in vanished(effect, sizes).items()}
+    pieces = compiled(kind, tuple(effect for effect in everything if not effect.on_sensor))
+    sensors = tuple(effect for effect in everything if effect.on_sensor)
     return corrected(Active(kind, pieces, MappingProxyType({**off, **own.values}), sensors), machine)
 
 
@@ -171,7 +173,7 @@ def check(machine: Hoist | Axis) -> None:
 def _numbers(effect: Effect, given: Mapping[str, float], sizes: Sizes, place: str) -> dict[str, float]:
     """symbol -> value; what is not given starts as declared, a size that is not given vanishes."""
     ranges = effect.ranges(sizes)
-    known = [each.name for each in ranges]
+    known = [ranged.name for ranged in ranges]
     for name, value in given.items():
         if name not in known:
             raise InputError(
@@ -179,37 +181,37 @@ def _numbers(effect: Effect, given: Mapping[str, float], sizes: Sizes, place: st
                 place=f"{place}.{effect.id}.{name}",
             )
         effect.check(name, value, sizes.kind)
-    amounts = [each.name for each in ranges if each.vanishes_at is not None]
+    amounts = [ranged.name for ranged in ranges if ranged.vanishes_at is not None]
     if not any(name in given for name in amounts):
         raise InputError(f"says no size; expected {' or '.join(amounts)}", place=f"{place}.{effect.id}")
-    return {each.symbol: float(given.get(each.name, _unsaid(each))) for each in ranges}
+    return {ranged.symbol: float(given.get(ranged.name, _unsaid(ranged))) for ranged in ranges}
 
 
-def _unsaid(each: Ranged) -> float:
-    return each.start if each.vanishes_at is None else each.vanishes_at
+def _unsaid(ranged: Ranged) -> float:
+    return ranged.start if ranged.vanishes_at is None else ranged.vanishes_at
 
 
 def vanished(effect: Effect, sizes: Sizes) -> dict[str, float]:
     """symbol -> value of an effect that is exactly off."""
-    return {each.symbol: _unsaid(each) for each in effect.ranges(sizes)}
+    return {ranged.symbol: _unsaid(ranged) for ranged in effect.ranges(sizes)}
 
 
 def _in_plants(kind: str) -> tuple[Effect, ...]:
-    return tuple(each for each in library_for(kind) if not each.on_sensor)
+    return tuple(effect for effect in library_for(kind) if not effect.on_sensor)
 
 
 def _with_users(kind: str) -> tuple[Effect, ...]:
-    return tuple(each for each in effects_for(kind).values() if not each.on_sensor)
+    return tuple(effect for effect in effects_for(kind).values() if not effect.on_sensor)
 
 
 @cache
 def compiled(kind: str, effects: tuple[Effect, ...]) -> Effects:
     """The pieces of several effects in the plant; one object for one set, for kernels are found by it."""
     pieces: dict[str, list[Callable[[Any, Any], Scalar]]] = {}
-    for each in effects:
-        pieces.setdefault(each.place_on(kind), []).append(partial(_piece, each, kind))
-    symbols = [each.symbol(parameter, kind) for each in effects for parameter in each.parameters]
-    memory = [_memory(each, kind) for each in effects if each.memory is not None]
+    for effect in effects:
+        pieces.setdefault(effect.place_on(kind), []).append(partial(_piece, effect, kind))
+    symbols = [effect.symbol(parameter, kind) for effect in effects for parameter in effect.parameters]
+    memory = [_memory(effect, kind) for effect in effects if effect.memory is not None]
     return Effects(pieces, (*symbols, *RUN_SYMBOLS), memory)
 
 
@@ -247,7 +249,7 @@ def _memory(effect: Effect, kind: str) -> Memory:
 
 def ranges_of(effect: Effect, machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Ranged, ...]:
     """The effect's parameters on this machine: names, symbols, bounds, scales, starts in SI."""
-    return tuple(_where_it_went(each, machine, runs) for each in effect.ranges(sizes_of(machine, runs)))
+    return tuple(_where_it_went(ranged, machine, runs) for ranged in effect.ranges(sizes_of(machine, runs)))
 
 
 def sizes_of(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Sizes:

@@ -51,8 +51,10 @@ def _segments(correction: MeasuredCorrection) -> int:
 
 def _symbols(segments: int) -> tuple[str, ...]:
     first = (f"{NAME}__{what}" for what in ("begins", "held", "forward", "backward"))
-    each = (f"{NAME}__{what}_{i}" for i in range(segments) for what in ("at", "width", "held", "forward", "backward"))
-    return (*first, *each)
+    of_segments = (
+        f"{NAME}__{what}_{i}" for i in range(segments) for what in ("at", "width", "held", "forward", "backward")
+    )
+    return (*first, *of_segments)
 
 
 @cache

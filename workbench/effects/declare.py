@@ -113,25 +113,25 @@ class Effect:
 
     def ranges(self, sizes: Sizes) -> tuple[Ranged, ...]:
         """Its parameters on one machine."""
-        return tuple(self._on(each, sizes.kind, sizes[each.size]) for each in self.parameters)
+        return tuple(self._on(parameter, sizes.kind, sizes[parameter.size]) for parameter in self.parameters)
 
-    def _on(self, each: Parameter, kind: str, unit: float) -> Ranged:
+    def _on(self, parameter: Parameter, kind: str, unit: float) -> Ranged:
         return Ranged(
-            name=each.named(kind),
-            symbol=self.symbol(each, kind),
-            lowest=each.lowest * unit,
-            highest=each.highest * unit,
-            scale=each.scale * unit,
-            start=each.start * unit,
-            vanishes_at=None if each.vanishes_at is None else each.vanishes_at * unit,
-            per_run=each.per_run,
-            scan=each.scan,
-            tries=tuple(value * unit for value in each.tries),
+            name=parameter.named(kind),
+            symbol=self.symbol(parameter, kind),
+            lowest=parameter.lowest * unit,
+            highest=parameter.highest * unit,
+            scale=parameter.scale * unit,
+            start=parameter.start * unit,
+            vanishes_at=None if parameter.vanishes_at is None else parameter.vanishes_at * unit,
+            per_run=parameter.per_run,
+            scan=parameter.scan,
+            tries=tuple(value * unit for value in parameter.tries),
         )
 
     def check(self, name: str, value: float, kind: str) -> None:
         """InputError where a value is impossible for the parameter of that name."""
-        parameter = next(each for each in self.parameters if each.named(kind) == name)
+        parameter = next(known for known in self.parameters if known.named(kind) == name)
         fits, expected = DOMAINS[parameter.domain]
         if not fits(value):
             raise InputError(f"{value:g}, expected {expected}", place=f"effects.{self.id}.{name}")
@@ -190,32 +190,34 @@ def effect(
 
 def problems(made: Effect) -> list[str]:
     """What is wrong with a declaration, in words."""
-    found = [
+    faults = [
         f"{what} is empty" for what in ("meaning", "equation", "reference", "shows") if not getattr(made, what).strip()
     ]
     places = {**PLACES, **SENSOR_PLACES}
-    found += [
+    faults += [
         f"no place '{place}'; places: {', '.join(places)}" for place in made.place.values() if place not in places
     ]
-    found += [f"no subsystem '{each}'" for each in made.subsystem_of.values() if each not in SUBSYSTEMS]
+    faults += [f"no subsystem '{subsystem}'" for subsystem in made.subsystem_of.values() if subsystem not in SUBSYSTEMS]
     if made.regime not in REGIMES:
-        found.append(f"no regime '{made.regime}'; regimes: {', '.join(REGIMES)}")
-    if not any(each.vanishes_at is not None for each in made.parameters):
-        found.append("no parameter has a value at which it vanishes")
-    for each in made.parameters:
-        if not each.lowest <= each.start <= each.highest:
-            found.append(f"{each.name} starts at {each.start:g}, outside {each.lowest:g} to {each.highest:g}")
-        if each.vanishes_at is not None and not each.lowest <= each.vanishes_at <= each.highest:
-            found.append(f"{each.name} vanishes at {each.vanishes_at:g}, outside its bounds")
-        if not each.scale > 0.0:
-            found.append(f"{each.name} has the scale {each.scale:g}, expected more than 0")
+        faults.append(f"no regime '{made.regime}'; regimes: {', '.join(REGIMES)}")
+    if not any(parameter.vanishes_at is not None for parameter in made.parameters):
+        faults.append("no parameter has a value at which it vanishes")
+    for parameter in made.parameters:
+        if not parameter.lowest <= parameter.start <= parameter.highest:
+            faults.append(
+                f"{parameter.name} starts at {parameter.start:g}, outside {parameter.lowest:g} to {parameter.highest:g}"
+            )
+        if parameter.vanishes_at is not None and not parameter.lowest <= parameter.vanishes_at <= parameter.highest:
+            faults.append(f"{parameter.name} vanishes at {parameter.vanishes_at:g}, outside its bounds")
+        if not parameter.scale > 0.0:
+            faults.append(f"{parameter.name} has the scale {parameter.scale:g}, expected more than 0")
         try:
-            Sizes.check(each.size)
+            Sizes.check(parameter.size)
         except KeyError as error:
-            found.append(f"{each.name}: {error.args[0]}")
+            faults.append(f"{parameter.name}: {error.args[0]}")
     if made.on_sensor and made.inverse is None:
-        found.append("an effect on a sensor needs its inverse")
-    return found
+        faults.append("an effect on a sensor needs its inverse")
+    return faults
 
 
 # A fit asks thousands of times for these two.
@@ -227,7 +229,7 @@ def _place(effect: Effect, kind: str) -> str:
 @cache
 def _symbols(effect: Effect, kind: str) -> tuple[tuple[str, str], ...]:
     """Of each parameter: its symbol in the effect's function, and among the plant's parameters."""
-    return tuple((each.symbol, effect.symbol(each, kind)) for each in effect.parameters)
+    return tuple((parameter.symbol, effect.symbol(parameter, kind)) for parameter in effect.parameters)
 
 
 def _of_kind(by_kind: Mapping[str, str], kind: str) -> str | None:

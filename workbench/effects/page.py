@@ -96,48 +96,51 @@ file imports is not watched), its workers on a cluster get that very text, and t
 
 def page(effects: Sequence[Effect] | None = None) -> str:
     """The page for these effects, the library's by default."""
-    shown = sorted(library_effects() if effects is None else effects, key=lambda each: (not each.listed, each.id))
-    twice = {each.id for each in shown if sum(other.id == each.id for other in shown) > 1}
-    titles = {each: f"{each.id}-{each.kinds[0].partition('-')[0]}" if each.id in twice else each.id for each in shown}
-    index = [f"- [{title}](#{title}): {each.meaning}" for each, title in titles.items()]
-    sections = (line for each, title in titles.items() for line in _section(each, title))
+    shown = sorted(library_effects() if effects is None else effects, key=lambda effect: (not effect.listed, effect.id))
+    twice = {effect.id for effect in shown if sum(other.id == effect.id for other in shown) > 1}
+    titles = {
+        effect: f"{effect.id}-{effect.kinds[0].partition('-')[0]}" if effect.id in twice else effect.id
+        for effect in shown
+    }
+    index = [f"- [{title}](#{title}): {effect.meaning}" for effect, title in titles.items()]
+    sections = (line for effect, title in titles.items() for line in _section(effect, title))
     return "\n".join([HEAD, "## All effects", "", *index, "", *sections])
 
 
-def _section(each: Effect, title: str) -> list[str]:
-    kinds = [kind for kind in each.kinds if each not in library_effects() or each in library_for(kind)]
-    where = [(kind, each.place_on(kind), each.subsystem(kind)) for kind in kinds]
+def _section(effect: Effect, title: str) -> list[str]:
+    kinds = [kind for kind in effect.kinds if effect not in library_effects() or effect in library_for(kind)]
+    where = [(kind, effect.place_on(kind), effect.subsystem(kind)) for kind in kinds]
     places = "; ".join(dict.fromkeys(f"{kind.partition('-')[0]}: {place} ({of})" for kind, place, of in where))
     traits = [
-        "takes energy only" if each.dissipative else "",
-        "keeps a state" if each.memory is not None else "",
-        "" if each.listed else "not listed",
+        "takes energy only" if effect.dissipative else "",
+        "keeps a state" if effect.memory is not None else "",
+        "" if effect.listed else "not listed",
     ]
     said = [trait for trait in traits if trait]
     return [
         f"### {title}",
         "",
-        each.meaning,
+        effect.meaning,
         "",
-        f"    {each.equation}",
+        f"    {effect.equation}",
         "",
-        f"- acts at {places}; regime: {each.regime}" + (f"; {', '.join(said)}" if said else ""),
-        *([f"- reads {'; '.join(_read(each))}"] if each.reads else []),
-        f"- shows as {each.shows}",
-        f"- source: {each.reference}",
+        f"- acts at {places}; regime: {effect.regime}" + (f"; {', '.join(said)}" if said else ""),
+        *([f"- reads {'; '.join(_read(effect))}"] if effect.reads else []),
+        f"- shows as {effect.shows}",
+        f"- source: {effect.reference}",
         "",
         "| parameter | | unit of the numbers | bounds | scale | start | vanishes at |",
         "|---|---|---|---|---|---|---|",
-        *(_row(each, parameter, kinds) for parameter in each.parameters),
+        *(_row(effect, parameter, kinds) for parameter in effect.parameters),
         "",
     ]
 
 
-def _read(each: Effect) -> list[str]:
-    return [f"{name}: {meaning.format(**words('hoist'))}" for name, meaning in each.reads.items()]
+def _read(effect: Effect) -> list[str]:
+    return [f"{name}: {meaning.format(**words('hoist'))}" for name, meaning in effect.reads.items()]
 
 
-def _row(each: Effect, p: Parameter, kinds: Sequence[str]) -> str:
+def _row(effect: Effect, p: Parameter, kinds: Sequence[str]) -> str:
     off = "–" if p.vanishes_at is None else f"{p.vanishes_at:g}"
     meaning = p.meaning + (", each run's own" if p.per_run else "")
     bounds = f"{p.lowest:.4g} … {p.highest:.4g}"

@@ -33,20 +33,20 @@ def library_effects() -> tuple[Effect, ...]:
     """The effects of the package, in the order of modules and lines."""
     package = importlib.import_module("workbench.effects.library")
     modules = [name for _, name, _ in pkgutil.iter_modules(package.__path__, f"{package.__name__}.")]
-    found: list[Effect] = []
+    effects: list[Effect] = []
     for name in modules:
         module = importlib.import_module(name)
-        found += [each for each in declared_in(module) if each.function.__module__ == name]
-    return tuple(found)
+        effects += [effect for effect in declared_in(module) if effect.function.__module__ == name]
+    return tuple(effects)
 
 
 @cache
 def library_for(kind: str) -> tuple[Effect, ...]:
     """The package's effects for a kind of plant. Of two of one name, the one that is declared for the kind itself
     goes before the one that is declared for a family it belongs to."""
-    suiting = [each for each in library_effects() if kind in each.kinds]
-    nearest_of = {each.id: each for each in sorted(suiting, key=lambda each: -each.nearness(kind))}
-    return tuple(each for each in suiting if nearest_of[each.id] is each)
+    suiting = [effect for effect in library_effects() if kind in effect.kinds]
+    nearest_of = {effect.id: effect for effect in sorted(suiting, key=lambda effect: -effect.nearness(kind))}
+    return tuple(effect for effect in suiting if nearest_of[effect.id] is effect)
 
 
 @cache
@@ -78,18 +78,18 @@ def know(file: UserFile, shown: str | os.PathLike[str] | None = None) -> tuple[E
     with _changing:
         if (file.path, file.digest) not in _declared:
             _declared[file.path, file.digest] = declared(file, shown)
-        found = _declared[file.path, file.digest]
+        effects = _declared[file.path, file.digest]
         before = dict(_users)
-        for key in [key for key, each in _users.items() if each.function.__module__ == file.module]:
+        for key in [key for key, effect in _users.items() if effect.function.__module__ == file.module]:
             del _users[key]
         try:
-            add(found, place=str(shown or file.path))
+            add(effects, place=str(shown or file.path))
         except InputError:
             _users.clear()
             _users.update(before)
             raise
         _files[file.path] = file
-    return found
+    return effects
 
 
 def files_behind(names: Iterable[str], kind: str) -> tuple[UserFile, ...]:
@@ -101,7 +101,7 @@ def files_behind(names: Iterable[str], kind: str) -> tuple[UserFile, ...]:
 
 def digests_of(names: Iterable[str], kind: str) -> dict[str, str]:
     """id -> digest of the text that declares it, of those effects that are not the library's."""
-    own = {each.id for each in library_effects() if kind in each.kinds}
+    own = {effect.id for effect in library_effects() if kind in effect.kinds}
     return {name: _digest(find(name, kind)) for name in sorted(set(names) - own)}
 
 
@@ -118,13 +118,13 @@ def _digest(effect: Effect) -> str:
 def add(effects: Iterable[Effect], place: str = "effects") -> None:
     """Makes effects known. InputError where a name is taken by another module's effect."""
     with _changing:
-        for each in effects:
-            for kind in each.kinds:
+        for effect in effects:
+            for kind in effect.kinds:
                 taken = {(e.id, k): e for e in library_effects() for k in e.kinds} | _users
-                before = taken.get((each.id, kind))
-                if before is not None and before.function.__module__ != each.function.__module__:
-                    raise InputError(f"the effect name '{each.id}' is taken; choose another", place=place)
-            _users.update({(each.id, kind): each for kind in each.kinds})
+                before = taken.get((effect.id, kind))
+                if before is not None and before.function.__module__ != effect.function.__module__:
+                    raise InputError(f"the effect name '{effect.id}' is taken; choose another", place=place)
+            _users.update({(effect.id, kind): effect for kind in effect.kinds})
 
 
 def forget_users() -> None:
@@ -144,15 +144,15 @@ def users() -> Mapping[tuple[str, str], Effect]:
 
 def effects_for(kind: str) -> dict[str, Effect]:
     """id -> effect, for a kind of plant (hoist, axis-linear, axis-rotary)."""
-    own = {each.id: each for each in library_for(kind)}
-    return own | {name: each for (name, of), each in users().items() if of == kind}
+    own = {effect.id: effect for effect in library_for(kind)}
+    return own | {name: effect for (name, of), effect in users().items() if of == kind}
 
 
 def names(kind: str | None = None) -> tuple[str, ...]:
     """The ids of all effects, or of those for one kind of plant."""
     if kind is not None:
         return tuple(effects_for(kind))
-    return tuple(dict.fromkeys([each.id for each in library_effects()] + [name for name, _ in users()]))
+    return tuple(dict.fromkeys([effect.id for effect in library_effects()] + [name for name, _ in users()]))
 
 
 def find(name: str, kind: str) -> Effect:

@@ -47,7 +47,7 @@ def true_run(run: Run, active: Active, values: Mapping[str, float] | None = None
 def moved_by(active: Active) -> tuple[str, ...]:
     """The symbols of which the motion behind a log depends: those of the speed sensor's effects."""
     effects = _at(active, "speed_sensor")
-    return tuple(each.symbol(parameter, active.kind) for each in effects for parameter in each.parameters)
+    return tuple(effect.symbol(parameter, active.kind) for effect in effects for parameter in effect.parameters)
 
 
 def _changed(run: Run, active: Active, of_input: Any, of_motion: Any, values: Mapping[str, float] | None = None) -> Run:
@@ -73,15 +73,15 @@ def driven_signals(plant: Plant) -> tuple[str, str]:
 
 
 def _at(active: Active, place: str) -> list[Effect]:
-    return [each for each in active.sensors if each.place_on(active.kind) == place]
+    return [effect for effect in active.sensors if effect.place_on(active.kind) == place]
 
 
 def _through(
     effects: Iterable[Effect], active: Active, time_s: Array, series: Array, values: Mapping[str, float] | None
 ) -> Array:
     p = SimpleNamespace(**(active.values if values is None else {**active.values, **values}))
-    for each in effects:
-        series = each.function(SimpleNamespace(time_s=time_s, value=series), each.own(p, active.kind), p)
+    for effect in effects:
+        series = effect.function(SimpleNamespace(time_s=time_s, value=series), effect.own(p, active.kind), p)
     return series
 
 
@@ -89,7 +89,7 @@ def _back(
     effects: Iterable[Effect], active: Active, time_s: Array, series: Array, values: Mapping[str, float] | None
 ) -> Array:
     p = SimpleNamespace(**(active.values if values is None else {**active.values, **values}))
-    for each in effects:
-        assert each.inverse is not None
-        series = each.inverse(SimpleNamespace(time_s=time_s, value=series), each.own(p, active.kind), p)
+    for effect in effects:
+        assert effect.inverse is not None
+        series = effect.inverse(SimpleNamespace(time_s=time_s, value=series), effect.own(p, active.kind), p)
     return series

@@ -24,7 +24,7 @@ DRAWS = 20
 
 def faults(effect: Effect) -> list[str]:
     """What is wrong with an effect at work, in words; none where all is well."""
-    found = []
+    sentences = []
     for kind in effect.kinds:
         try:
             problem = _on_sensor(effect) if effect.on_sensor else _in_plant(effect, kind)
@@ -33,8 +33,8 @@ def faults(effect: Effect) -> list[str]:
         except Exception as error:
             problem = f"{type(error).__name__}: {error}".splitlines()[0]
         if problem:
-            found.append(f"on kind {kind}: {problem}")
-    return found
+            sentences.append(f"on kind {kind}: {problem}")
+    return sentences
 
 
 def _known(effect: Effect, kind: str) -> str:
@@ -99,5 +99,8 @@ def _on_sensor(effect: Effect) -> str:
 def _vanished(effect: Effect) -> SimpleNamespace:
     """e at the vanishing values, in units of the declaration; shapes at their starts."""
     return SimpleNamespace(
-        **{each.symbol: each.start if each.vanishes_at is None else each.vanishes_at for each in effect.parameters}
+        **{
+            parameter.symbol: parameter.start if parameter.vanishes_at is None else parameter.vanishes_at
+            for parameter in effect.parameters
+        }
     )

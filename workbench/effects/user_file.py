@@ -68,16 +68,16 @@ def declared(file: UserFile, shown: str | os.PathLike[str] | None = None) -> tup
         _put_back(file.module, before)
         said = f"fails: {type(error).__name__}: {str(error) or 'without a word'}"
         raise InputError(said.splitlines()[0], file=where, line=_line(error, file.path)) from error
-    found = [each for each in declared_in(module) if each.function.__module__ == file.module]
-    problem = "" if found else "declares no effect; see workbench.effects.effect"
+    effects = [effect for effect in declared_in(module) if effect.function.__module__ == file.module]
+    problem = "" if effects else "declares no effect; see workbench.effects.effect"
     if not problem:
         from workbench.effects.trial import faults  # late: a trial needs plants with effects, which need the registry
 
-        problem = next((f"effect {each.id}: {fault}" for each in found for fault in faults(each)), "")
+        problem = next((f"effect {effect.id}: {fault}" for effect in effects for fault in faults(effect)), "")
     if problem:
         _put_back(file.module, before)
         raise InputError(problem, file=where)
-    return tuple(found)
+    return tuple(effects)
 
 
 def declared_in(module: ModuleType) -> list[Effect]:

@@ -66,11 +66,11 @@ def _is_own(folder: Path) -> bool:
     """Whether it is this user's alone to write to; a folder of theirs is made so."""
     if not hasattr(os, "getuid"):
         return True
-    found = folder.stat()
-    if found.st_uid != os.getuid():
+    status = folder.stat()
+    if status.st_uid != os.getuid():
         return False
-    if found.st_mode & _OTHERS_WRITE:
-        folder.chmod(stat.S_IMODE(found.st_mode) & ~_OTHERS_WRITE)
+    if status.st_mode & _OTHERS_WRITE:
+        folder.chmod(stat.S_IMODE(status.st_mode) & ~_OTHERS_WRITE)
     return not folder.stat().st_mode & _OTHERS_WRITE
 
 
@@ -204,8 +204,8 @@ def _own_bytes(path: Path) -> bytes:
     """A regular file of this user's. OSError for anything else; a pipe under that name is not waited for."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
     with os.fdopen(os.open(path, flags), "rb") as file:
-        found = os.fstat(file.fileno())
-        own = not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & _OTHERS_WRITE)
-        if not (own and stat.S_ISREG(found.st_mode) and found.st_size <= _MOST_BYTES):
+        status = os.fstat(file.fileno())
+        own = not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & _OTHERS_WRITE)
+        if not (own and stat.S_ISREG(status.st_mode) and status.st_size <= _MOST_BYTES):
             raise PermissionError(path)
         return file.read()

@@ -116,11 +116,11 @@ def _interleaved(references: Sequence[Array]) -> Array:
     """(references, n) of each lane -> flat rows of lanes."""
     first = references[0]
     out = np.empty((first.shape[1], first.shape[0], len(references)))
-    if all(each is first for each in references):
+    if all(reference is first for reference in references):
         np.copyto(out, first.T[:, :, None])
     else:
-        for lane, each in enumerate(references):
-            out[:, :, lane] = each.T
+        for lane, reference in enumerate(references):
+            out[:, :, lane] = reference.T
     return out.reshape(-1)
 
 
@@ -180,7 +180,7 @@ def _integrated(
         state = _lanes(start, group)
         kernel(
             kernel.constants(parameters[:, group]),
-            *(_read(each, group) for each in signals),
+            *(_read(signal, group) for signal in signals),
             state,
             np.empty_like(state),
             np.empty(kernel.lanes),

@@ -56,7 +56,7 @@ def has_zig() -> bool:
 def host_compiler() -> str | None:
     """The host's C compiler: CC, else cc, gcc or clang."""
     named = os.environ.get("CC")
-    return next((found for name in (named, "cc", "gcc", "clang") if name and (found := shutil.which(name))), None)
+    return next((path for name in (named, "cc", "gcc", "clang") if name and (path := shutil.which(name))), None)
 
 
 def usual_targets() -> tuple[str, ...]:

@@ -115,8 +115,8 @@ def model_of(
         for name, key in plant.parameters.items()
         if isinstance(key, str)
     ]
-    for each in active.chosen:
-        values += effect_values(machine, each, plant.kind, active.values)
+    for effect in active.chosen:
+        values += effect_values(machine, effect, plant.kind, active.values)
     p: dict[str, Any] = {name: key for name, key in plant.parameters.items() if not isinstance(key, str)}
     p |= {name: value for name, value in active.values.items() if name not in {v.symbol for v in values}}
     if active.effects.parameters:

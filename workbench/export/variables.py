@@ -165,14 +165,14 @@ def range_of(record: type[BaseModel], key: str) -> Range:
 
 def effect_values(machine: Hoist | Axis, effect: Effect, kind: str, values: Mapping[str, float]) -> list[Value]:
     """The parameters of an effect at work; values: by symbol."""
-    names = {each.symbol: each.name for each in effect.ranges(sizes_of(machine))}
+    names = {ranged.symbol: ranged.name for ranged in effect.ranges(sizes_of(machine))}
     return [
         Value(
-            effect.symbol(each, kind),
-            f"effects.{effect.id}.{names[effect.symbol(each, kind)]}",
-            f"{effect.id.replace('_', ' ')}: {each.meaning}",
-            float(values[effect.symbol(each, kind)]),
-            _DOMAINS[each.domain],
+            effect.symbol(parameter, kind),
+            f"effects.{effect.id}.{names[effect.symbol(parameter, kind)]}",
+            f"{effect.id.replace('_', ' ')}: {parameter.meaning}",
+            float(values[effect.symbol(parameter, kind)]),
+            _DOMAINS[parameter.domain],
         )
-        for each in effect.parameters
+        for parameter in effect.parameters
     ]

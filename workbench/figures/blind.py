@@ -53,8 +53,8 @@ def _figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
 
 def _with_interval(shares: Sequence[Share]) -> dict[str, Any]:
     """Per cent, and how far the interval reaches either way."""
-    at = [100.0 * each.count / each.of for each in shares]
-    ends = [each.interval() for each in shares]
+    at = [100.0 * share.count / share.of for share in shares]
+    ends = [share.interval() for share in shares]
     return {
         "y": at,
         "error_y": {
@@ -118,28 +118,28 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
     and the same with one more run. An arrow: not within the sizes tried."""
     shown = sorted(effects, key=lambda e: (e.change is None, e.change or e.largest_change_tried), reverse=True)
     height = 150 + 26 * len(shown)
-    named = [each for each in shown if each.change is not None]
-    beyond = [each for each in shown if each.change is None]
-    more = [each for each in named if each.change_one_more is not None]
+    named = [effect for effect in shown if effect.change is not None]
+    beyond = [effect for effect in shown if effect.change is None]
+    more = [effect for effect in named if effect.change_one_more is not None]
 
     def points(name: str, which: Sequence[EffectPower], x: Sequence[Any], marker: dict[str, Any]) -> dict[str, Any]:
         look = {"type": "scatter", "mode": "markers", "name": name, "marker": {"size": 10, **marker}}
-        return {**look, "x": list(x), "y": [each.effect for each in which], "hovertemplate": f"%{{x:.3~g}} {unit}"}
+        return {**look, "x": list(x), "y": [effect.effect for effect in which], "hovertemplate": f"%{{x:.3~g}} {unit}"}
 
-    data = [points("these runs", named, [each.change for each in named], {"color": BLUE})]
-    reach = [each.change_interval or (each.change, each.change) for each in named]
+    data = [points("these runs", named, [effect.change for effect in named], {"color": BLUE})]
+    reach = [effect.change_interval or (effect.change, effect.change) for effect in named]
     data[0]["error_x"] = {
         "type": "data",
         "symmetric": False,
-        "array": [(high or 0.0) - (each.change or 0.0) for (_, high), each in zip(reach, named, strict=True)],
-        "arrayminus": [(each.change or 0.0) - (low or 0.0) for (low, _), each in zip(reach, named, strict=True)],
+        "array": [(high or 0.0) - (effect.change or 0.0) for (_, high), effect in zip(reach, named, strict=True)],
+        "arrayminus": [(effect.change or 0.0) - (low or 0.0) for (low, _), effect in zip(reach, named, strict=True)],
         "thickness": 1.2,
     }
     if more:
-        x = [each.change_one_more for each in more]
+        x = [effect.change_one_more for effect in more]
         data.append(points("with one more run", more, x, {"color": ORANGE, "symbol": "diamond-open"}))
     if beyond:
-        x = [each.largest_change_tried for each in beyond]
+        x = [effect.largest_change_tried for effect in beyond]
         data.append(points("not within the sizes tried", beyond, x, {"color": VERMILLION, "symbol": "triangle-right"}))
     layout = {
         "title": heading("The smallest effect that these runs would have named in 9 of 10", height),
@@ -147,6 +147,6 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
         "hovermode": "closest",
         "margin": {"l": 210, "r": 28, "t": 84, "b": 60},
         "xaxis": {"title": {"text": f"change of the input, rms while moving ({unit})"}, "type": "log"},
-        "yaxis": {"categoryorder": "array", "categoryarray": [each.effect for each in shown], "gridcolor": FAINT},
+        "yaxis": {"categoryorder": "array", "categoryarray": [effect.effect for effect in shown], "gridcolor": FAINT},
     }
     return _figure(data, layout)

@@ -43,9 +43,9 @@ def models_speed(runs: Sequence[Pair], scale_rad_s: float) -> Figure:
     drawn = []
     for (row, column), run in zip(places, runs, strict=True):
         speeds = {}
-        for name, each in (("measured", run.measured), ("lumped", run.lumped), ("multi-body", run.multibody)):
-            speeds[name] = each[SPEED] * (100.0 / scale_rad_s)
-            panels.line(row, column, each.time_s, speeds[name], name, looks[name], "%")
+        for name, source in (("measured", run.measured), ("lumped", run.lumped), ("multi-body", run.multibody)):
+            speeds[name] = source[SPEED] * (100.0 / scale_rad_s)
+            panels.line(row, column, source.time_s, speeds[name], name, looks[name], "%")
         drawn.append(list(speeds.values()))
     return panels.figure(height, ranges_below_names(places, drawn))
 

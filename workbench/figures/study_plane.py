@@ -51,8 +51,8 @@ def torque_speed_plane(
             look = {"color": GREY, "dash": dash, "width": 1.6, "simplify": False}
             panels.line(0, column, *closed, f"{name} {torque:.4g} N m", look, hoverinfo="skip", hovertemplate=None)
     for number, kind in enumerate(dict.fromkeys(kind for kind, _ in runs)):
-        for each, run in runs:
-            if each == kind and run.payload_kg in payloads:
+        for of_kind, run in runs:
+            if of_kind == kind and run.payload_kg in payloads:
                 x, y = _fewer(run["speed_motor_rad_s"], harder_worked_nm(run))
                 column = payloads.index(run.payload_kg)
                 panels.line(0, column, x, y, label(kind), line(kind, number, 1.4), hovertemplate=_HOVER)

@@ -77,8 +77,10 @@ def tornado(groups: Sequence[tuple[str, Sequence[Correlation]]], metric: str, he
 
     strongest: dict[str, float] = {}
     for _, ranked in groups:
-        for each in ranked:
-            strongest[each.label.words] = max(strongest.get(each.label.words, 0.0), abs(each.value))
+        for correlation in ranked:
+            strongest[correlation.label.words] = max(
+                strongest.get(correlation.label.words, 0.0), abs(correlation.value)
+            )
     order = sorted(strongest, key=lambda words: strongest[words])
     data = []
     layout: dict[str, object] = {
@@ -93,7 +95,7 @@ def tornado(groups: Sequence[tuple[str, Sequence[Correlation]]], metric: str, he
     gap = 0.04
     width = (1.0 - gap * (len(groups) - 1)) / len(groups)
     for column, (name, ranked) in enumerate(groups):
-        value = {each.label.words: each.value for each in ranked}
+        value = {correlation.label.words: correlation.value for correlation in ranked}
         number = "" if column == 0 else str(column + 1)
         bars = [value.get(words, 0.0) for words in order]
         data.append(

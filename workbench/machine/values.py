@@ -23,8 +23,8 @@ def value_names(machine: Hoist | Axis) -> tuple[str, ...]:
 
 def get_value(machine: Hoist | Axis, name: str) -> float:
     """One number. InputError for a name the machine does not have, with the nearest one."""
-    for each, value in _leaves(machine, ""):
-        if each == name:
+    for key, value in _leaves(machine, ""):
+        if key == name:
             if value is None:
                 raise InputError("has no value in this machine", place=name)
             return float(value)

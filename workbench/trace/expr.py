@@ -101,12 +101,12 @@ class Expr:
 
 def _make(op: str, *args: Any) -> Expr:
     key = (op, *[a.id if isinstance(a, Expr) else ("raw", a) for a in args])
-    found = Expr._made.get(key)
-    if found is None:
+    known = Expr._made.get(key)
+    if known is None:
         made = Expr.__new__(Expr)
         made.op, made.args, made.id = op, args, next(_numbers)
-        found = Expr._made.setdefault(key, made)  # two threads may trace at once: the first one's stays
-    return found
+        known = Expr._made.setdefault(key, made)  # two threads may trace at once: the first one's stays
+    return known
 
 
 def symbol(name: str) -> Expr:

@@ -33,10 +33,10 @@ def validate(model: type[Model], document: Document) -> Model:
     try:
         return model.model_validate(document.data)
     except ValidationError as error:
-        found = problem_lines(model, error, document.data)
+        problems = problem_lines(model, error, document.data)
         lines = [
             InputError(text, file=document.file, line=document.line(place), place=dotted(place) or None)
-            for place, text in found
+            for place, text in problems
         ]
         first = lines[0]
         rest = [str(line) for line in lines[1:]]
@@ -151,16 +151,18 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
     models = [model]
     for part in place:
-        fields = [each.model_fields[part] for each in models if isinstance(part, str) and part in each.model_fields]
+        fields = [
+            record.model_fields[part] for record in models if isinstance(part, str) and part in record.model_fields
+        ]
         if fields:
             models = [inner for field in fields for inner in _models_in(field.annotation)]
     return models
 
 
 def _field_at(model: type[BaseModel], place: Place) -> FieldInfo | None:
-    for each in _models_at(model, place[:-1]):
-        if place and isinstance(place[-1], str) and place[-1] in each.model_fields:
-            return each.model_fields[place[-1]]
+    for record in _models_at(model, place[:-1]):
+        if place and isinstance(place[-1], str) and place[-1] in record.model_fields:
+            return record.model_fields[place[-1]]
     return None
 
 

@@ -41,5 +41,5 @@ def source_of(name: str) -> Source:
     """The source of that name. InputError with the nearest one where there is none."""
     if name not in _WHERE:
         raise InputError(f"unknown source '{name}'; {nearest(name, NAMES)}", place="source")
-    found: Source = importlib.import_module(_WHERE[name]).SOURCE
-    return found
+    source: Source = importlib.import_module(_WHERE[name]).SOURCE
+    return source

@@ -25,8 +25,8 @@ class _Parts(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in PARTS:
             return None
-        found: click.Command = importlib.import_module(f"workbench.cli.blind.{cmd_name}").command
-        return found
+        command: click.Command = importlib.import_module(f"workbench.cli.blind.{cmd_name}").command
+        return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -50,7 +50,7 @@ def command(
     power = power_of(score, *(one_more_run(score) or ()))
     print_text(sentences(score))
     shown = [
-        *(("", each) for each in tables.sheets(score.rows)),
+        *(("", table) for table in tables.sheets(score.rows)),
         ("", tables.amounts(score.rows)),
         ("By the size of the gap", tables.sizes(score.rows)),
     ]

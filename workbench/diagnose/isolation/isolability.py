@@ -48,7 +48,7 @@ def isolability(problem: Problem, found: Found) -> Isolability:
     for i, a in enumerate(spaces):
         for j, b in enumerate(spaces[:i]):
             angle[i, j] = angle[j, i] = angle_between(a, b)
-    visible = {name: _visible(each, projection.priors, n) for name, each in best.items()}
+    visible = {name: _visible(signature, projection.priors, n) for name, signature in best.items()}
     return Isolability(names, angle, visible, tuple(_sentences(best, angle, found, projection.priors, n)))
 
 
@@ -87,17 +87,17 @@ def angle_between(a: Array, b: Array) -> float:
     return math.degrees(math.asin(min(float(np.linalg.norm(away)), 1.0)))
 
 
-def _visible(each: Signature, priors: int, n: float) -> tuple[str, float]:
+def _visible(signature: Signature, priors: int, n: float) -> tuple[str, float]:
     """The first parameter's smallest amount off its vanishing value that would be worth a name."""
-    wave = each.atom.wave is not None
+    wave = signature.atom.wave is not None
     if wave:  # the quadratures of all runs, a mean over phases
-        squares = np.sum(each.columns**2, axis=1) / 2.0
+        squares = np.sum(signature.columns**2, axis=1) / 2.0
     else:  # all amounts alike, each on its own scale
-        squares = np.sum(each.columns, axis=1) ** 2
+        squares = np.sum(signature.columns, axis=1) ** 2
     data, prior = float(np.sum(squares[:-priors])), float(np.sum(squares[-priors:]))
-    parameters = each.columns.shape[1] + len(each.atom.at)
+    parameters = signature.columns.shape[1] + len(signature.atom.at)
     amount = smallest_amount(data, prior, parameters, n)
-    return each.atom.amounts[0].name, amount * abs(each.atom.scale[0])
+    return signature.atom.amounts[0].name, amount * abs(signature.atom.scale[0])
 
 
 def smallest_amount(data: float, prior: float, parameters: int, n: float) -> float:
@@ -125,15 +125,15 @@ def separations(best: Mapping[str, Signature], priors: int, n: float) -> Array:
 
     inf where one effect is a special case of the other: no campaign tells these apart, and fewer numbers decide.
     """
-    each = list(best.values())
-    spaces, raw = [_space(one.columns) for one in each], [_space(one.atom.columns) for one in each]
-    found = np.full((len(each), len(each)), np.inf)
-    for i, one in enumerate(each):
+    signatures = list(best.values())
+    spaces, raw = [_space(one.columns) for one in signatures], [_space(one.atom.columns) for one in signatures]
+    apart = np.full((len(signatures), len(signatures)), np.inf)
+    for i, one in enumerate(signatures):
         vector = _twice_visible(one, priors, n)
-        for j in range(len(each)):
+        for j in range(len(signatures)):
             if i != j and not _special_case(raw[i], raw[j]):
-                found[i, j] = _distance(vector - spaces[j] @ (spaces[j].T @ vector), priors, n)
-    return np.asarray(np.maximum(found, found.T), dtype=float)
+                apart[i, j] = _distance(vector - spaces[j] @ (spaces[j].T @ vector), priors, n)
+    return np.asarray(np.maximum(apart, apart.T), dtype=float)
 
 
 def _distance(away: Array, priors: int, n: float) -> float:
@@ -142,12 +142,12 @@ def _distance(away: Array, priors: int, n: float) -> float:
     return math.sqrt(max(data, 0.0) + prior)
 
 
-def _twice_visible(each: Signature, priors: int, n: float) -> Array:
+def _twice_visible(signature: Signature, priors: int, n: float) -> Array:
     """(samples + priors,) the signature at twice its smallest visible amount; of a wave at phase 0 in every run."""
-    columns = each.columns[:, ::2] if each.atom.wave is not None else each.columns
+    columns = signature.columns[:, ::2] if signature.atom.wave is not None else signature.columns
     vector = np.sum(columns, axis=1)
     data, prior = float(np.sum(vector[:-priors] ** 2)), float(np.sum(vector[-priors:] ** 2))
-    amount = smallest_amount(data, prior, each.columns.shape[1] + len(each.atom.at), n)
+    amount = smallest_amount(data, prior, signature.columns.shape[1] + len(signature.atom.at), n)
     return np.asarray(vector * (2.0 * amount), dtype=float) if math.isfinite(amount) else np.zeros(len(vector))
 
 

@@ -97,31 +97,31 @@ def _heights(ahead: Problem, settings: Sequence[Setting]) -> list[Array]:
     out: list[list[Array]] = [[] for _ in ahead.runs]
     base = _values(ahead, settings[0])
     for k in range(1, len(settings), GROUP - 1):
-        lanes = [base, *(_values(ahead, each) for each in settings[k : k + GROUP - 1])]
+        lanes = [base, *(_values(ahead, setting) for setting in settings[k : k + GROUP - 1])]
         predicted = ahead.bench.predict(lanes)
         for j, rows in enumerate(ahead.rows):
             x = [states[j][1][:, 1] for states in predicted]
             # All lanes of a group take the same steps: their differences are free of step-size noise.
-            shift = [(each - each[0] - (x[0] - x[0][0]))[rows] for each in x[1:]]
+            shift = [(lane - lane[0] - (x[0] - x[0][0]))[rows] for lane in x[1:]]
             if k == 1:
                 out[j].append((x[0] - x[0][0])[rows])
-            out[j] += [out[j][0] + each for each in shift]
-    return [np.stack(each) for each in out]
+            out[j] += [out[j][0] + change for change in shift]
+    return [np.stack(heights) for heights in out]
 
 
 def _values(ahead: Problem, setting: Setting) -> list[SimpleNamespace]:
     plain = {s: float(v) for s, v in setting.items() if s not in SENSOR_KEYS and not isinstance(v, tuple)}
-    return [changed(each, plain) for each in ahead.bench.base]
+    return [changed(p, plain) for p in ahead.bench.base]
 
 
 def _phases(knobs: Sequence[Knob]) -> list[tuple[int, int]]:
     """Where in z what is each run's own begins, and how many runs it has."""
-    found, at = [], 0
+    phases, at = [], 0
     for knob in knobs:
         if isinstance(knob, PhaseOfEachRun):
-            found.append((at, len(knob.start)))
+            phases.append((at, len(knob.start)))
         at += len(knob.lowest)
-    return found
+    return phases
 
 
 def _of_one_run(setting: Setting) -> dict[str, float | tuple[float, ...]]:

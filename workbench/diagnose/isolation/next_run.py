@@ -40,7 +40,9 @@ def next_run(problem: Problem, found: Found, open_effects: Sequence[Fitted | str
     anew to all data, as far as tolerances allow. What differs by less than LEAST of the noise counts for nothing.
     None where fewer than two are open.
     """
-    fits = [fit for each in open_effects if (fit := _fit_of(problem, found, each)) is not None][: RIVALS + 1]
+    fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, found, hypothesis)) is not None][
+        : RIVALS + 1
+    ]
     if len(fits) < 2:
         return None
     planned = menu(problem)
@@ -48,14 +50,14 @@ def next_run(problem: Problem, found: Found, open_effects: Sequence[Fitted | str
         return None
     campaign = [on_campaign(problem, fit) for fit in fits]
     now = _apart(fits, campaign, None)
-    ahead = Problem(problem.machine, [each.run for each in planned], problem.band_hz)
+    ahead = Problem(problem.machine, [candidate.run for candidate in planned], problem.band_hz)
     trial = [on_menu(problem, ahead, fit) for fit in fits]
     logged = tuple(s for s in kind_of(problem.machine).to_log if all(s in run for run in problem.runs))
     offers: list[Offer] = []
     for signals in _choices(problem, logged):
-        for k, each in enumerate(planned):
+        for k, candidate in enumerate(planned):
             lines = [of_run(k, signals) for of_run in trial]
-            offers.append(Offer(each, signals, _apart(fits, campaign, lines)))
+            offers.append(Offer(candidate, signals, _apart(fits, campaign, lines)))
         if any(_decides(offer, now) for offer in offers):
             break
     best = choose(offers, now)
@@ -85,11 +87,11 @@ def _choices(problem: Problem, logged: tuple[str, ...]) -> list[tuple[str, ...]]
     return list(dict.fromkeys(every))
 
 
-def _fit_of(problem: Problem, found: Found, each: Fitted | str | Names) -> Fitted | None:
+def _fit_of(problem: Problem, found: Found, hypothesis: Fitted | str | Names) -> Fitted | None:
     """The fit of a hypothesis; of what was not refitted, the linear one at its best shape."""
-    if isinstance(each, Fitted):
-        return each
-    names = (each,) if isinstance(each, str) else tuple(each)
+    if isinstance(hypothesis, Fitted):
+        return hypothesis
+    names = (hypothesis,) if isinstance(hypothesis, str) else tuple(hypothesis)
     if names in found.fits:
         return found.fits[names]
     if not names:

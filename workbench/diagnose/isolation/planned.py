@@ -52,13 +52,13 @@ def menu(problem: Problem) -> list[Planned]:
     if not (seen.high > seen.low and seen.speed > 0.0 and seen.acceleration > 0.0):
         return []
     unit = kind_of(problem.machine).moved.speed_unit
-    found = []
+    runs = []
     for payload in _payloads(problem):
         for word, speed in (("slow", SLOW * seen.speed), ("fast", seen.speed)):
             for motion, steps in _motions(problem, seen, speed).items():
                 run = _run(problem, seen, speed, steps, payload, f"{payload:g} {word} {motion}")
-                found.append(Planned(run, payload, f"{word} ({speed:.2g} {unit}), both ways, {motion}"))
-    return found
+                runs.append(Planned(run, payload, f"{word} ({speed:.2g} {unit}), both ways, {motion}"))
+    return runs
 
 
 def seen_in(problem: Problem) -> Seen:
@@ -69,7 +69,9 @@ def seen_in(problem: Problem) -> Seen:
         [lowpass(run.time_s, values, bench.band_hz)[inside] for values in (motion.speed, motion.acceleration)]
         for run, motion, inside in zip(bench.runs, bench.motions, bench.inside, strict=True)
     ]
-    speed, acceleration = (max(float(np.max(np.abs(each[k]), initial=0.0)) for each in smooth) * lift for k in (0, 1))
+    speed, acceleration = (
+        max(float(np.max(np.abs(of_run[k]), initial=0.0)) for of_run in smooth) * lift for k in (0, 1)
+    )
     low, high = min(float(np.min(x)) for x in places), max(float(np.max(x)) for x in places)
     return Seen(low, high, speed, acceleration)
 
@@ -88,10 +90,10 @@ def _motions(problem: Problem, seen: Seen, speed: float) -> dict[str, list[Step]
     hold = Step(dwell_s=HOLD_PERIODS / problem.band_hz)
 
     def go(*quarters: float) -> list[Step]:
-        return [Step(by_m=each * way / 4.0) for each in quarters]
+        return [Step(by_m=quarter * way / 4.0) for quarter in quarters]
 
     def with_holds(steps: Sequence[Step]) -> list[Step]:
-        return [each for step in steps for each in (step, hold)][:-1]
+        return [part for step in steps for part in (step, hold)][:-1]
 
     return {
         "without a stop on the way": with_holds(go(4, -4)),

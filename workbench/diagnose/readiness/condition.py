@@ -91,37 +91,37 @@ def _delay(problem: Problem, j: int) -> float | None:
 
 def _sentences(problem: Problem, runs: Sequence[RunCondition], own: float, motion_noise_rms: float) -> list[str]:
     unit = kind_of(problem.machine).drive.unit
-    found = []
+    sentences = []
     cut = [r for r in runs if r.clipped_share > CLIPPED]
     if cut:
-        found.append(
+        sentences.append(
             f"{problem.bench.plant.input} looks clipped in {listed([r.name for r in cut])}, at most "
             f"{100.0 * max(r.clipped_share for r in cut):.1f} % of the samples; what lies above is not in the log."
         )
     spikes = [r for r in runs if r.outliers]
     if spikes:
         total = sum(r.outliers for r in spikes)
-        found.append(
+        sentences.append(
             f"{total} single sample{'s' if total > 1 else ''} far off {'their' if total > 1 else 'its'} neighbours in "
             f"{listed([r.name for r in spikes])}; the low-pass spreads them, nothing was taken out."
         )
     typical = float(np.median([r.noise_rms for r in runs]))
     loud = [r for r in runs if r.noise_rms > NOISE_APART * typical]
     if loud:
-        found.append(f"{listed([r.name for r in loud])}: noise of more than {NOISE_APART:g} times the other runs'.")
+        sentences.append(f"{listed([r.name for r in loud])}: noise of more than {NOISE_APART:g} times the other runs'.")
     delays = {r.name: r.delay_s for r in runs if r.delay_s is not None}
     if delays:
         low, high = min(delays.values()), max(delays.values())
-        found.append(
+        sentences.append(
             f"The motion follows its reference {_span(low, high)} late: the control loop's lag and any delay of "
             "the sensor."
         )
     if motion_noise_rms > 0.5 * own:
-        found.append(
+        sentences.append(
             f"The measured motion's own noise adds {motion_noise_rms:.2g} {unit} to the prediction, the input's is "
             f"{own:.2g} {unit}."
         )
-    return found
+    return sentences
 
 
 def _span(low: float, high: float) -> str:

@@ -34,7 +34,7 @@ def informative_band(bench: Bench, seed: int) -> float:
     noise = _spectrum(bench.runs, [b - a for a, b in zip(before, after, strict=True)])
     frequency = LOWEST_HZ
     while frequency * WIDTH < bench.band_hz:
-        total, part = (_energy(each, frequency, frequency * WIDTH) for each in (with_noise, noise))
+        total, part = (_energy(spectrum, frequency, frequency * WIDTH) for spectrum in (with_noise, noise))
         if total - part < EQUAL * part:
             return frequency
         frequency *= WIDTH

@@ -38,10 +38,10 @@ def lateness(time_s: Array, reference: Array, signal: Array) -> float | None:
         moved = np.interp(at, even, r)
         slope = np.interp(at, even, np.gradient(r, step))
         x = np.stack([moved, np.ones_like(moved), -slope], axis=1)
-        found, *_ = np.linalg.lstsq(x, s[rows], rcond=1e-10)
-        if abs(found[0]) < 1e-9:
+        coefficients, *_ = np.linalg.lstsq(x, s[rows], rcond=1e-10)
+        if abs(coefficients[0]) < 1e-9:
             return None
-        change = float(found[2] / found[0])
+        change = float(coefficients[2] / coefficients[0])
         shift += float(np.clip(change, -LARGEST_CHANGE_S, LARGEST_CHANGE_S))
         if abs(change) < 1e-3 * step:
             break

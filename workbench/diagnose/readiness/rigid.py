@@ -64,12 +64,12 @@ def rigid_of(bench: Bench, j: int) -> Rigid:
     independent = 2.0 * band * run.sample_time_s * len(y)
     if independent < 2.0 * x.shape[1]:
         return Rigid(run.name, None, float("inf"), None, 0.0)
-    found, std = _least_squares(x, y, independent)
+    values, std = _least_squares(x, y, independent)
     size = max(float(np.std(y)), 1e-300)
     shown = float(np.sqrt(np.mean(x[:, 0] ** 2))) / size
-    told = std[0] < np.inf and abs(found[0]) > SURE * std[0] and abs(found[0]) * shown > SHOWN
-    hold = float(found[1]) / body.hold if body.hold and std[1] < 0.1 * body.hold else None
-    return Rigid(run.name, float(found[0]) if told else None, float(std[0]), hold, float(found[2]), shown)
+    told = std[0] < np.inf and abs(values[0]) > SURE * std[0] and abs(values[0]) * shown > SHOWN
+    hold = float(values[1]) / body.hold if body.hold and std[1] < 0.1 * body.hold else None
+    return Rigid(run.name, float(values[0]) if told else None, float(std[0]), hold, float(values[2]), shown)
 
 
 def as_well_shown(rigid: Sequence[Rigid]) -> list[Rigid]:
@@ -89,12 +89,12 @@ def _least_squares(x: Array, y: Array, independent: float) -> tuple[Array, Array
     size = np.linalg.norm(x, axis=0)
     size[size == 0.0] = 1.0
     scaled = x / size
-    found, *_ = np.linalg.lstsq(scaled, y, rcond=1e-6)
-    left = y - scaled @ found
+    solution, *_ = np.linalg.lstsq(scaled, y, rcond=1e-6)
+    left = y - scaled @ solution
     normal = scaled.T @ scaled
     values, vectors = np.linalg.eigh(normal)
     variance = (vectors**2) @ (1.0 / np.maximum(values, 1e-12))
     # Scaled columns: what is left of one after the others are taken out is 1/variance.
     variance[variance > 1e6] = np.inf
     per_row = float(left @ left) / max(independent - x.shape[1], 1.0)
-    return found / size, np.sqrt(variance * per_row) / size
+    return solution / size, np.sqrt(variance * per_row) / size

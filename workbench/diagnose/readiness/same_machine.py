@@ -132,30 +132,30 @@ def _check_one_machine(rigid: Sequence[Rigid], file: object, holds_load: bool) -
 
 def _odd(rigid: Sequence[Rigid]) -> list[str]:
     """Where all runs agree with each other, and not with machine.yaml."""
-    found = []
+    sentences = []
     for what, ratios, odd in (
         ("inertia", [r.inertia for r in rigid if r.inertia is not None], ODD_INERTIA),
         ("load", [r.hold for r in rigid if r.hold is not None], ODD_LOAD),
     ):
         typical = float(np.median(ratios)) if ratios else 1.0
         if not 1.0 / odd <= typical <= odd:
-            found.append(
+            sentences.append(
                 f"The {what} is about {typical:.2f} times what machine.yaml says in all runs; "
                 "is it this machine's file?"
             )
-    return found
+    return sentences
 
 
 def _two_groups(ratios: Ratios, apart: float) -> tuple[Ratios, Ratios] | None:
     """The runs split at the widest step between their ratios, nearer to 1 first; None where it is narrow."""
     if len(ratios) < 2:
         return None
-    ordered = sorted(ratios, key=lambda each: each[1])
+    ordered = sorted(ratios, key=lambda named: named[1])
     steps = [math.log(b[1] / a[1]) for a, b in pairwise(ordered)]
     at = int(np.argmax(steps))
     if steps[at] < math.log(apart):
         return None
-    low, high = ([each for each in ratios if each in part] for part in (ordered[: at + 1], ordered[at + 1 :]))
+    low, high = ([named for named in ratios if named in part] for part in (ordered[: at + 1], ordered[at + 1 :]))
     off = [abs(float(np.median([math.log(value) for _, value in group]))) for group in (low, high)]
     return (low, high) if off[0] <= off[1] else (high, low)
 

@@ -19,10 +19,10 @@ PAYLOADS_ALIKE = 0.02  # of the moved mass: less is no other payload
 
 def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
     """Sentences, none for a campaign that varies all it should."""
-    found = []
+    sentences = []
     kind = kind_of(bench.machine)
     if len(going) == 1:
-        found.append(
+        sentences.append(
             "One run only: it can show neither what the payload changes nor what the campaign's time does, "
             "and nothing is left to test on; held-out figures are of parts of the same run."
             if kind.payload
@@ -30,7 +30,7 @@ def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
             "held-out figures are of parts of the same run."
         )
     elif kind.payload and _one_payload(bench, going):
-        found.append(
+        sentences.append(
             f"All runs carry about {bench.runs[going[0]].payload_kg:g} kg: what grows with the load (gearbox "
             "efficiency, load-dependent friction, payload and torque scale) cannot be told from what does not."
         )
@@ -38,13 +38,13 @@ def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
     ahead = float(np.mean(np.concatenate(speeds) > 0.0))
     if not ONE_WAY < ahead < 1.0 - ONE_WAY:
         way, other = kind.directions.one_way[ahead <= 0.5]
-        found.append(f"All runs only {way}: without {other}, friction cannot be told from the load or an offset.")
+        sentences.append(f"All runs only {way}: without {other}, friction cannot be told from the load or an offset.")
     if _one_speed(bench, going):
-        found.append(
+        sentences.append(
             "All runs move at one speed: friction that grows or falls with the speed cannot be told from a "
             "constant level; a slow run beside a fast one would show it."
         )
-    return tuple(found)
+    return tuple(sentences)
 
 
 def _one_payload(bench: Bench, going: Sequence[int]) -> bool:

@@ -59,7 +59,7 @@ def _group(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _shares(rows: Sequence[Row], keys: Sequence[str] = ()) -> dict[str, Any]:
-    return {each.key: _share(each.share(rows)) for each in MEASURES if not keys or each.key in keys}
+    return {measure.key: _share(measure.share(rows)) for measure in MEASURES if not keys or measure.key in keys}
 
 
 def _share(share: Share) -> dict[str, Any]:

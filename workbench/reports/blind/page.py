@@ -47,6 +47,6 @@ def sections(score: Score, power: Power | None = None, settled: Share | None = N
 
 def _by_size(score: Score) -> object:
     chosen = [measures.measure(key) for key in ("named", "first_three", "place")]
-    found = measures.by_size(score.rows)
-    shares = {each.line: {name: each.share(rows) for name, rows in found.items()} for each in chosen}
+    groups = measures.by_size(score.rows)
+    shares = {measure.line: {name: measure.share(rows) for name, rows in groups.items()} for measure in chosen}
     return figures.right_by_size(shares)

@@ -29,19 +29,19 @@ def sheet(rows: Sequence[Row]) -> Table:
     """A line a measure, a column a kind and source."""
     groups = measures.groups(rows)
     kinds = [name.partition(",")[0] for name in groups]
-    asked = {kind: [each.asked_text(kind) for each in MEASURES] for kind in dict.fromkeys(kinds)}
+    asked = {kind: [measure.asked_text(kind) for measure in MEASURES] for kind in dict.fromkeys(kinds)}
     columns = [words("measured")]
     for number, (name, kind) in enumerate(zip(groups, kinds, strict=True)):
         if number == 0 or kinds[number - 1] != kind:
             columns.append(Column(f"{kind},\nasked", "%"))
         columns.append(Column(name.replace(", ", ",\n")))
     lines = []
-    for k, each in enumerate(MEASURES):
-        line = [each.line]
+    for k, measure in enumerate(MEASURES):
+        line = [measure.line]
         for number, (which, kind) in enumerate(zip(groups.values(), kinds, strict=True)):
             if number == 0 or kinds[number - 1] != kind:
                 line.append(asked[kind][k])
-            line.append(each.share(which).text())
+            line.append(measure.share(which).text())
         lines.append(line)
     return Table(columns, [line for line in lines if _says_something(line)], WILSON)
 
@@ -54,9 +54,9 @@ def sizes(rows: Sequence[Row]) -> Table:
     """A line for each size of the gap over the noise."""
     keys = ("named", "named_or_alike", "pair_both", "unknown_caught", "place")
     chosen = [measures.measure(key) for key in keys]
-    found = measures.by_size(rows)
-    columns = [words("gap over\nnoise"), *(Column(each.name) for each in chosen)]
-    lines = [[name, *(each.share(which).text() for each in chosen)] for name, which in found.items()]
+    groups = measures.by_size(rows)
+    columns = [words("gap over\nnoise"), *(Column(measure.name) for measure in chosen)]
+    lines = [[name, *(measure.share(which).text() for measure in chosen)] for name, which in groups.items()]
     note = "The gap is what the cause changes in the input, rms while moving; the noise is that of the diagnosis' band."
     return Table(_filled(columns, lines), _columns(lines), f"{note} {WILSON}")
 
@@ -75,10 +75,10 @@ def methods(rows: Sequence[Row]) -> Table:
     """The diagnosis beside what a user might do instead: a line a measure, a column a method."""
     answers: dict[str, Sequence[Row]] = {DIAGNOSIS: rows, **baselines(rows)}
     lines = []
-    for each in (measures.measure(key) for key in OF_A_METHOD):
-        shares = [each.share(which) for which in answers.values()]
+    for measure in (measures.measure(key) for key in OF_A_METHOD):
+        shares = [measure.share(which) for which in answers.values()]
         if shares[0].of:
-            lines.append([each.line, str(shares[0].of), *(share.percent() for share in shares)])
+            lines.append([measure.line, str(shares[0].of), *(share.percent() for share in shares)])
     heads = [Column(name.replace(" ", "\n", 1) if len(name) < 20 else _parted(name), "%") for name in answers]
     note = "The commonest answer is taken from the labels. " + WILSON
     return Table([words("measured"), Column("cases"), *heads], lines, note)
@@ -209,24 +209,24 @@ def why(row: Row) -> str:
     if told & set(row["names"]):
         added = sorted(set(row["names"]) - told)
         return f"with {added[0]} beside it" if added else "the other one is missed"
-    if any(set(each["names"]) == told for each in row["weighed"]):
+    if any(set(fit["names"]) == told for fit in row["weighed"]):
         return "weighed, and worth less than the answer"
     return "not among the fits that the search followed"
 
 
-def power(found: Power) -> Table:
+def power(chart: Power) -> Table:
     """The smallest size of each effect that these runs would have named in nine of ten."""
     lines = []
-    for each in found.effects:
-        more = "–" if each.one_more is None else f"{each.one_more:.3g}"
+    for effect in chart.effects:
+        more = "–" if effect.one_more is None else f"{effect.one_more:.3g}"
         lines.append(
             [
-                each.effect,
-                each.share.text(),
-                each.parameter,
-                "not in the sizes tried" if each.amount is None else f"{each.amount:.3g}",
-                "–" if each.interval is None else f"{each.interval[0]:.3g}–{each.interval[1]:.3g}",
-                f"{each.largest_tried:.3g}",
+                effect.effect,
+                effect.share.text(),
+                effect.parameter,
+                "not in the sizes tried" if effect.amount is None else f"{effect.amount:.3g}",
+                "–" if effect.interval is None else f"{effect.interval[0]:.3g}–{effect.interval[1]:.3g}",
+                f"{effect.largest_tried:.3g}",
                 more,
             ]
         )
@@ -239,7 +239,7 @@ def power(found: Power) -> Table:
         Column("largest\ntried"),
         Column("with one\nmore run"),
     ]
-    return Table(columns, lines, found.note)
+    return Table(columns, lines, chart.note)
 
 
 def settled(share: Share) -> str:

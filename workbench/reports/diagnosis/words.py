@@ -25,11 +25,11 @@ def hypothesis_name(verdict: VerdictWord, effects: Sequence[str]) -> str:
 def chosen_probability(d: Diagnosis) -> float:
     """Of what the verdict says; 0 where the ranking has no such row."""
     v = d.verdict
-    return sum(each.probability for each in v.ranking if _is_verdict(each, v.word, v.effects))
+    return sum(hypothesis.probability for hypothesis in v.ranking if _is_verdict(hypothesis, v.word, v.effects))
 
 
-def _is_verdict(each: Hypothesis, word: VerdictWord, effects: Sequence[str]) -> bool:
-    return each.verdict == word and set(each.effects) == set(effects)
+def _is_verdict(hypothesis: Hypothesis, word: VerdictWord, effects: Sequence[str]) -> bool:
+    return hypothesis.verdict == word and set(hypothesis.effects) == set(effects)
 
 
 def probability_sentence(d: Diagnosis) -> str:
@@ -43,7 +43,7 @@ def probability_sentence(d: Diagnosis) -> str:
     count = round(100.0 * p)
     many = "more than 99" if p > 0.995 else "less than one" if p < 0.005 else f"about {count}"
     said = f"That probability means: of a hundred campaigns judged like this one, in {many} {what}."
-    named = sum(each.probability for each in d.verdict.ranking if each.verdict == "named")
+    named = sum(hypothesis.probability for hypothesis in d.verdict.ranking if hypothesis.verdict == "named")
     if word == "named" and p < 0.5 and named > p + 0.005:
         return f"{said} In about {100.0 * named:.0f} some effect would be missing, this one or another."
     return said
@@ -86,12 +86,12 @@ def reasons_lead(d: Diagnosis) -> str:
 def effect_sentences(d: Diagnosis) -> list[str]:
     """What each named effect is, its equation and how it shows, as it is declared."""
     known: dict[str, Effect] = effects_for(plant_of(d.campaign.machine).kind)
-    found = []
+    sentences = []
     for name in d.verdict.effects:
-        if each := known.get(name):
-            place = each.subsystem(plant_of(d.campaign.machine).kind).replace("_", " ")
-            found.append(f"{name} ({place}): {each.meaning} {each.equation}. It shows as {each.shows}.")
-    return found
+        if effect := known.get(name):
+            place = effect.subsystem(plant_of(d.campaign.machine).kind).replace("_", " ")
+            sentences.append(f"{name} ({place}): {effect.meaning} {effect.equation}. It shows as {effect.shows}.")
+    return sentences
 
 
 def where_sentence(d: Diagnosis) -> str:

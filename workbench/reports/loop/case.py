@@ -122,9 +122,9 @@ def read_controller(path: Path) -> PiSettings:
 def numbers(text: str, place: str) -> tuple[float, ...]:
     """`0,4500,9000` as numbers, in their order, each once."""
     try:
-        found = tuple(dict.fromkeys(float(part) for part in text.split(",")))
+        values = tuple(dict.fromkeys(float(part) for part in text.split(",")))
     except ValueError as error:
         raise InputError(f"'{text}', expected numbers with commas between, such as 0,4500,9000", place=place) from error
-    if not all(math.isfinite(x) for x in found):
+    if not all(math.isfinite(x) for x in values):
         raise InputError(f"'{text}', expected finite numbers", place=place)
-    return found
+    return values

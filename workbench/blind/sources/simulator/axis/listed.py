@@ -69,7 +69,7 @@ def scales_of(axis: Drawn, rate_hz: float) -> Scales:
         offset=math.hypot(machine.offset_tolerance(axis.force), level, tol.gravity * role("gravity_constant")),
         slope=tol.viscous * role("viscous"),
         inertia=math.hypot(tol.inertia, gain),
-        gain=math.sqrt(gain**2 + 1.0 / sum(1.0 / each**2 for each in terms)),
+        gain=math.sqrt(gain**2 + 1.0 / sum(1.0 / term**2 for term in terms)),
         linear=axis.linear,
     )
 
