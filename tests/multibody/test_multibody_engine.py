@@ -120,8 +120,8 @@ class Bench:
 
 
 # Andrews' squeezing mechanism: seven bodies, ten joints, one spring, driven by a constant torque.
-# E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, section VII.7; the reference solution is
-# that of F. Mazzia, C. Magherini, Test Set for Initial Value Problem Solvers, release 2.4, 2008, problem "Andrews".
+# E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, section VII.7; the reference solution
+# is that of F. Mazzia, C. Magherini, Test Set for Initial Value Problem Solvers, release 2.4, 2008, problem "Andrews".
 M = (0.04325, 0.00365, 0.02373, 0.00706, 0.07050, 0.00706, 0.05498)  # kg
 J = (2.194e-6, 4.410e-7, 5.255e-6, 5.667e-7, 1.169e-5, 5.667e-7, 1.912e-5)  # kg m²
 A, B, C = (-0.06934, -0.00227), (-0.03635, 0.03273), (0.014, 0.072)  # m
@@ -226,8 +226,8 @@ def test_the_pull_in_atwoods_machine_is_goldsteins():
 
 @pytest.mark.parametrize("falls", [2, 3])
 def test_a_block_and_tackle_shares_the_weight_among_its_falls(falls: int):
-    """T = W/n, stretch of a rope over n falls W L/(n² E A), L its whole length: J. L. Meriam, L. G. Kraige, Statics, 7th
-    ed., section 3/3 (pulleys); Hooke's law.
+    """T = W/n: J. L. Meriam, L. G. Kraige, Statics, 7th ed., section 3/3 (pulleys). By Hooke's law the block sinks by
+    W L/(n² E A), L the rope's whole length.
     """
     W, EA, height = 19620.0, 1e7, 4.0
     bench = Bench()
