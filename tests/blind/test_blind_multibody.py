@@ -49,6 +49,33 @@ def test_causes_that_this_machine_does_not_have_are_not_ordered():
     assert np.all(np.diff([order.number for order in wanted]) == 1)
 
 
+def test_half_of_each_case_gets_a_machine_that_was_identified_first():
+    wanted = orders(3, {"multibody": families_of(multibody.USUAL)}, count=24, identified="half")
+    for case in ("singles", "none"):
+        of_case = [order.identified for order in wanted if order.case == case]
+        assert sum(of_case) == len(of_case) // 2
+    plain = orders(3, {"multibody": families_of(multibody.USUAL)}, count=24)
+    assert [replace(order, identified=False) for order in wanted] == plain
+
+
+def test_an_identified_machine_is_that_of_the_well_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A coulomb friction half as large again is withheld: the machine.yaml of before does not have it."""
+    monkeypatch.setattr(make, "draw", lambda seed, family, case, names: short(*names))
+    order = Order(1, (5, 1), "multibody", "hoist_clean", "singles", ("friction_coulomb",), identified=True)
+    _, label = make.made(tmp_path, None, order)
+    assert label.identified
+    machine, nominal = read_campaign(tmp_path / "001").machine, short().machine
+    assert machine.identified["campaign"] == "plain"
+    truth = built(short(), order.seed).truth
+    more_n = label.parameters["friction_coulomb"]["level_n"]
+    for fitted, true in (
+        (machine.guide.coulomb_hoisting_n, truth.F_up),
+        (machine.guide.coulomb_lowering_n, truth.F_dn),
+    ):
+        assert abs(fitted - true) < 0.5 * abs(more_n)
+    assert machine.guide.coulomb_hoisting_n != nominal.guide.coulomb_hoisting_n
+
+
 def test_an_engine_that_gives_up_is_given_the_next_seed_and_after_three_the_case_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -142,6 +142,8 @@ def test_play_in_the_rollers_lets_the_dollies_lean_and_moves_no_load():
         ({"arm.roller_spacing_m": 2.7}, "they would collide"),
         ({"arm.shares.head": 0.2}, "the six shares add up to 1.03"),
         ({"arm.pipe_length_m": -1.0}, "-1"),
+        ({"arm.pipe_offset_m": 3.4}, "holds the payload outside the arm's reach"),
+        ({"arm.switches.roller_clearance_m": 1.0}, "from 0 to 0.05; is it in millimetres"),
     ],
 )
 def test_an_arm_that_cannot_be_is_one_clear_error(values: dict[str, float], said: str):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +18,7 @@ from workbench.errors import InputError
 from workbench.machine import with_values
 from workbench.metrics import observer
 from workbench.metrics.measure import measure
+from workbench.multibody import motion
 from workbench.plants import HOIST
 from workbench.run import Run
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, simulate_loop
@@ -114,6 +116,21 @@ def test_a_lagging_drive_with_a_counted_late_speed_is_the_same_drive_here():
     multibody = simulate_multibody_loop(case(**drive), step_s=0.004)
     for name in ("peak_torque_motor_nm", "speed_error_rms_rad_s"):
         assert multibody.metrics[name] == pytest.approx(lumped.metrics[name], rel=0.02)
+
+
+def test_a_machine_that_cannot_hang_is_an_outcome_with_its_place_and_not_an_unstable_loop():
+    soft = replace(case(), machine=with_values(MACHINE, {"arm.cylinder_stiffness_n_per_m": 1.0}))
+    result = simulate_multibody_loop(soft)
+    assert result.outcome is Outcome.NOT_SOLVED
+    assert "does not hang still" in result.at and "at height 9.000 m with 4500 kg" in result.at
+
+
+def test_an_engine_that_gives_up_says_when_and_in_what_state(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(motion, "TOLERANCE", 1e-300)  # which no iteration reaches once anything moves
+    result = simulate_multibody_loop(case(), step_s=0.004)
+    assert result.outcome is Outcome.NOT_SOLVED
+    assert "did not converge, at 0." in result.at
+    assert "height 9.000 m" in result.at and "torque 597" in result.at
 
 
 def test_an_effect_that_it_does_not_know_is_said_before_anything_runs():

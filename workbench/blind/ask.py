@@ -23,7 +23,7 @@ MOST_SEED = 2**63
 class Asked:
     """machine, runs: a machine.yaml and a plan or campaign, of the user's. seed: None for one of the system's own.
     sources, families: names, all of a source's families where none is named. effects: names, separated by commas.
-    case: all cases of that sort."""
+    case: all cases of that sort. identified: which machine.yaml was identified first, of orders.IDENTIFIED."""
 
     machine: Path | None = None
     runs: Path | None = None
@@ -34,12 +34,20 @@ class Asked:
     families: Sequence[str] = ()
     effects: str | None = None
     case: str | None = None
+    identified: str = "no"
 
     def said(self) -> dict[str, Any]:
         """For the manifest: all but the seed."""
         words = {"sources": list(self.sources), "kind": self.kind, "families": list(self.families)}
         files = {"machine": self.machine and self.machine.name, "runs": self.runs and self.runs.name}
-        return {"cases": self.cases, **words, **files, "effects": self.effects, "case": self.case}
+        return {
+            "cases": self.cases,
+            **words,
+            **files,
+            "effects": self.effects,
+            "case": self.case,
+            "identified": self.identified,
+        }
 
 
 def make_asked(asked: Asked, folder: Path, *, key: Path | None = None, processes: int = 2, tell: Tell) -> Made:
@@ -60,7 +68,7 @@ def ordered(asked: Asked, seed: int) -> tuple[list[Order], Rig | None]:
     known = {name for kind in kinds for name in kind.listed}
     effects = _effects(asked.effects, known)
     counts = {asked.case: asked.cases} if asked.case else None
-    return orders(seed, played, count=asked.cases, counts=counts, effects=effects), None
+    return orders(seed, played, count=asked.cases, counts=counts, effects=effects, identified=asked.identified), None
 
 
 def _of_the_users(asked: Asked, seed: int) -> tuple[list[Order], Rig]:
@@ -79,7 +87,10 @@ def _of_the_users(asked: Asked, seed: int) -> tuple[list[Order], Rig]:
     played = {name: [rig.family] for name in dict.fromkeys(asked.sources) if source_of(name)}
     counts = {asked.case: asked.cases} if asked.case else None
     sizes = (SMALLEST, LARGEST)
-    return orders(seed, played, count=asked.cases, counts=counts, effects=effects, sizes=sizes), rig
+    wanted = orders(
+        seed, played, count=asked.cases, counts=counts, effects=effects, sizes=sizes, identified=asked.identified
+    )
+    return wanted, rig
 
 
 def _played(asked: Asked) -> Mapping[str, list[Family]]:

@@ -19,8 +19,9 @@ def family_of(row: Row) -> str:
 
 
 def source_of(row: Row) -> str:
-    """What played the machine; of recorded campaigns "recorded"."""
-    return str(row["label"].get("source") or "recorded")
+    """What played the machine, and whether machine.yaml was identified first; of recorded campaigns "recorded"."""
+    source = str(row["label"].get("source") or "recorded")
+    return f"{source}, identified first" if row["label"].get("identified") else source
 
 
 def size_over_noise(row: Row) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 
 from workbench.blind.answer import answer, save, text_of
 from workbench.blind.criteria import Row, oracle_after, right, right_word
+from workbench.blind.identified import identify_first
 from workbench.blind.make import content_of, mapped
 from workbench.blind.orders import Order
 from workbench.blind.rig import Rig, rig_from
@@ -98,6 +99,8 @@ def _with_next_run(order: Order, rig: Rig | None, row: Row) -> Any:
         before, after = Path(temporary) / "before", Path(temporary) / "after"
         make_campaign(before, seeds, content)
         make_campaign(after, seeds, extended(content, row["next_run"], before))
+        if order.identified:
+            identify_first(after, seeds, content)
         return answer(after)
 
 

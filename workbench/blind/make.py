@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -14,6 +15,7 @@ from typing import Any
 
 from workbench import __version__
 from workbench.blind.amounts import scaled
+from workbench.blind.identified import identify_first
 from workbench.blind.orders import Order
 from workbench.blind.rig import Rig
 from workbench.blind.seal import CAMPAIGNS, Truth, fernet, hashes, key_of, seal, write_key
@@ -96,11 +98,15 @@ def made(folder: Path, rig: Rig | None, order: Order) -> tuple[Order, Label]:
         content = content_of(order, rig, seeds)
         try:
             label = make_campaign(folder / order.name, seeds, content)
+            if order.identified:
+                identify_first(folder / order.name, seeds, content)
             break
         except RuntimeError as error:
+            shutil.rmtree(folder / order.name, ignore_errors=True)
             if attempt == TRIES - 1:
                 raise InputError(f"campaign {order.name} of {order.source} cannot be simulated: {error}") from error
-    label = replace(label, truth={**label.truth, **source_of(order.source).truth(content, seeds)}, source=order.source)
+    truth = {**label.truth, **source_of(order.source).truth(content, seeds)}
+    label = replace(label, truth=truth, source=order.source, identified=order.identified)
     if not content.causes:
         return order, label
     change = input_change(content, seeds)

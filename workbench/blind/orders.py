@@ -14,11 +14,13 @@ from workbench.blind.sources.simulator.kind import Kind
 from workbench.blind.sources.source import source_of
 
 EVENTS_EVERY = 3  # unlisted causes: one of them is a brief event
+IDENTIFIED = ("no", "half", "yes")  # campaigns whose machine.yaml was identified first; half: every second of each case
 
 
 @dataclass(frozen=True)
 class Order:
-    """One campaign to make. names: of its effects. size: of them, in parts of what their family draws."""
+    """One campaign to make. names: of its effects. size: of them, in parts of what their family draws. identified: its
+    machine.yaml is that of plain runs before."""
 
     number: int
     seed: tuple[int, ...]
@@ -27,6 +29,7 @@ class Order:
     case: str
     names: tuple[str, ...]
     size: float = 1.0
+    identified: bool = False
 
     @property
     def name(self) -> str:
@@ -41,10 +44,11 @@ def orders(
     counts: Mapping[str, int] | None = None,
     effects: Sequence[str] = (),
     sizes: tuple[float, float] = (1.0, 1.0),
+    identified: str = "no",
 ) -> list[Order]:
     """families: source -> families that it plays. count: of all, with the shares of MIXED; counts: case -> number, in
     its place. effects: the only ones that are drawn, of those that a kind of machine has. sizes: between these, evenly
-    on a logarithmic scale.
+    on a logarithmic scale. identified: of IDENTIFIED.
     """
     rng = np.random.default_rng([seed, 0])
     cases = mixed_cases(count) if counts is None else [case for case in CASES for _ in range(counts.get(case, 0))]
@@ -58,15 +62,16 @@ def orders(
         able = {s: [f.name for f in played if turns[s, f.name].has(case)] for s, played in families.items()}
         sources = _in_turn(rng, tuple(source for source, names in able.items() if names))
         of_source = {source: _in_turn(rng, tuple(names)) for source, names in able.items() if names}
-        for _ in range(cases.count(case)):
+        for k in range(cases.count(case)):
             source = next(sources)
             family = next(of_source[source])
-            wanted.append((source, family, case, turns[source, family].effects(case)))
+            first = identified == "yes" or (identified == "half" and k % 2 == 1)
+            wanted.append((source, family, case, turns[source, family].effects(case), first))
     mixed = [wanted[k] for k in rng.permutation(len(wanted))]
     low, high = np.log(sizes)
     return [
-        Order(n, (seed, n), source, family, case, names, float(np.exp(rng.uniform(low, high))))
-        for n, (source, family, case, names) in enumerate(mixed, start=1)
+        Order(n, (seed, n), source, family, case, names, float(np.exp(rng.uniform(low, high))), first)
+        for n, (source, family, case, names, first) in enumerate(mixed, start=1)
     ]
 
 

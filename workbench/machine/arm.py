@@ -11,7 +11,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from workbench.machine.quantities import Finite, Gap, Lag, Length, NotNegative, Stiffness
+from workbench.machine.quantities import Finite, FrictionCoefficient, Gap, Lag, Length, RollerPlay, Stiffness
 from workbench.machine.record import Record
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0, strict=True, allow_inf_nan=False)]
@@ -45,8 +45,8 @@ class ArmSwitches(Record):
     grows beyond layer_angle_rad of drum angle.
     """
 
-    roller_friction_coefficient: NotNegative = 0.0
-    roller_clearance_m: Gap = 0.0
+    roller_friction_coefficient: FrictionCoefficient = 0.0
+    roller_clearance_m: RollerPlay = 0.0
     wire_stiffness_follows_length: bool = False
     wire_inertia: bool = False
     bristle_m: Gap = 0.0
@@ -92,6 +92,11 @@ class Arm(Record):
             raise ValueError(
                 f"longest_reach_m {self.longest_reach_m}, expected less than main_arm_m {self.main_arm_m}: "
                 "the linkage does not close"
+            )
+        if self.pipe_offset_m > self.longest_reach_m:
+            raise ValueError(
+                f"pipe_offset_m {self.pipe_offset_m} holds the payload outside the arm's reach, expected at most "
+                f"longest_reach_m {self.longest_reach_m}"
             )
         if self.dolly_distance_m <= self.roller_spacing_m:
             raise ValueError(

@@ -89,6 +89,14 @@ Tolerance = Annotated[
     float, Field(ge=0.0, le=10.0, strict=True, allow_inf_nan=False),
     Because("relative: ten standard deviations of its own size leave a value open", "is it in per cent?"),
 ]  # fmt: skip
+RollerPlay = Annotated[
+    float, Field(ge=0.0, le=0.05, strict=True, allow_inf_nan=False),
+    Because("a roller with five centimetres of play has left its rail", MM),
+]  # fmt: skip
+FrictionCoefficient = Annotated[
+    float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False),
+    Because("rollers resist with some 0.001 to 0.05 of their load, a blocked one slides with less than 1"),
+]  # fmt: skip
 Overload = Annotated[
     float, Field(ge=1e-3, le=100.0, strict=True, allow_inf_nan=False),
     Because("short-time overloads of motors are below ten times the nominal torque", "is it in per cent?"),

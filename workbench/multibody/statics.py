@@ -15,6 +15,7 @@ from workbench.run import Array
 _EXACT_M = 1e-10
 _MOST_ROUNDS = 30
 _PLAY_STEP_M = 5e-5
+_LEAST_LOAD_STEP = 1e-3  # of the load: an arm too soft to carry it is given up in a second, not in an hour
 
 
 class DidNotConvergeError(Exception):
@@ -113,6 +114,7 @@ def _rest(machine: Hoist, switches: Switches, system: System, angle: float) -> A
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
     settings.staticSolver.verboseMode = 0
+    settings.staticSolver.minimumStepSize = _LEAST_LOAD_STEP
     settings.staticSolver.newton.relativeTolerance = 1e-9
     settings.staticSolver.newton.absoluteTolerance = 1e-6
     sheave = system.coordinate["sheave.a"]

@@ -55,6 +55,7 @@ class Outcome(enum.Enum):
     COMPLETED = "completed"
     DIVERGED = "the state grew without bound: the loop is unstable or the load ran away"
     LEFT_THE_RAIL = "the carriage left the rail"
+    NOT_SOLVED = "the multi-body model was not solved"
 
 
 @dataclass(frozen=True, repr=False)

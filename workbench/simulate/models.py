@@ -92,7 +92,7 @@ def compare_models(
     if studied(machine) is None:
         raise InputError(f"is {of_kind(machine)}; the multi-body machine is of {STUDIED}", place="kind")
     bench = Bench(machine, runs)
-    simulate_replays(machine, bench)  # compiles, which is no model's compute time
+    simulate_replays(machine, Bench(machine, runs[:1]))  # compiles and starts threads: no model's compute time
     out = []
     for j, run in enumerate(bench.runs):
         progress(run.name)
@@ -124,7 +124,7 @@ def compare_loops(cases: Sequence[LoopCase], *, step_s: float = STEP_S) -> Model
 
     step_s: of the multi-body model, at most; a step ends at every sample of the controller. InputError as above.
     """
-    simulate_loop(cases, record_every=1)  # compiles, which is no model's compute time
+    simulate_loop(cases[:1], record_every=1)  # compiles and starts threads: no model's compute time
     out = []
     for case in cases:
         began = time.process_time()
@@ -132,7 +132,7 @@ def compare_loops(cases: Sequence[LoopCase], *, step_s: float = STEP_S) -> Model
         between = time.process_time()
         multibody = simulate_multibody_loop(case, record_every=1, step_s=step_s)
         ended = time.process_time()
-        if multibody.outcome is LoopOutcome.DIVERGED:
+        if multibody.outcome is LoopOutcome.NOT_SOLVED:
             raise InputError(f"{multibody.outcome.value}, {multibody.at}", place=f"run {case.name}")
         n = min(len(lumped.run.time_s), len(multibody.run.time_s))
         reference = np.asarray(case.speed_reference_rad_s, dtype=float)[:n]

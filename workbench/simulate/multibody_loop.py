@@ -47,7 +47,7 @@ def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: f
     )
     if result.hanging is None:
         run = replace(result.run, time_s=np.zeros(0), signals={})
-        return LoopResult(case, run, {}, Outcome.DIVERGED, result.at, case.start_position_m, 0.0)
+        return LoopResult(case, run, {}, Outcome.NOT_SOLVED, said(result), case.start_position_m, 0.0)
     return _result(case, result, SimpleNamespace(**held["values"]), record_every)
 
 
@@ -107,10 +107,15 @@ def _result(case: LoopCase, result: MotionResult, p: Any, record_every: int) -> 
     run = Run(case.name, time, kept, case.payload_kg, case.start_position_m, case.start_time_s)
     hold = result.hanging.hold_torque_nm if result.hanging is not None else 0.0
     if result.outcome is not MotionOutcome.COMPLETED:
-        return LoopResult(case, run, metrics, Outcome.DIVERGED, result.at, last["position_carriage_m"], hold)
+        return LoopResult(case, run, metrics, Outcome.NOT_SOLVED, said(result), last["position_carriage_m"], hold)
     end = np.array([signals["angle_motor_rad"][-1], 0.0, last["position_carriage_m"]])
     outcome, at = loop_outcome(case.machine, time, kept, end, metrics)
     return LoopResult(case, run, metrics, outcome, at, float(end[2]), hold)
+
+
+def said(result: MotionResult) -> str:
+    """Why a motion ended early, with time and state."""
+    return f"{result.outcome.value}, {result.at}"
 
 
 def check_multibody(machine: Hoist) -> None:

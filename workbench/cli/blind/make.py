@@ -29,6 +29,13 @@ import click
 @click.option("--family", multiple=True, help="Families of machines, see docs/blind.md; may be repeated.")
 @click.option("--effects", help="Names of the effects that may be withheld, separated by commas. Default: all.")
 @click.option("--case", type=click.Choice(["singles", "none", "pairs", "unknown"]), help="Cases of one sort only.")
+@click.option(
+    "--identified",
+    type=click.Choice(["no", "half", "yes"]),
+    default="no",
+    show_default=True,
+    help="Whether machine.yaml was identified on two plain runs before anything ailed.",
+)
 @click.option("--key", type=click.Path(path_type=Path), help="File for the key. Default: beside the folder.")
 @click.option("--processes", type=click.IntRange(1, 64), default=2, show_default=True, help="Campaigns at a time.")
 def command(
@@ -42,6 +49,7 @@ def command(
     family: tuple[str, ...],
     effects: str | None,
     case: str | None,
+    identified: str,
     key: Path | None,
     processes: int,
 ) -> None:
@@ -52,7 +60,7 @@ def command(
     """
     from workbench.blind.ask import Asked, make_asked
 
-    asked = Asked(machine, runs, cases, seed, source, kind, family, effects, case)
+    asked = Asked(machine, runs, cases, seed, source, kind, family, effects, case, identified)
 
     def tell(line: str) -> None:
         click.echo(line, err=True)

@@ -43,6 +43,7 @@ class Label:
     seed: tuple[int, ...]
     truth: dict[str, float]
     source: str = "simulator"
+    identified: bool = False
     torque_change_rms_nm: float = 0.0
     torque_change_by_second_nm: dict[str, list[float]] = field(default_factory=dict)
 
@@ -115,10 +116,13 @@ def _window(content: Content, number: int, reference: Array) -> Window | None:
     return None
 
 
-def make_campaign(folder: Path, seed: int | Sequence[int], content: Content) -> Label:
-    """Writes machine.yaml, runs.yaml and runs/*.csv under `folder`, whole or not at all; gives the label."""
+def make_campaign(folder: Path, seed: int | Sequence[int], content: Content, machine: Built | None = None) -> Label:
+    """Writes machine.yaml, runs.yaml and runs/*.csv under `folder`, whole or not at all; gives the label.
+
+    machine: the true one; that of the seed when None.
+    """
     seeds = (seed,) if isinstance(seed, int) else tuple(seed)
-    machine = built(content, seeds)
+    machine = built(content, seeds) if machine is None else machine
     part = folder.with_name(f".{folder.name}.part-{os.getpid()}")
     shutil.rmtree(part, ignore_errors=True)
     (part / "runs").mkdir(parents=True)

@@ -18,15 +18,21 @@ from workbench.study.scenario.load import Study, plan_study
 from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import changed
 
+log = logging.getLogger(__name__)
+
 RAMPS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.25, 1.6)  # of the acceleration that is set
 JERKS = (0.25, 0.4, 0.63, 1.0, 1.6, 2.5, 4.0)  # of the jerk that is set
 POINTS = 7
+STEP_S = 1.5e-4  # of compute, for a step of the multi-body model
 LUMPED = {"plant": "lumped"}  # of the curves beside a study: dozens of runs
 
 
 def results(scenario: Scenario, machine: Hoist) -> StudyResult:
     """The scenario's runs. InputError for what cannot be run."""
     study = plan_study(scenario, machine)
+    if scenario.plant == "multibody":
+        steps = sum(spec.duration_s / min(spec.step_s, spec.controller.sample_time_s) for spec in study.specs)
+        log.info("%d runs on the multi-body machine, some %.0f s", len(study.specs), max(1.0, STEP_S * steps))
     return _run(*_values(study), study)
 
 
