@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from workbench.logs import Campaign
 from workbench.machine import default_hoist
 from workbench.reports.replay.report import _percent
 from workbench.study.conclude.sentences import sentences
+from workbench.study.conclude.utilisation import alarm, utilisation
 from workbench.study.execute.store import Part
 from workbench.study.results.digests import check_whole, read_manifest
 from workbench.study.results.index import INDEX, read_rows
@@ -98,6 +100,20 @@ def at_the_limit(rms_nm: float) -> Row:
 def test_a_loop_that_swings_from_limit_to_limit_is_pointed_out():
     assert any("swings from limit to limit" in said for said in sentences([at_the_limit(760.0)], 800.0))
     assert not any("swings" in said for said in sentences([at_the_limit(400.0)], 800.0))
+
+
+def hunting(swings: float) -> Row:
+    row = at_the_limit(400.0)
+    return replace(row, metrics=row.metrics | {"torque_swings": swings, "move_time_s": 7.0, "peak_speed_percent": 50.0})
+
+
+def test_a_loop_that_hunts_below_its_limits_is_pointed_out_where_runs_are_judged():
+    assert any("50 times a second of motion: the loop hunts" in said for said in sentences([hunting(350.0)], 1000.0))
+    assert not any("hunts" in said for said in sentences([hunting(14.0)], 1000.0))
+    lights = {use.what: use.light for use in utilisation([hunting(350.0)], default_hoist())}
+    assert lights["torque swings"] == "red"
+    assert "torque swings 2500 % of 2 a second" in str(alarm(utilisation([hunting(350.0)], default_hoist())))
+    assert "torque swings" not in {use.what for use in utilisation([hunting(14.0)], default_hoist())}
 
 
 def test_the_loser_of_two_studies_on_one_folder_says_where_its_result_lies(tmp_path):

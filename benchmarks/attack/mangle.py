@@ -267,7 +267,7 @@ def _changed_table(content: bytes, chance: Chance) -> bytes:
             values = [new if way == "all" or i == row else value for i, value in enumerate(values)]
             try:
                 column = pa.array(values, type=table.schema.field(at).type)
-            except pa.ArrowInvalid:  # a number that is no truth value
+            except pa.ArrowException:  # a number that is no truth value, or no list
                 column = pa.array([str(value) for value in values])
             table = table.set_column(at, name, column)
         elif way == "type":

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -15,6 +17,7 @@ import pytest
 pytest.importorskip("streamlit")
 
 from tests.support import browser
+from tests.support.proxy import documented_headers
 from workbench.dashboard import warm
 from workbench.dashboard.options import OPTIONS, flags, hosts_allowed
 
@@ -93,3 +96,18 @@ def test_loading_ahead_of_time_waits_for_pandas_that_another_thread_imports():
         [sys.executable, "-c", WHILE_PANDAS_IS_IMPORTED], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert done.stderr == ""
+
+
+def test_the_documented_proxies_forbid_frames_and_foreign_scripts_and_know_streamlits_own_one():
+    import streamlit
+
+    headers = documented_headers()["nginx"]
+    assert documented_headers()["Caddy"] == headers
+    assert (headers["X-Frame-Options"], headers["X-Content-Type-Options"]) == ("DENY", "nosniff")
+    assert headers["Referrer-Policy"] == "same-origin"  # an address ends in the id that finds a visitor's work
+    policy = dict(part.split(maxsplit=1) for part in headers["Content-Security-Policy"].split("; "))
+    assert (policy["default-src"], policy["frame-ancestors"]) == ("'self'", "'none'")
+    page = (Path(streamlit.__file__).parent / "static" / "index.html").read_text(encoding="utf-8")
+    inline = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+              for script in re.findall(r"<script>(.*?)</script>", page, re.DOTALL)]  # fmt: skip
+    assert policy["script-src"].split() == ["'self'", *(f"'sha256-{digest}'" for digest in inline)]

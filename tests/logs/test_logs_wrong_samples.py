@@ -10,8 +10,8 @@ import pytest
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, hoist_columns, write_campaign
 from workbench.errors import InputError
 from workbench.logs import read_campaign
-from workbench.logs.dropouts import rests
 from workbench.logs.spikes import find_spikes
+from workbench.logs.still import Channel
 from workbench.machine import default_hoist
 from workbench.run import Run
 
@@ -48,6 +48,33 @@ def test_torque_of_zero_for_two_seconds_late_in_a_run_is_cut_off_and_said(tmp_pa
         "torque_motor1_nm is exactly 0 from 13 s to 14.99 s while the machine moves; "
         "the run is kept from 0 s to 12.99 s, 700 samples are left out",
     )
+
+
+def test_torque_of_a_noisy_channel_that_is_zero_for_a_tenth_of_a_second_is_left_out(tmp_path):
+    columns = hoist_columns(2000)
+    for name in MOTORS:
+        columns[name][1500:1512] = 0.0
+    run = read(tmp_path, columns)
+    assert np.array_equal(run.time_s, columns["time_s"][:1500])
+    assert run.notes[0].startswith(
+        "torque_motor1_nm is exactly 0 from 15 s to 15.11 s while the machine moves; the run"
+    )
+
+
+def test_speed_that_falls_to_zero_and_back_within_a_tenth_of_a_second_is_left_out(tmp_path):
+    columns = hoist_columns(2000)
+    columns["speed_motor_rad_s"][1480:1492] = 0.0
+    run = read(tmp_path, columns)
+    assert np.array_equal(run.time_s, columns["time_s"][:1480])
+    assert run.notes[0].startswith("speed_motor_rad_s is exactly 0 from 14.8 s to 14.91 s")
+
+
+def test_brief_equal_samples_of_a_coarse_channel_are_no_dropout():
+    time, noise = 0.01 * np.arange(4000), np.random.default_rng(3).normal(size=4000)
+    coarse = np.round(noise / 8.0)  # steps of eight standard deviations: nearly all are equal
+    assert Channel(time, coarse).brief_freezes() == []
+    noise[100:112] = 0.0
+    assert Channel(time, noise).brief_freezes() == [(100, 112)]
 
 
 def test_what_follows_an_early_dropout_starts_later_and_where_the_carriage_then_is(tmp_path):
@@ -141,8 +168,8 @@ def test_rests_are_stretches_of_equal_values():
     time = 0.1 * np.arange(100, dtype=np.float64)
     column = np.arange(100.0)
     column[:20], column[50:70], column[90:] = 0.0, 5.0, 7.0
-    assert rests(time, column) == [(0, 20), (50, 70), (90, 100)]
-    assert rests(time, np.zeros(100)) == []
+    assert Channel(time, column).rests() == [(0, 20), (50, 70), (90, 100)]
+    assert Channel(time, np.zeros(100)).rests() == []
 
 
 # Spikes

@@ -192,7 +192,7 @@ def test_every_metric_has_a_unit_in_its_name_and_a_sentence():
         "rad": "_rad",
         "kW": "_kw",
         "N m/s": "_nm_per_s",
-        "–": ("_events", "_factor", "moves"),
+        "–": ("_events", "_factor", "_swings", "moves"),
     }
     for m in metrics():
         assert m.name.endswith(endings[m.unit])

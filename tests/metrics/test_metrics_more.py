@@ -174,3 +174,15 @@ def test_peak_power_of_a_lift_is_near_hold_torque_times_speed():
     assert 0.0 < metrics["peak_power_regenerating_kw"] < 0.3 * metrics["peak_power_motoring_kw"]
     assert 0.0 < metrics["settling_time_s"] < 1.9
     assert metrics["speed_overshoot_rad_s"] > 0.0
+
+
+@pytest.mark.parametrize(("amplitude", "swings"), [(0.51, 19), (3.0, 19), (0.49, 0)])
+def test_torque_that_goes_to_and_fro_by_more_than_nominal_swings_twice_a_period(amplitude, swings):
+    time = np.arange(1000) * DT  # ten periods; the first rise comes from nowhere
+    run = trace(1000, torque_motor_nm=300.0 + 960.0 * amplitude * np.sin(2.0 * math.pi * time))
+    assert metric("torque_swings", run) == swings
+
+
+def test_small_steps_on_the_way_are_no_swings_of_their_own():
+    steps = np.cumsum(np.where(np.arange(200) % 5 == 4, -150.0, 100.0))  # up to and down again, in saw teeth
+    assert metric("torque_swings", trace(400, torque_motor_nm=[*steps, *steps[::-1]])) == 1

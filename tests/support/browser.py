@@ -1,6 +1,7 @@
 """The dashboard in a real browser: a server of its own, Debian's Chromium, what its console says, how long things take.
 
-`dashboard()` starts the server, `visit()` is a visitor. Times are measured inside the browser.
+`dashboard()` starts the server, `visit()` is a visitor, who gets each page with the headers of the documented proxy:
+what its security policy forbids is an error in the console. Times are measured inside the browser.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from tests.support.proxy import documented_headers
+
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, Request
+    from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, Request, Route
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 1280, 800
@@ -168,7 +171,8 @@ class Visit:
 
     def go(self, title: str = "") -> None:
         """To a page by its address, as a first visit or a reload does."""
-        self.page.goto(f"{self.address}/{title.lower()}", wait_until="commit")
+        answer = self.page.goto(f"{self.address}/{title.lower()}", wait_until="commit")
+        assert answer is not None and "frame-ancestors 'none'" in answer.headers["content-security-policy"]
         self.drawn()
 
     def turn_to(self, title: str) -> None:
@@ -227,6 +231,14 @@ class Visit:
         return float(waited.json_value())
 
 
+def _as_behind_the_proxy(route: Route) -> None:
+    if route.request.resource_type != "document":
+        return route.fallback()
+    answer = route.fetch()
+    added = {name.lower(): value for name, value in documented_headers()["nginx"].items()}
+    return route.fulfill(response=answer, headers=answer.headers | added)
+
+
 @contextmanager
 def visit(started: Browser, address: str, shots: Path, scheme: Scheme = "light") -> Iterator[Visit]:
     """A visitor with nothing from before: no cookies, no storage."""
@@ -235,6 +247,8 @@ def visit(started: Browser, address: str, shots: Path, scheme: Scheme = "light")
     )
     context.set_default_timeout(DRAWN_WITHIN_MS)
     context.add_init_script(_INSTRUMENTS)
+    context.grant_permissions(["local-network-access"])  # a page that is handed on has no address of its own
+    context.route(re.compile(rf"^{re.escape(address)}/\w*(\?.*)?$"), _as_behind_the_proxy)
     page = context.new_page()
     shots.mkdir(parents=True, exist_ok=True)
     made = Visit(page, address, shots)

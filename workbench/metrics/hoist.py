@@ -100,6 +100,18 @@ def _overloaded(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Sca
     return [heat, maximum(a[1], heat)]
 
 
+def _swings(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+    """Turning points: the largest torque while it rises, the smallest while it falls, in nominal torques.
+
+    It turns where it has come back from there by more than one.
+    """
+    count, way, extreme = a
+    one = _torque(s) * _share(s, p) / p.T_nominal
+    farthest = where(way > 0.0, maximum(extreme, one), minimum(extreme, one))
+    turns = absolute(farthest - one) > 1.0
+    return [count + where(turns, 1.0, 0.0), where(turns, -way, way), where(turns, one, farthest)]
+
+
 def _speeds(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     w, r = s["speed_motor_rad_s"], s["speed_reference_rad_s"]
     return [maximum(a[0], w), minimum(a[1], w), maximum(a[2], r), minimum(a[3], r)]
@@ -201,6 +213,13 @@ METRICS: tuple[Metric, ...] = (
         "between them",
         shown_in="kN m/s", scale=1e-3, head="torque rate", decimals=2, note="largest, of one motor", views=View.DRIVE,
         sums=_SINCE_LAST, finish=as_summed(2),
+    ),
+    LoopMetric(
+        name="torque_swings", unit="–", label="torque swings", better="lower", visible=1.0,
+        definition="how often the harder-worked motor's torque turns and goes back by more than its nominal torque; "
+        "a loop that hunts between its limits does so many times a second",
+        views=INDEX_ONLY,
+        sums=Sums((0.0, 1.0, -HUGE), _swings), finish=as_summed(0),
     ),
     LoopMetric(
         name="peak_speed_percent", unit="%", label="largest motor speed", better="lower", visible=0.01,

@@ -14,6 +14,9 @@ MOST_FAILED = 5
 ASTRAY_M = 0.05
 AT_THE_LIMIT = 0.85  # rms over limit: three quarters of the time are spent there
 
+SWINGS_PER_S = 2.0  # of motion, each by more than nominal torque: no motion asks for that, a loop that hunts does
+MOST_SWINGS = 10.0  # fewer may come of a single event, such as a wire that tightens with a jerk
+
 
 def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
     """Conclusions computed from the rows; the first is the answer to the study's question.
@@ -23,7 +26,18 @@ def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
     good = [row for row in rows if row.ok]
     axes = swept_axes(rows)
     first = _varied_runs(good, axes) if any(row.assigned for row in rows) else _comparison(good)
-    return [*first, *_limits(good, torque_limit_nm, axes), *_slack(good, axes), *_astray(good, axes), *_failures(rows)]
+    limits = [*_limits(good, torque_limit_nm, axes), *_hunting(good, axes)]
+    return [*first, *limits, *_slack(good, axes), *_astray(good, axes), *_failures(rows)]
+
+
+def hunts(row: Row) -> bool:
+    """Whether the torque swings to and fro as it does in a loop only that is not stable."""
+    return (row.metrics.get("torque_swings") or 0.0) > MOST_SWINGS and swings_per_s(row) > SWINGS_PER_S
+
+
+def swings_per_s(row: Row) -> float:
+    """Torque swings a second of motion."""
+    return row["torque_swings"] / max(row["move_time_s"], 1.0)
 
 
 def _varied_runs(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
@@ -100,6 +114,18 @@ def _limits(good: Sequence[Row], torque_limit_nm: float, axes: Sequence[SweptAxi
             "came to its end."
         )
     return said
+
+
+def _hunting(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
+    hunting = [row for row in good if hunts(row)]
+    if not hunting:
+        return []
+    worst = max(hunting, key=swings_per_s)
+    return [
+        f"The torque swings to and fro by more than nominal torque{_which(hunting, good, axes)}; most often "
+        f"{_name(worst, axes)}, {swings_per_s(worst):.0f} times a second of motion: the loop hunts. Such a run is ok "
+        "only in that it came to its end."
+    ]
 
 
 def _slack(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:

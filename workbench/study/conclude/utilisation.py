@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from workbench.machine import Hoist
-from workbench.study.conclude.sentences import ASTRAY_M
+from workbench.study.conclude.sentences import ASTRAY_M, SWINGS_PER_S, hunts, swings_per_s
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.row import Row
 from workbench.study.variations.varying import run_in_words, swept_axes
@@ -53,6 +53,10 @@ def utilisation(rows: Sequence[Row], machine: Hoist) -> list[Use]:
         if known:
             worst = max(known, key=lambda row: abs(row[name]))
             uses.append(Use(what, scale * abs(worst[name]), bound, run_in_words(worst, axes)))
+    if hunting := [row for row in good if hunts(row)]:
+        worst = max(hunting, key=swings_per_s)
+        bound = f"{SWINGS_PER_S:g} a second of motion, each by more than nominal torque: the loop hunts"
+        uses.append(Use("torque swings", 100.0 * swings_per_s(worst) / SWINGS_PER_S, bound, run_in_words(worst, axes)))
     factors = [row for row in good if row.metrics.get("wire_safety_factor") is not None]
     if factors:
         worst = min(factors, key=lambda row: row["wire_safety_factor"])
