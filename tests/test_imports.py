@@ -33,7 +33,7 @@ LAYERS = [
     ("simulate",),
     ("identify", "analysis"),
     ("study",),
-    ("cluster", "export", "testing"),
+    ("cluster", "export", "testing", "serve"),
     ("consequences",),
     ("diagnose",),
     ("blind",),

@@ -33,6 +33,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "replay": ("workbench.cli.replay:command", "Replay measured torque on the model; compare speeds."),
     "report": ("workbench.cli.report:command", "Write the report of a finished study: one HTML page."),
     "schema": ("workbench.cli.schema:command", "Print a JSON Schema, for completion in an editor."),
+    "serve": ("workbench.cli.serve:command", "Run a machine's plant in real time, for a controller or PLC."),
     "study": ("workbench.cli.study:command", "Run scenarios in closed loop; tables and figures."),
     "tune": ("workbench.cli.tune:command", "Find controller gains for a bandwidth or best rejection."),
 }

@@ -1,0 +1,249 @@
+"""The served plant under the sampled PI as its client: `python -m benchmarks.serve [--seconds 60]`.
+
+Two figures: the share of steps on time at 1 kHz with a client that answers every state, and how far the metrics of a
+closed loop at 250 Hz over UDP are from those of the study.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import resource
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from workbench.control import PiSettings, full_pi, loop_values
+from workbench.engine.sampled import Step, observe
+from workbench.machine import Hoist, default_hoist, save_machine
+from workbench.metrics import observer
+from workbench.plants import HOIST
+from workbench.references import Limits, motor_speed_rad_s, plan_motion
+from workbench.references import Step as Way
+from workbench.run import Array
+from workbench.serve.pace import ask_priority
+from workbench.serve.plant import SIGNALS
+from workbench.serve.serve import Wish, serve
+from workbench.serve.session import Session
+from workbench.serve.udp import COMMAND, STATE
+from workbench.simulate.loop import LoopCase, case_limits, simulate_loop
+
+PAYLOAD_KG, START_M = 4500.0, 9.0
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a client has of one state."""
+
+    time_s: float
+    torque_nm: float
+    signals: dict[str, float]
+    flags: int
+
+
+class Client:
+    """One end of the line: a command out, a state in."""
+
+    def __init__(self, port: int) -> None:
+        self._line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._line.settimeout(5.0)
+        self._line.connect(("127.0.0.1", port))
+        self._sequence = 0
+
+    def close(self) -> None:
+        self._line.close()
+
+    def send(self, torque_nm: float, flags: int = 0) -> None:
+        self._sequence += 1
+        self._line.send(COMMAND.pack(b"WBC1", self._sequence, flags, 0, torque_nm))
+
+    def send_bytes(self, data: bytes) -> None:
+        self._line.send(data)
+
+    def receive(self) -> Seen:
+        while True:
+            data = self._line.recv(65_536)
+            if data[:4] == b"WBS1":
+                _, _, _, flags, now, torque, *rest = STATE.unpack(data)
+                return Seen(now, torque, dict(zip(SIGNALS, rest, strict=False)), flags)
+
+    def order(self, order: dict[str, Any]) -> dict[str, Any]:
+        self._line.send(json.dumps(order).encode())
+        return self.answer()
+
+    def answer(self) -> dict[str, Any]:
+        while True:
+            data = self._line.recv(65_536)
+            if data[:1] == b"{":
+                answer: dict[str, Any] = json.loads(data)
+                return answer
+
+
+class Served:
+    """A machine served in a thread of this process, over UDP on a free port."""
+
+    def __init__(self, machine: Hoist, said: list[str] | None = None, **wish: Any) -> None:
+        self._stop, self._ready = threading.Event(), threading.Event()
+        self.said: list[str] = [] if said is None else said
+        self.status: dict[str, Any] = {}
+        self._wish = Wish(port=0, payload_kg=PAYLOAD_KG, start_position_m=START_M, **wish)
+        self._thread = threading.Thread(target=self._run, args=(machine,), daemon=True)
+
+    def _run(self, machine: Hoist) -> None:
+        self.status = serve(machine, self._wish, self.said.append, self._stop, ready=self._begun)
+
+    def _begun(self, session: Session, port: int) -> None:
+        self.session, self.port = session, port
+        self._ready.set()
+
+    def __enter__(self) -> Served:
+        self._thread.start()
+        assert self._ready.wait(300.0), self.said
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(10.0)
+
+
+def case_at(rate_hz: float, machine: Hoist) -> LoopCase:
+    """A hoist by 0.8 m under the sampled PI."""
+    settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=1.0 / rate_hz)
+    limits, rail = Limits(0.5, 0.6, 2.0), (0.0, 25.0)
+    plan = plan_motion("ruckig", [Way(by_m=0.8)], START_M, limits, rail, lead_s=0.2, settle_s=1.0)
+    motion = plan.sample(settings.sample_time_s, 4.5)
+    speed = motor_speed_rad_s(motion.speed_m_s, machine.gearbox.ratio, machine.winch.drum_diameter_m)
+    return LoopCase("served", machine, PAYLOAD_KG, START_M, settings, speed)
+
+
+def closed_loop(client: Client, case: LoopCase, every: int = 1) -> dict[str, float]:
+    """The study's metrics of the loop that a client closes: the controller's own step here, the plant there.
+
+    every: states of the plant to one sample of the controller.
+    """
+    machine, settings, dt = case.machine, case.controller, case.controller.sample_time_s
+    first = client.order({"get": ["torque_motor_nm", *SIGNALS]})["get"]
+    hold = float(first["torque_motor_nm"])
+    controller = full_pi(machine.drive.speed_delay_s > 0.0)
+    numbers = {
+        **vars(HOIST.values(machine, case.payload_kg)),
+        **loop_values(settings, machine.drive, hold),
+        **case_limits(case),
+    }
+    p = SimpleNamespace(**numbers)
+    step = Step(controller, p, controller.start(p, hold, first["angle_motor_rad"]), dt)
+    reference: Array = np.asarray(case.speed_reference_rad_s)
+    rows = np.empty((len(reference), len(SIGNALS) + 1))
+    seen = Seen(0.0, hold, {name: first[name] for name in SIGNALS}, 0)
+    for k, r in enumerate(reference):
+        rows[k] = [*(seen.signals[name] for name in SIGNALS), seen.torque_nm]
+        torque = step(float(r), k * dt, seen.signals["speed_motor_rad_s"], seen.signals["angle_motor_rad"])
+        client.send(torque)
+        until = (k + 1) * dt - 1e-9
+        while (seen := client.receive()).time_s < until:
+            if every == 1:
+                break
+    signals = {name: rows[:, i] for i, name in enumerate(SIGNALS)}
+    signals |= {"torque_motor_nm": rows[:, -1], "speed_reference_rad_s": reference}
+    signals["time_s"] = np.asarray(dt * np.arange(len(reference)), dtype=float)
+    return observer().finish(observe(observer(), p, signals, dt), p, len(reference) * dt)
+
+
+def off_percent(metrics: dict[str, float], study: dict[str, float]) -> dict[str, float]:
+    """How far each metric is from the study's, in per cent of the study's own; metrics that are zero left out."""
+    return {
+        name: 100.0 * abs(metrics[name] - value) / abs(value)
+        for name, value in study.items()
+        if math.isfinite(value) and abs(value) > 1e-6
+    }
+
+
+_ECHO = """
+import socket, struct, sys
+line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+line.connect(("127.0.0.1", int(sys.argv[1])))
+line.settimeout(5)
+command, hold, k = struct.Struct("<4sIIId"), float(sys.argv[2]), 0
+try:
+    while True:
+        k += 1
+        line.send(command.pack(b"WBC1", k, 0, 0, hold + (20.0 if k // 2000 % 2 else -20.0)))
+        line.recv(200)
+except OSError:
+    pass
+"""
+
+
+def on_time(machine: Hoist, seconds: float) -> dict[str, Any]:
+    """A status after so long at 1 kHz with a client in another process; peak memory of this one before and after."""
+    with Served(machine, priority=True, watchdog_s=0.5) as served:
+        words = [sys.executable, "-c", _ECHO, str(served.port), str(served.session.plant.hold_nm)]
+        client = subprocess.Popen(words)
+        time.sleep(2.0)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        time.sleep(seconds)
+        after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        status = served.session.status()
+        client.kill()
+        client.wait()
+    return {**status, "peak_memory_kb": [before, after]}
+
+
+def real_time_loop(machine: Hoist) -> dict[str, float]:
+    """The metrics of the loop at 250 Hz over UDP against the clock; the plant, in a process of its own, at 1 kHz with a
+    state every fourth step."""
+    with tempfile.TemporaryDirectory() as folder:
+        save_machine(machine, Path(folder) / "machine.yaml")
+        options = [
+            "--port",
+            "0",
+            "--send-every",
+            "4",
+            "--priority",
+            "--payload",
+            PAYLOAD_KG,
+            "--start-position",
+            START_M,
+        ]
+        words = [sys.executable, "-m", "workbench", "serve", f"{folder}/machine.yaml", *map(str, options)]
+        server = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        assert server.stderr is not None
+        try:
+            said = next(line for line in server.stderr if ", port " in line)
+            client = Client(int(said.partition(", port ")[2].partition(",")[0]))
+            ask_priority()
+            return closed_loop(client, case_at(250.0, machine), every=4)
+        finally:
+            server.terminate()
+            server.wait()
+
+
+def main(say: Callable[[str], None] = print) -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    seconds = parser.parse_args().seconds
+    machine = default_hoist()
+    (study,) = simulate_loop([case_at(250.0, machine)], record_every=0)
+    far = off_percent(real_time_loop(machine), study.metrics)
+    beyond = {name: round(percent, 3) for name, percent in far.items() if percent > 1.0}
+    say(
+        f"closed loop at 250 Hz against the clock: {len(far) - len(beyond)} of {len(far)} metrics within 1 % of the "
+        f"study; beyond, in per cent: {beyond or 'none'}"
+    )
+    status = on_time(machine, seconds)
+    say(json.dumps({key: status[key] for key in ("counts", "pace", "peak_memory_kb")}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""`workbench serve`: a machine's plant in real time, for a controller or PLC at the other end of a line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from workbench.cli.options import effects_option
+
+
+@click.command(name="serve")
+@click.argument("machine", type=click.Path(path_type=Path))
+@click.option(
+    "--protocol",
+    type=click.Choice(["udp", "modbus", "opcua"]),
+    default="udp",
+    show_default=True,
+    help="modbus and opcua need the extra 'serve'.",
+)
+@click.option("--rate", type=float, default=1000.0, show_default=True, help="Steps a second.")
+@click.option(
+    "--address",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on. The default is reached from this computer only.",
+)
+@click.option(
+    "--port", type=click.IntRange(0, 65535), help="Default: 5560 (udp), 5020 (modbus), 4840 (opcua); 0: a free one."
+)
+@click.option("--payload", type=float, default=0.0, show_default=True, help="Payload at the start, in kg.")
+@click.option("--start-position", type=float, help="Height at the start, in m. Default: mid rail.")
+@click.option(
+    "--watchdog",
+    type=float,
+    default=0.1,
+    show_default=True,
+    help="A client silent for so long, in s, loses its torque.",
+)
+@click.option(
+    "--watchdog-brake/--no-watchdog-brake",
+    default=True,
+    show_default=True,
+    help="Whether the brake closes when the watchdog takes the torque.",
+)
+@click.option("--ready", help="Effects that may be set while the plant runs, separated by commas, or 'all'.")
+@click.option("--send-every", type=click.IntRange(1), default=1, show_default=True, help="A state every so many steps.")
+@click.option("--lock-step", is_flag=True, help="A step for every command instead of a clock (udp); for tests.")
+@click.option("--priority", is_flag=True, help="Ask the system to run the plant before other programs.")
+@click.option("--for", "seconds", type=float, help="End after so many seconds. Default: Ctrl-C ends it.")
+@click.option("--status", "status_file", type=click.Path(path_type=Path), help="Write the last status to a JSON file.")
+@effects_option
+def command(
+    machine: Path,
+    protocol: str,
+    rate: float,
+    address: str,
+    port: int | None,
+    payload: float,
+    start_position: float | None,
+    watchdog: float,
+    watchdog_brake: bool,
+    ready: str | None,
+    send_every: int,
+    lock_step: bool,
+    priority: bool,
+    seconds: float | None,
+    status_file: Path | None,
+) -> None:
+    """Serve the plant of MACHINE, a machine.yaml: torque in, speed, height and tensions out, faults on command.
+
+    docs/serve.md has the packets, registers and nodes. The plant hangs still until the first torque comes. Ctrl-C ends
+    it with a histogram of how late its steps began.
+    """
+    import math
+    import signal
+    import threading
+
+    from workbench.effects import check
+    from workbench.machine import load_machine
+    from workbench.serve.serve import Wish, chosen_ready, last_words, serve
+    from workbench.whole_folder import replace_json
+
+    read = load_machine(machine, check_effects=check)
+    wish = Wish(
+        protocol, rate, address, port, payload, start_position, watchdog, watchdog_brake,  # type: ignore[arg-type]
+        tuple(chosen_ready(ready, read)), send_every, lock_step, priority,
+    )  # fmt: skip
+    stop = threading.Event()
+    for name in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(name, lambda *_: stop.set())
+    status = serve(
+        read, wish, lambda line: click.echo(line, err=True), stop, for_s=math.inf if seconds is None else seconds
+    )
+    if status_file is not None:
+        replace_json(status_file, json.loads(json.dumps(status)), "pace")
+    click.echo("\n".join(last_words(status, lock_step=lock_step)))

@@ -1,0 +1,137 @@
+"""What a client may read and write: name, unit, meaning; every protocol's addresses are made from this table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from workbench.errors import InputError, nearest
+from workbench.plants import HOIST
+
+if TYPE_CHECKING:
+    from workbench.effects import Effect
+    from workbench.serve.session import Session
+
+TORQUE, BRAKE = "torque_motor_nm", "brake_closed"
+FLAGS: tuple[tuple[str, str], ...] = (
+    ("brake_closed", "the brake holds the motor shaft"),
+    ("motor_lost", "one motor gives no torque"),
+    ("watchdog", "the client is silent: torque is zero"),
+    ("limited", "the torque asked for is more than the drive gives"),
+    ("slack", "a fall of wire carries nothing"),
+    ("off_rail", "the carriage left the rail; the plant stands until reset"),
+    ("waiting", "no command yet: time stands still"),
+    ("diverged", "the state grew without bound; the plant stands until reset"),
+)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One value. kind: number or switch (0 or 1). least: the smallest number that it takes."""
+
+    name: str
+    kind: Literal["number", "switch"]
+    unit: str
+    meaning: str
+    read: Callable[[Session], float]
+    write: Callable[[Session, float], object] | None = None
+    least: float = -math.inf
+    fits: Callable[[float], None] | None = None  # raises InputError for what is out of range in another way
+
+    def check(self, value: object) -> float:
+        """The value as a number. InputError where it is none, or out of range."""
+        if isinstance(value, bool):
+            value = float(value)
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"{value!r}, expected a finite number", place=self.name)
+        if self.kind == "switch" and value not in (0, 1):
+            raise InputError(f"{value:g}, expected 0 or 1", place=self.name)
+        if value < self.least:
+            raise InputError(f"{value:g}, expected at least {self.least:g}", place=self.name)
+        if self.fits is not None:
+            self.fits(value)
+        return float(value)
+
+
+_UNITS = {
+    "rad_s": "rad/s", "m_s2": "m/s²", "m_s": "m/s", "rad": "rad", "nm": "N m", "kg": "kg", "m": "m", "n": "N", "s": "s",
+}  # fmt: skip
+
+
+def unit_of(name: str) -> str:
+    """The unit at the end of a name; "" where it is none of these."""
+    return next((text for ending, text in _UNITS.items() if name.endswith(f"_{ending}")), "")
+
+
+def _signal(name: str) -> Callable[[Session], float]:
+    return lambda session: session.plant.signals[name]
+
+
+def inputs(session: Session) -> tuple[Point, ...]:
+    """What may be written, in the order of every protocol's addresses; those of effects come last."""
+    made = [
+        Point(TORQUE, "number", "N m", "torque of all motors, hoisting positive", lambda s: s.torque_nm,
+              lambda s, value: s.command(value)),
+        Point("payload_kg", "number", "kg", "what the carriage holds", lambda s: s.plant.payload_kg,
+              lambda s, value: s.plant.carry(value), 0.0),
+        Point("slack_m", "number", "m", "wire that came off the drum", lambda s: s.plant.slack_m,
+              lambda s, value: s.plant.let_out(value), 0.0),
+        Point("brake_late_s", "number", "s", "how late the brake lets go", lambda s: s.brake_late_s,
+              lambda s, value: s.delay_brake(value), 0.0),
+        Point(BRAKE, "switch", "", "the brake is asked to hold", lambda s: float(s.brake_asked),
+              lambda s, value: s.ask_brake(bool(value))),
+        Point("motor_lost", "switch", "", "one motor gives no torque", lambda s: float(s.plant.motor_lost),
+              lambda s, value: s.lose_motor(bool(value))),
+        Point("reset", "switch", "", "1: hang still at the start again, without faults", lambda s: 0.0,
+              lambda s, value: s.reset() if value else None),
+    ]  # fmt: skip
+    for effect in session.plant.effects.values():
+        for parameter in session.plant.effect_parameters(effect.id):
+            name = f"effects.{effect.id}.{parameter}"
+            made.append(_effect_point(name, effect, parameter))
+    return tuple(made)
+
+
+def _effect_point(name: str, effect: Effect, parameter: str) -> Point:
+    return Point(
+        name,
+        "number",
+        unit_of(parameter),
+        effect.meaning,
+        lambda s: s.plant.effect_value(effect.id, parameter),
+        lambda s, value: s.plant.set_effect(effect.id, parameter, value),
+        fits=lambda value: effect.check(parameter, value, HOIST.kind),
+    )
+
+
+def outputs() -> tuple[Point, ...]:
+    """What may be read, in the order of every protocol's addresses."""
+    signals = [Point(s.name, "number", unit_of(s.name), s.meaning, _signal(s.name)) for s in HOIST.signals]
+    return (
+        Point("time_s", "number", "s", "time of the plant", lambda s: s.plant.time_s),
+        Point("torque_at_work_nm", "number", "N m", "torque behind limits and lag", lambda s: s.plant.torque_nm),
+        *signals,
+        Point("payload_now_kg", "number", "kg", "what the carriage holds", lambda s: s.plant.payload_kg),
+        *(
+            Point(f"is_{name}", "switch", "", meaning, lambda s, bit=bit: float(s.flags >> bit & 1))  # type: ignore[misc]
+            for bit, (name, meaning) in enumerate(FLAGS)
+        ),
+    )
+
+
+def point_of(points: tuple[Point, ...], name: str) -> Point:
+    """InputError, with the nearest name, for one that there is not."""
+    for point in points:
+        if point.name == name:
+            return point
+    raise InputError(f"unknown point '{name}'; {nearest(name, [point.name for point in points])}")
+
+
+def write(session: Session, points: tuple[Point, ...], name: str, value: object) -> None:
+    """Sets a point by name. InputError for a name or a value that cannot be."""
+    point = point_of(points, name)
+    if point.write is None:
+        raise InputError(f"'{name}' is read only", place=name)
+    point.write(session, point.check(value))
