@@ -107,7 +107,8 @@ def full_pi(late: bool = False, wire: bool = False) -> Controller:
         z1, z2 = p.b1 * raw - p.a1 * cut + z2, p.b2 * raw - p.a2 * cut
         smooth = smooth + p.alpha_u * (cut - smooth)
         acceleration = (r - r_before) / dt
-        wanted, swing = smooth + feed_forward(p, r, acceleration), []
+        wanted = smooth + feed_forward(p, r, acceleration)
+        swing: list[Scalar] = []
         if wire:
             carried, *swing = behind_the_wire(p, memory[8], memory[9], acceleration, dt)
             late_by = p.ff_wire * (acceleration - carried)  # the load's acceleration falls behind the shaft's by that
