@@ -7,9 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import TransferFunction
+from scipy.signal import step as step_response
 
 from tests.support.ideal import ideal_hoist
 from workbench.control import PI, Controller, FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
+from workbench.control.pi import behind_the_wire, swing_of
 from workbench.engine.sampled import Step
 from workbench.plants import PLANTS
 
@@ -192,6 +195,31 @@ def test_feed_forward_asks_for_what_the_machine_s_own_values_say():
     assert out[1:] - HOLD == pytest.approx(np.full(9, J * 20.0 + 0.5 * 6000.0 * lever))
     down = torques(full_pi(), p, -reference, -reference)
     assert down[1:] - HOLD == pytest.approx(np.full(9, -J * 20.0 - 0.5 * 4500.0 * lever))
+
+
+def test_behind_the_wire_the_load_swings_as_its_step_response_says():
+    p = numbers(only_proportional(feed_forward=FeedForward(inertia=1.0, wire=1.0)))
+    squared, damping = swing_of(p)
+    assert squared == pytest.approx(2.0 * 1e11 * 3.4e-4 / 25.0 / 12500.0)  # two falls carry it
+    stretch, rate, loads = 0.0, 0.0, []
+    for _ in range(800):
+        carried, stretch, rate = behind_the_wire(p, stretch, rate, 20.0, DT)
+        loads.append(carried)
+    system = TransferFunction([damping, squared], [1.0, damping, squared])
+    _, expected = step_response(system, T=0.5 * DT * np.arange(1600))
+    assert np.array(loads) == pytest.approx(20.0 * expected[1::2], abs=20.0 * 5e-5)
+
+
+@pytest.mark.parametrize("wire", [0.0, 0.4, 1.0])
+def test_feed_forward_through_the_wire_ends_at_the_stiff_machine_s(wire):
+    """At once it asks for what the shaft itself takes; once the load no longer swings, for all of the inertia."""
+    lever = MACHINE.lift_m_per_rad
+    reference = 20.0 * DT * np.arange(4000.0)
+    p = numbers(only_proportional(feed_forward=FeedForward(inertia=1.0, wire=wire)))
+    out = torques(full_pi(wire=wire > 0.0), p, reference, reference) - HOLD
+    shaft, load = 20.0 * (2 * 0.8 + 55.0 / 31.0**2), 20.0 * 12500.0 * lever**2
+    assert out[1] == pytest.approx(shaft + (1.0 - wire) * load, rel=0.01)
+    assert out[-1] == pytest.approx(shaft + load, rel=1e-6)
 
 
 def test_feed_forward_of_the_weight_takes_it_from_the_integral_without_a_bump():

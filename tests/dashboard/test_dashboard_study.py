@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import socket
@@ -25,7 +26,10 @@ from workbench.dashboard import machines, session, shell, widgets
 from workbench.dashboard.options import OPTIONS, flags
 from workbench.dashboard.pages.compare import kept
 from workbench.dashboard.pages.compare.page import difference
+from workbench.dashboard.pages.loop.controls import KI, KP
+from workbench.dashboard.pages.study.address import from_address, in_address
 from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
+from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
 from workbench.errors import InputError
 from workbench.figures.study import peak_torque_over_payload
 from workbench.figures.style import GROUND, INK, for_dark
@@ -33,6 +37,7 @@ from workbench.machine import default_hoist, with_values
 from workbench.metrics import find
 from workbench.study.conclude.side_studies import over_payload, over_ramps
 from workbench.study.execute.run import run_study
+from workbench.study.results.signals import signals_csv, signals_mat, signals_parquet
 from workbench.study.scenario.load import load_study, plan_study
 from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import read_standalone, standalone_text
@@ -110,13 +115,97 @@ def test_another_payload_may_be_typed_and_a_word_is_one_clear_error():
     app.multiselect(key="study.payloads").set_value([0.0, "5200"]).run()
     assert not app.exception and not app.error
     app.multiselect(key="study.payloads").set_value([0.0, "heavy"]).run()
-    assert errors(app) == ["payloads: 'heavy', expected a number in kg"]
+    assert errors(app) == ["Payloads (kg): 'heavy', expected a number in kg"]
+    assert len(app.get("plotly_chart")) == 4  # of the last settings that could be run
 
 
 def test_without_a_payload_the_page_asks_for_one():
     app = page("Study").run()
     app.multiselect(key="study.payloads").set_value([]).run()
-    assert errors(app) == ["payloads_kg: choose at least one payload"] and not app.exception
+    assert errors(app) == ["Payloads (kg): choose at least one payload"] and not app.exception
+
+
+def test_a_link_shows_the_study_that_it_was_copied_from():
+    app = page("Study").run()
+    assert "study" not in app.query_params  # what everybody begins with needs no words
+    app.number_input(key="study.up.jerk typed").set_value(7.5).run()
+    link = app.query_params["study"]
+    link = link if isinstance(link, str) else link[0]
+    other = page("Study")
+    other.query_params["study"] = link
+    other.run()
+    assert other.slider(key="study.up.jerk").value == 7.5 and errors(other) == []
+    assert metrics(other) == metrics(app)
+
+
+@pytest.mark.parametrize("cut", [0.0, 0.3, 0.99])
+def test_a_link_that_was_cut_is_one_error(cut: float):
+    whole = in_address(scenario_of(Desk(Controls(payloads_kg=(1.0,))), default_hoist()), default_hoist())
+    assert whole is not None
+    with pytest.raises(InputError, match="study: is damaged"):
+        from_address(whole[: int(cut * len(whole))])
+
+
+def test_a_link_of_another_machine_gives_its_runs():
+    machine = with_values(default_hoist(), {"wire.damping_time_s": 0.0025, "drive.torque_lag_s": 0.004})
+    scenario = scenario_of(Desk(), machine)
+    again = scenario_of(from_address(in_address(scenario, machine) or ""), default_hoist())
+    assert plan_study(again, default_hoist()).machine == machine
+
+
+def test_gains_are_carried_from_loop_to_study_and_back():
+    loop = page("Loop").run()
+    loop.number_input(key=f"{KI} typed").set_value(918.0).run()
+    assert not loop.exception and loop.select_slider(key=KI).value == 918.0
+    study = page("Study")
+    for key in ("controller now", "controller seen by loop"):
+        study.session_state[key] = loop.session_state[key]
+    study.run()
+    assert study.slider(key="study.ki").value == 918.0 and not study.exception
+    study.number_input(key="study.kp typed").set_value(150.0).run()
+    back = page("Loop")
+    back.session_state["controller now"] = study.session_state["controller now"]
+    back.run()
+    assert back.select_slider(key=KP).value == 150.0 and back.select_slider(key=KI).value == 918.0
+
+
+@pytest.mark.parametrize("name", ["references_at_their_best", "hoist_lower_limits", "jerk_pareto"])
+def test_scenarios_that_ship_stand_on_the_page_with_what_they_extend(name: str):
+    desk = shipped_desk(name, default_hoist())
+    result = plan_study(scenario_of(desk, default_hoist()), default_hoist())
+    assert result.specs and desk.controls.name == name
+
+
+def test_an_uploaded_scenario_may_extend_one_that_ships_and_no_other():
+    text = "extends: ../scenarios/payloads.yaml\nname: mine\npayloads_kg: [700]\n"
+    scenario = read_standalone(loads(text, "s.yaml"), None, shipped_files())
+    assert scenario.payloads_kg == (700.0,) and scenario.limits.jerk_m_s3 == 0.8
+    with pytest.raises(InputError, match="another file, which is not here"):
+        read_standalone(loads(text.replace("payloads.yaml", "secret.yaml"), "s.yaml"), None, shipped_files())
+
+
+def test_signals_are_the_runs_own_in_every_form(tmp_path: Path):
+    from pyarrow import BufferReader
+    from pyarrow.csv import read_csv
+    from pyarrow.parquet import read_table
+    from scipy.io import loadmat
+
+    scenario = scenario_of(Desk(Controls(payloads_kg=(700.0,), height_m=1.0)), default_hoist())
+    result = run_study(plan_study(scenario, default_hoist()))
+    run = result.runs["700kg_ruckig"]
+    file = tmp_path / "signals.mat"
+    file.write_bytes(signals_mat(result))
+    speed = loadmat(file)["run_ruckig_700kg"]["speed_motor_rad_s"][0, 0].ravel()
+    assert (speed == run["speed_motor_rad_s"]).all()
+    for table in (read_table(BufferReader(signals_parquet(result))), read_csv(BufferReader(signals_csv(result)))):
+        mine = [kind == "ruckig" for kind in table["reference"].to_pylist()]
+        assert table["tension_drum_n"].to_numpy()[mine] == pytest.approx(run["tension_drum_n"], rel=1e-12)
+
+
+def test_one_cursor_goes_over_all_rows_of_a_column(drawn):
+    spec = json.loads(drawn.get("plotly_chart")[0].proto.spec)
+    assert spec["layout"]["hoversubplots"] == "axis"
+    assert {trace["xaxis"] for trace in spec["data"]} == {"x10", "x11", "x12"}  # three columns of four rows
 
 
 def test_runs_that_fail_are_said_and_the_others_shown():
@@ -147,7 +236,10 @@ def test_a_start_near_the_top_leaves_room_to_move():
 def test_a_name_that_is_no_folders_name_is_one_clear_error():
     app = page("Study").run()
     app.text_input(key="study.name").set_value("a/b").run()
-    assert errors(app) == ["name: 'a/b', expected up to 64 letters, digits, '.', '_' or '-'"] and not app.exception
+    assert (
+        errors(app) == ["Name of the study: 'a/b', expected up to 64 letters, digits, '.', '_' or '-'"]
+        and not app.exception
+    )
 
 
 def test_a_difference_of_rounding_is_neither_green_nor_red():
@@ -214,7 +306,8 @@ def test_a_bad_scenario_is_one_clear_error_and_leaves_the_controls(text: str, sa
 def test_an_uploaded_machine_is_what_is_run(drawn):
     app = page("Study").run()
     app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
-    assert not app.exception and "Choose a machine.yaml." in app.info[0].value
+    assert not app.exception and "Choose a machine.yaml." in [each.value for each in app.info]
+    assert len(app.get("plotly_chart")) == 4  # of the machine chosen before
     from workbench.machine.files import machine_text
 
     heavier = with_values(default_hoist(), {"carriage.mass_kg": 12000.0})

@@ -39,6 +39,9 @@ SETTINGS = {
         notch=Notch(frequency_hz=6.0),
         feed_forward=FeedForward(inertia=1.0, weight=0.8, friction=0.5),
     ),
+    "through the wire": PiSettings(
+        kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, sample_time_s=0.005, feed_forward=FeedForward(inertia=0.9, wire=0.8)
+    ),
     "no anti-windup": PiSettings(kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, anti_windup="none"),
     "tracking, notch": PiSettings(
         kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, tracking_time_s=0.05, notch=Notch(frequency_hz=4.0, depth=0.0)

@@ -116,9 +116,11 @@ def test_overview_has_a_column_a_payload_with_error_limits_and_nominal() -> None
 
 def test_every_panel_shares_the_time_axis() -> None:
     layout = overview([("ruckig", loop_run(p)) for p in (0.0, 4500.0, 9000.0)], 480.0, 768.0).layout.to_plotly_json()
-    axes = [value for key, value in layout.items() if key.startswith("xaxis")]
-    assert len(axes) == 12
-    assert sum(axis.get("matches") == "x" for axis in axes) == 11
+    axes = {key: value for key, value in layout.items() if key.startswith("xaxis")}
+    assert list(axes) == ["xaxis10", "xaxis11", "xaxis12"]  # one a column, below its four rows
+    assert [axis.get("matches") for axis in axes.values()] == [None, "x10", "x10"]
+    rows = {key: value["anchor"] for key, value in layout.items() if key.startswith("yaxis")}
+    assert len(rows) == 12 and set(rows.values()) == {"x10", "x11", "x12"}
     assert layout["yaxis"]["title"]["text"].endswith("(rad/s)")
 
 

@@ -23,9 +23,12 @@ from workbench.references import (
     planned_kinds,
     ramp_shape,
 )
-from workbench.references.optimal import least_peak_move
-from workbench.references.response import forces_n, peak_force_n
+from workbench.references.optimal import GIVEN_AWAY, least_peak_move
+from workbench.references.response import forces_n, least_peak_limits, peak_force_n
 from workbench.references.shaper import EI, ZV, ZVD, impulses
+from workbench.study.execute.run import run_study
+from workbench.study.scenario.load import plan_study
+from workbench.study.scenario.record import Scenario
 
 MACHINE = default_hoist()
 LIMITS = Limits(0.7, 0.6, 0.8)
@@ -110,7 +113,8 @@ def test_the_optimum_of_a_rigid_load_is_one_slow_ramp_up_and_the_hardest_stop():
     shape = least_peak_move(10.0, 0.7, time, rigid)
     peak = peak_force_n(shape, rigid) - rigid.steady_force_n(1.0)
     least = 0.7**2 / (2.0 * (0.7 * time - 10.0)) * 87000.0
-    assert least < peak < 1.2 * least  # corners of the ramp and the stop itself take the rest
+    given_away = GIVEN_AWAY * peak_force_n(shape, rigid)
+    assert least < peak < 1.2 * least + given_away  # corners of the ramp and the stop itself take the rest
 
 
 def test_the_optimum_keeps_to_speed_torque_and_a_taut_wire():
@@ -153,3 +157,33 @@ def test_a_jog_reaches_its_speed_and_comes_to_rest(name: str):
     plan = plan_motion(name, steps, 5.0, LIMITS, (0.0, 25.0), load=RINGING)
     _, speed, _ = plan.at(np.array([3.5, 7.9]))
     assert speed == pytest.approx([0.5, 0.0], abs=1e-9)
+
+
+def test_the_pair_of_least_peak_leaves_the_trapezoid_only_where_the_load_outweighs_the_drive():
+    """A jerk phase takes its time from the ramp, and drive and load then accelerate harder for all of it; it saves the
+    load's overshoot at most."""
+    above = []
+    for share in (1.0, 0.02):
+        load = replace(RINGING, drive_kg=share * RINGING.drive_kg)
+        above.append(least_peak_limits(12.0, LIMITS, 12.0 / 0.7 + 0.7 / 0.6, load).acceleration_m_s2 / 0.6)
+    assert above[0] < 1.002 and above[1] > 1.3
+
+
+def test_a_loop_whose_feed_forward_knows_the_wire_comes_within_a_few_per_cent_of_the_least_peak():
+    study = {
+        "name": "near-the-bound", "payloads_kg": [9000.0], "moves": [{"by_m": 4.0}],
+        "limits": {"speed_m_s": 0.7, "acceleration_m_s2": 0.6, "jerk_m_s3": 0.8}, "references": ["optimal"],
+        "start_position_m": 4.0, "outputs": {"signals": "none"},
+        "controller": {"kp_nm_s_per_rad": 31.0, "ki_nm_per_rad": 122.0},
+    }  # fmt: skip
+    peaks = {}
+    for name, feed in {"none": (0.0, 0.0), "stiff": (1.0, 0.0), "wire": (1.0, 1.0)}.items():
+        study["controller"]["feed_forward"] = {"inertia": feed[0], "weight": 1.0, "friction": feed[0], "wire": feed[1]}
+        (row,) = run_study(
+            plan_study(Scenario.model_validate(study), with_values(MACHINE, {"wire.damping_time_s": 0.0025}))
+        ).rows
+        peaks[name] = row["peak_torque_motor_nm"]
+    shape = move_shape(planned_kind("optimal"), 4.0, LIMITS, RINGING)
+    least = peak_force_n(shape, RINGING) * MACHINE.lift_m_per_rad / 2.0
+    assert peaks["wire"] < min(peaks["none"], peaks["stiff"])
+    assert least < peaks["wire"] < 1.05 * least

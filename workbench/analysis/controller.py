@@ -35,7 +35,7 @@ def linear_controller(
             f"{drive.speed_delay_s:g} s are {drive.speed_delay_s / dt:.0f} samples of the controller; the design of "
             f"a loop takes at most {MOST_LATE}", place="drive.speed_delay_s",
         )  # fmt: skip
-    controller = full_pi(late=True)
+    controller = full_pi(True, settings.feed_forward.through_the_wire)
     assert controller.sensed is not None
     numbers: dict[str, Any] = {**vars(HOIST.values(machine, payload_kg)), **loop_values(settings, drive, 0.0)}
     numbers |= {"counts": 0.0, "rate": FAR, "u_all": FAR, "u_one": FAR, "t_fail": FAR, "w_weak": FAR, "track": 0.0}

@@ -77,13 +77,18 @@ EXTRAS = (
 
 
 @cache
-def full_pi(late: bool = False) -> Controller:
-    """The loop with everything; where it is `late`, so is the speed, by as many samples as p.late says."""
-    names = ("integral", "z1", "z2", "smooth", "torque", "r", "counted", "w_f")
+def full_pi(late: bool = False, wire: bool = False) -> Controller:
+    """The loop with everything; where it is `late`, so is the speed, by as many samples as p.late says.
+
+    wire: the feed-forward knows the load's swing on the wire, p.ff_wire of it, in two more states.
+    """
+    names: tuple[str, ...] = ("integral", "z1", "z2", "smooth", "torque", "r", "counted", "w_f")
+    names += ("stretch", "stretch_rate") if wire else ()
+    parameters = (*LOOP, *EXTRAS, "ff_wire") if wire else (*LOOP, *EXTRAS)
 
     def seen(p: Any, memory: Sequence[Scalar], measured: Any, dt: Scalar) -> tuple[Scalar, Scalar]:
         """(marks counted, the speed counted and filtered): what the drive knows before the delay."""
-        counted, w_f = memory[6:]
+        counted, w_f = memory[6:8]
         count = floor(measured.angle_motor_rad * p.counts / TURN)
         w = where(p.counts > 0.0, (count - counted) * TURN / (maximum(p.counts, 1.0) * dt), measured.speed_motor_rad_s)
         return count, w_f + p.alpha_w * (w - w_f)
@@ -101,32 +106,69 @@ def full_pi(late: bool = False) -> Controller:
         cut = p.b0 * raw + z1
         z1, z2 = p.b1 * raw - p.a1 * cut + z2, p.b2 * raw - p.a2 * cut
         smooth = smooth + p.alpha_u * (cut - smooth)
-        wanted = smooth + feed_forward(p, r, (r - r_before) / dt)
+        acceleration = (r - r_before) / dt
+        wanted = smooth + feed_forward(p, r, acceleration)
+        swing: list[Scalar] = []
+        if wire:
+            carried, *swing = behind_the_wire(p, memory[8], memory[9], acceleration, dt)
+            late_by = p.ff_wire * (acceleration - carried)  # the load's acceleration falls behind the shaft's by that
+            wanted = wanted - p.ff_J * load_inertia(p) * late_by
         torque = clip(clip(wanted, -limit, limit), before - p.rate * dt, before + p.rate * dt)
         error = r - w
         deeper = (wanted - torque) * error > 0.0
         push = where(deeper, (1.0 - p.conditional) * error, error)
         integral = integral + dt * (p.ki * push + p.track * (torque - wanted))
-        return torque, [integral, z1, z2, smooth, torque, r, count, w_f]
+        return torque, [integral, z1, z2, smooth, torque, r, count, w_f, *swing]
 
     def start(p: Any, hold: float, angle: float) -> list[float]:
         still = hold * (1.0 - p.ff_w)  # what the integral holds beside the feed-forward
         z2 = (p.b2 - p.a2) * still
         z1 = (p.b1 - p.a1) * still + z2
-        return [still, z1, z2, still, hold, 0.0, floor(angle * p.counts / TURN), 0.0]
+        swing = [0.0, 0.0] if wire else []
+        return [still, z1, z2, still, hold, 0.0, floor(angle * p.counts / TURN), 0.0, *swing]
 
     def sensed(p: Any, memory: Sequence[Scalar], measured: Any, dt: Scalar) -> Scalar:
         return seen(p, memory, measured, dt)[1]
 
-    return Controller((*LOOP, *EXTRAS), names, REFERENCES, step, start, sensed if late else None)
+    return Controller(parameters, names, REFERENCES, step, start, sensed if late else None)
 
 
 def feed_forward(p: Any, r: Scalar, acceleration: Scalar) -> Scalar:
-    """Torque that the machine's own values ask of the reference: inertia, weight, guide friction."""
-    lever = p.D_w / (4.0 * p.ratio)  # carriage speed over motor speed: two falls, drum and gear
-    J = p.n_m * p.J_m + p.J_w / (p.ratio * p.ratio) + (p.m_c + p.s_p * p.m_p) * (lever * lever)
-    friction = where(r > 0.0, p.F_up, where(r < 0.0, -p.F_dn, 0.0)) * lever
+    """Torque that the machine's own values ask of the reference on a stiff wire: inertia, weight, guide friction."""
+    J = p.n_m * p.J_m + p.J_w / (p.ratio * p.ratio) + load_inertia(p)
+    friction = where(r > 0.0, p.F_up, where(r < 0.0, -p.F_dn, 0.0)) * _lever(p)
     return p.ff_J * J * acceleration + p.ff_w * p.T_hold + p.ff_F * friction
+
+
+def _lever(p: Any) -> Any:
+    """Carriage speed over motor speed: two falls, drum and gear."""
+    return p.D_w / (4.0 * p.ratio)
+
+
+def load_inertia(p: Any) -> Any:
+    """Carriage and payload at the motor shaft, kg m²."""
+    return (p.m_c + p.s_p * p.m_p) * (_lever(p) * _lever(p))
+
+
+def swing_of(p: Any) -> tuple[Any, Any]:
+    """(w² 1/s², 2 zeta w 1/s) of carriage and payload on their two falls while the shaft moves as asked."""
+    squared = 2.0 * p.E * p.A / p.L / (p.m_c + p.s_p * p.m_p)
+    return squared, p.tau * squared
+
+
+def behind_the_wire(
+    p: Any, stretch: Scalar, rate: Scalar, acceleration: Scalar, dt: Scalar
+) -> tuple[Scalar, Scalar, Scalar]:
+    """(the load's acceleration, stretch, its rate) one sample later, as motor angle; rad, rad/s, rad/s².
+
+    z'' = acceleration - w² z - 2 zeta w z', by the implicit midpoint rule, which damps and drives nothing by itself;
+    the load's acceleration is w² z + 2 zeta w z', here the mean over the sample, as the acceleration is.
+    """
+    squared, damping = swing_of(p)
+    slow = 1.0 + dt * damping / 2.0 + dt * dt * squared / 4.0
+    mean_rate = (rate + dt / 2.0 * (acceleration - squared * stretch)) / slow
+    after, rate_after = stretch + dt * mean_rate, 2.0 * mean_rate - rate
+    return squared * (stretch + after) / 2.0 + damping * mean_rate, after, rate_after
 
 
 def delay_weights(late: float) -> tuple[int, float, float]:
@@ -151,6 +193,7 @@ def loop_values(settings: PiSettings, drive: Any, hold_nm: float) -> dict[str, f
         "ff_J": settings.feed_forward.inertia,
         "ff_w": settings.feed_forward.weight,
         "ff_F": settings.feed_forward.friction,
+        "ff_wire": settings.feed_forward.wire,
         "counts": float(drive.encoder_counts_per_turn),
         "alpha_w": lag_gain(drive.speed_filter_s, dt),
         "late": drive.speed_delay_s / dt,

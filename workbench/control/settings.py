@@ -22,11 +22,21 @@ class Notch(Record):
 
 
 class FeedForward(Record):
-    """Fractions of what the machine's own values say: torque of inertia, of the weight, of guide friction."""
+    """Fractions of what the machine's own values say: torque of inertia, of the weight, of guide friction.
+
+    wire: how far the inertia's torque knows the wire: at 0 carriage and payload follow the drum at once, at 1 they
+    swing behind it as the machine's stiffness and damping say.
+    """
 
     inertia: Fraction = 0.0
     weight: Fraction = 0.0
     friction: Fraction = 0.0
+    wire: Fraction = 0.0
+
+    @property
+    def through_the_wire(self) -> bool:
+        """Whether the load's swing is computed at all."""
+        return self.inertia > 0.0 and self.wire > 0.0
 
 
 class PiSettings(Record):

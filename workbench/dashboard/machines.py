@@ -1,7 +1,8 @@
 """Which machine a page works on.
 
-chosen_machine(key, kind)   a select box: the hoist that ships, an uploaded machine.yaml, or one
-                            that another page kept; returns the machine. Call inside `guarded()`.
+session_machine(key)        a select box and the drive's times: the session's one machine, the same on every page
+                            that asks; an uploaded machine.yaml that is good joins the list and is chosen
+chosen_machine(key)         a machine for this page alone. Call inside `guarded()`.
 keep_machine(name, machine) makes a machine choosable on every page of this session
 kept_machines()             name -> machine
 """
@@ -11,13 +12,19 @@ from __future__ import annotations
 import streamlit as st
 
 from workbench.dashboard import session
+from workbench.dashboard.widgets import problem
 from workbench.effects import check
 from workbench.errors import InputError
 from workbench.kinds import STUDIED, of_kind, studied
-from workbench.machine import Axis, Hoist, default_hoist, load_machine
+from workbench.machine import Axis, Hoist, default_hoist, load_machine, shipped, with_values
 
-DEFAULT, UPLOADED = "default hoist", "upload a machine.yaml"
-_KEPT = "machines kept"
+DEFAULT, RINGING, UPLOADED = "default hoist", "lightly damped hoist", "upload a machine.yaml"
+DRIVE_TIMES = (
+    ("Torque lag (ms)", "torque_lag_s"),
+    ("Speed filter (ms)", "speed_filter_s"),
+    ("Speed delay (ms)", "speed_delay_s"),
+)
+_KEPT, _CHOSEN, _ARRIVED, _DRIVE = "machines kept", "machine chosen", "machine arrived", "machine drive"
 Kept = dict[str, Hoist | Axis]
 
 
@@ -29,7 +36,7 @@ def kept_machines() -> Kept:
 def keep_machine(name: str, machine: Hoist | Axis) -> str:
     """Keeps a machine for this session; returns the name it is listed under (a taken one is numbered)."""
     kept = kept_machines()
-    taken = {DEFAULT, UPLOADED, *(known for known, other in kept.items() if other != machine)}
+    taken = {DEFAULT, RINGING, UPLOADED, *(known for known, other in kept.items() if other != machine)}
     free, number = name, 2
     while free in taken:
         free, number = f"{name} ({number})", number + 1
@@ -37,22 +44,82 @@ def keep_machine(name: str, machine: Hoist | Axis) -> str:
     return free
 
 
-def _uploaded(key: str) -> Hoist | Axis:
+def _offered() -> dict[str, Hoist]:
+    """The machines that a study can run on, by name."""
+    kept = {name: machine for name, any_kind in kept_machines().items() if (machine := studied(any_kind)) is not None}
+    return {DEFAULT: default_hoist(), RINGING: shipped("lightly_damped"), **kept}
+
+
+def session_machine(key: str) -> Hoist:
+    """The machine that this session works on, with the drive's times that it has set.
+
+    A file that is no machine is an error under its field and changes nothing.
+    """
+    offered = _offered()
+    options = [*offered, UPLOADED]
+    arrived = session.get(_ARRIVED, str, "")
+    last = session.get(_CHOSEN, str, DEFAULT)
+    last = last if last in offered else DEFAULT
+    if arrived in offered:
+        st.session_state[key] = arrived
+        session.put(_ARRIVED, "")
+    elif st.session_state.get(key) not in options:
+        st.session_state[key] = last
+    choice = st.selectbox("Machine", options, key=key)
+    if choice == UPLOADED:
+        _take(key)
+        choice = last
+    session.put(_CHOSEN, choice)
+    return _with_drive(offered[choice], choice, key)
+
+
+def _take(key: str) -> None:
+    """An uploaded machine, once it is there, is the one chosen."""
+    try:
+        machine = _uploaded(key)
+    except InputError as error:
+        problem(error)
+        return
+    if machine is not None:
+        session.put(_ARRIVED, keep_machine(machine.name, machine))
+        st.rerun()
+
+
+def _with_drive(machine: Hoist, name: str, key: str) -> Hoist:
+    """The machine behind the drive's times that are set here; its own to begin with."""
+    own = {field: getattr(machine.drive, field) for _, field in DRIVE_TIMES}
+    of, values = session.get(_DRIVE, tuple, (name, own))
+    values = dict(values) if of == name else own
+    with st.expander("Drive", expanded=False, icon=":material/bolt:"):
+        for label, field in DRIVE_TIMES:
+            widget = f"{key.partition(' ')[0]} {field} {1e3 * own[field]:g}"
+            if widget not in st.session_state:
+                st.session_state[widget] = 1e3 * values[field]
+            values[field] = 1e-3 * st.number_input(label, 0.0, 200.0, step=0.5, key=widget, format="%g")
+    session.put(_DRIVE, (name, values))
+    return machine if values == own else with_values(machine, {f"drive.{field}": values[field] for field in values})
+
+
+def _uploaded(key: str) -> Hoist | None:
+    """The uploaded machine; None before there is one. InputError for a file that is not one."""
     upload = st.file_uploader("machine.yaml", type=["yaml", "yml"], key=f"{key} file", max_upload_size=1)
     if upload is None:
         st.info("Choose a machine.yaml.", icon=":material/upload:")
-        st.stop()
-    return load_machine(session.stored(upload, "machine.yaml"), check_effects=check)
+        return None
+    read = load_machine(session.stored(upload, "machine.yaml"), check_effects=check)
+    machine = studied(read)
+    if machine is None:
+        raise InputError(f"is {of_kind(read)}; expected {STUDIED}", file="machine.yaml", place="kind")
+    return machine
 
 
 def chosen_machine(key: str) -> Hoist:
     """The hoist that the select box `key` names. InputError for a file that is not one."""
-    kept = {name: machine for name, any_kind in kept_machines().items() if (machine := studied(any_kind)) is not None}
-    choice = st.selectbox("Machine", [DEFAULT, *kept, UPLOADED], key=key)
+    offered = _offered()
+    choice = st.selectbox("Machine", [*offered, UPLOADED], key=key)
     if choice != UPLOADED:
-        return default_hoist() if choice == DEFAULT else kept[choice]
-    read = _uploaded(key)
-    machine = studied(read)
+        return offered[choice]
+    machine = _uploaded(key)
     if machine is None:
-        raise InputError(f"is {of_kind(read)}; expected {STUDIED}", file="machine.yaml", place="kind")
+        st.stop()
     return machine

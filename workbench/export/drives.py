@@ -231,6 +231,8 @@ def _differences(drive: str, c: _Case) -> list[str]:
         said.append(f"The first-order low-pass at {s.low_pass_hz:g} Hz of the torque is not among the parameters.")
     if s.torque_rate_limit_nm_per_s is not None:
         said.append("The rate limit of the torque is not among the parameters.")
+    if s.feed_forward.through_the_wire:
+        said.append("The drive's acceleration precontrol takes the load as rigid: it does not know the wire.")
     if s.feed_forward.weight > 0.0 or s.feed_forward.friction > 0.0:
         said.append(
             "Feed-forward of weight and friction needs an additional torque set point from the controller above."

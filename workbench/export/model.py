@@ -212,7 +212,8 @@ def _loop(machine: Hoist, settings: PiSettings) -> tuple[Controller, list[Value]
     drive = machine.drive
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
     late = drive.speed_delay_s / settings.sample_time_s
-    loop = PI if plain else (_late(full_pi(True), late) if late > 0.0 else full_pi())
+    wire = settings.feed_forward.through_the_wire
+    loop = PI if plain else (_late(full_pi(True, wire), late) if late > 0.0 else full_pi(False, wire))
     limits = torque_limits(machine)
     own = [
         Value("kp", "controller.kp_nm_s_per_rad", "proportional gain, torque of all motors over motor speed",

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from workbench.control import PiSettings, feed_forward, full_pi, loop_values
+from workbench.control.pi import load_inertia, swing_of
 from workbench.control.settings import low_pass_gain, notch_coefficients
 from workbench.engine.sampled import Step
 from workbench.machine import Hoist
@@ -149,9 +150,12 @@ def _fed_forward(
         memory.append("reference_before")
         reset.append("reference_before = 0.0")
         parts += [
-            "wanted = wanted + inertia_kg_m2 * (reference - reference_before) / sample_time_s",
+            "acceleration = (reference - reference_before) / sample_time_s",
+            "wanted = wanted + inertia_kg_m2 * acceleration",
             "reference_before = reference",
         ]
+        if ff.through_the_wire:
+            parts += _behind_the_wire(settings, machine, payload_kg, numbers, memory, reset)
     if ff.weight > 0.0:
         parts.append("wanted = wanted + weight_share * hold")
     if ff.friction > 0.0:
@@ -163,6 +167,32 @@ def _fed_forward(
             "where(reference < 0.0, -friction_lowering_nm, 0.0))"
         )
     return [("feed-forward", tuple(parts))] if parts else []
+
+
+def _behind_the_wire(
+    settings: PiSettings, machine: Hoist, payload_kg: float, numbers: list[Number], memory: list[str], reset: list[str]
+) -> list[str]:
+    """The lines of `control.pi.behind_the_wire`, which takes off what the load's swing leaves to later."""
+    p = SimpleNamespace(**vars(HOIST.values(machine, payload_kg)))
+    dt, ff, (squared, damping) = settings.sample_time_s, settings.feed_forward, swing_of(p)
+    swinging = ff.inertia * ff.wire * float(load_inertia(p))
+    numbers += [
+        Number("swinging_kg_m2", swinging, "carriage and payload as the wire passes them on, at the motor shaft"),
+        Number("swing_per_s2", float(squared), "stiffness of the wire over the load's mass"),
+        Number("swing_damping_per_s", float(damping), "damping of the wire over the load's mass"),
+        Number("swing_slow", float(1.0 + dt * damping / 2.0 + dt * dt * squared / 4.0), "of the midpoint rule"),
+    ]
+    memory += ["stretch", "stretch_rate"]
+    reset += ["stretch = 0.0", "stretch_rate = 0.0"]
+    return [
+        "push = acceleration - swing_per_s2 * stretch",
+        "mean_rate = (stretch_rate + sample_time_s * push / 2.0) / swing_slow",
+        "mean_stretch = stretch + sample_time_s * mean_rate / 2.0",
+        "carried = swing_per_s2 * mean_stretch + swing_damping_per_s * mean_rate",
+        "wanted = wanted - swinging_kg_m2 * (acceleration - carried)",
+        "stretch = stretch + sample_time_s * mean_rate",
+        "stretch_rate = 2.0 * mean_rate - stretch_rate",
+    ]
 
 
 def _integral(settings: PiSettings, numbers: list[Number]) -> tuple[str, ...]:
@@ -204,7 +234,7 @@ def record_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0, hol
         "t_fail": t[int(failed_from * n)] - 0.5 * dt,
     }
     p = SimpleNamespace(**values)
-    controller = full_pi()
+    controller = full_pi(False, settings.feed_forward.through_the_wire)
     step = Step(controller, p, controller.start(p, hold, 0.0), dt)
     torque = np.array([step(float(r), float(at), float(w), 0.0) for r, at, w in zip(reference, t, speed, strict=True)])
     return Record(hold, reference, speed, (t >= values["t_fail"]).astype(float), torque, limits["u_all"])

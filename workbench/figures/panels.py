@@ -30,7 +30,8 @@ class Panels:
     """Rows of quantities, columns of cases. Rows and columns count from 0, from the top left.
 
     All panels share the horizontal axis; the panels of a row share the vertical one, so that
-    columns compare at a glance and a zoom moves them together.
+    columns compare at a glance and a zoom moves them together. one_cursor: the pointer in one panel shows the values
+    of all rows of its column.
     """
 
     def __init__(
@@ -41,9 +42,10 @@ class Panels:
         x_title: str = "time (s)",
         row_weights: Sequence[float] | None = None,
         link_rows: bool = True,
+        one_cursor: bool = False,
     ):
         self.title, self.row_titles, self.column_titles, self.x_title = title, row_titles, column_titles, x_title
-        self.link_rows = link_rows
+        self.link_rows, self.one_cursor = link_rows, one_cursor
         self.weights = np.asarray(row_weights if row_weights is not None else np.ones(len(row_titles)), dtype=float)
         self.traces: list[dict[str, Any]] = []
         self.shapes: list[dict[str, Any]] = []
@@ -54,6 +56,10 @@ class Panels:
         number = row * len(self.column_titles) + column + 1
         return "" if number == 1 else str(number)
 
+    def _across(self, row: int, column: int) -> str:
+        """The number of the panel's horizontal axis: its own, or that of its column, which one cursor goes over."""
+        return self._number(len(self.row_titles) - 1 if self.one_cursor else row, column)
+
     def line(
         self, row: int, column: int, x: Array, y: Array, name: str, line: dict[str, Any], unit: str = "", **more: Any
     ) -> None:
@@ -61,7 +67,7 @@ class Panels:
         x, y = thin(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         if len(x) > FEW_POINTS and "mode" not in more:  # markers stand for points, each of which is meant
             x, y = straightened(x, y)
-        number = self._number(row, column)
+        number, across = self._number(row, column), self._across(row, column)
         self.traces.append(
             {
                 "type": "scatter",
@@ -72,7 +78,7 @@ class Panels:
                 "legendgroup": name,
                 "showlegend": name not in self.in_legend,
                 "line": line,
-                "xaxis": f"x{number}",
+                "xaxis": f"x{across}",
                 "yaxis": f"y{number}",
                 "hovertemplate": f"%{{y:.4~g}} {unit}",
                 **more,
@@ -83,7 +89,7 @@ class Panels:
     def level(self, row: int, column: int, y: float, text: str = "", dash: str = "4px,3px") -> None:
         """A horizontal line over the whole width, such as a limit."""
         number = self._number(row, column)
-        place = {"xref": f"x{number} domain", "yref": f"y{number}"}
+        place = {"xref": f"x{self._across(row, column)} domain", "yref": f"y{number}"}
         self.shapes.append(
             {"type": "line", "x0": 0, "x1": 1, "y0": y, "y1": y, **place}
             | {"line": {"color": GREY, "width": 1.2, "dash": dash}}
@@ -99,7 +105,7 @@ class Panels:
     ) -> None:
         """A stretch of the horizontal axis. edge: px, so that the shortest is seen; text: at its top, once a panel."""
         number = self._number(row, column)
-        place = {"xref": f"x{number}", "yref": f"y{number} domain"}
+        place = {"xref": f"x{self._across(row, column)}", "yref": f"y{number} domain"}
         self.shapes.append(
             {"type": "rect", "x0": start, "x1": end, "y0": 0, "y1": 1, "layer": "below", **place}
             | {"line": {"width": edge, "color": colour}, "fillcolor": colour, "opacity": 0.6 if edge else 0.3}
@@ -146,12 +152,15 @@ class Panels:
         for row in range(rows):
             bottom = max(top - float(heights[row]), 0.0)
             for column in range(columns):
-                number = self._number(row, column)
+                number, across = self._number(row, column), self._across(row, column)
                 left = column * (width + gap_x)
                 x_axis: dict[str, Any] = {"domain": [left, min(left + width, 1.0)], "anchor": f"y{number}"}
-                y_axis: dict[str, Any] = {"domain": [bottom, top], "anchor": f"x{number}"}
-                if number:
-                    x_axis["matches"] = "x"
+                y_axis: dict[str, Any] = {"domain": [bottom, top], "anchor": f"x{across}"}
+                if (first := self._across(0, 0)) != across:
+                    x_axis["matches"] = f"x{first}"
+                if self.one_cursor:
+                    x_axis |= {"showspikes": True, "spikemode": "across", "spikesnap": "cursor", "spikedash": "solid"}
+                    x_axis |= {"spikethickness": 1, "spikecolor": GREY}
                 if row == rows - 1:
                     x_axis["title"] = {"text": self.x_title}
                 else:
@@ -162,7 +171,9 @@ class Panels:
                         y_axis["range"] = list(y_ranges[row])
                 elif self.link_rows:
                     y_axis |= {"matches": f"y{self._number(row, 0)}", "showticklabels": False}
-                layout[f"xaxis{number}"], layout[f"yaxis{number}"] = x_axis, y_axis
+                layout[f"yaxis{number}"] = y_axis
+                if across == number:
+                    layout[f"xaxis{number}"] = x_axis
                 if row == 0 and self.column_titles[column]:
                     annotations.append(
                         {"text": f"<b>{self.column_titles[column]}</b>", "x": left + width / 2, "y": 1.0}
@@ -170,6 +181,8 @@ class Panels:
                         | {"yshift": 3, "showarrow": False, "font": {"size": 13}}
                     )
             top = bottom - gap_y
+        if self.one_cursor:
+            layout |= {"hovermode": "x", "hoversubplots": "axis"}
         layout["annotations"] = annotations
         return go.Figure({"data": self.traces, "layout": layout})
 

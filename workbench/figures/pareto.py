@@ -14,7 +14,7 @@ from workbench.run import Array
 from workbench.study.conclude.pareto import Front, cost
 from workbench.study.results.labels import drawn_in
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import SweptAxis, run_in_words
+from workbench.study.variations.varying import SweptAxis, run_in_words, set_in
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -99,7 +99,7 @@ def _front(panels: Panels, column: int, front: Front, axes: Sequence[SweptAxis])
     ring = {"symbol": "circle-open", "size": 17, "color": SPARE[0][0], "line": {"width": 3}}
     panels.line(0, column, at[0], at[1], "knee", {}, mode="markers", marker=ring, hoverinfo="skip", hovertemplate=None)
     number = panels._number(0, column)
-    setting = "<br>".join(part for axis in axes for part in axis.say(axis.at(front.knee)).split(", "))
+    setting = set_in(front.knee).replace(", ", "<br>")
     where = {"x": float(at[0][0]), "y": float(at[1][0]), "xref": f"x{number}", "yref": f"y{number}"}
     panels.annotations.append(
         {"text": f"<b>knee</b>: {front.knee.reference}<br>{setting}", "align": "left", **where}

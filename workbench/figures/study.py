@@ -51,6 +51,7 @@ def overview(
         [_TITLES[q] for q in quantities],
         [f"payload {p:g} kg" for p in shown],
         row_weights=[{"error": 0.75, "torque": 1.25}.get(q, 1.0) for q in quantities],
+        one_cursor=True,
     )
     # The set point's legend entry comes last; its lines lie under the others.
     references = list(dict.fromkeys(reference for reference, _ in runs))

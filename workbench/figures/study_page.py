@@ -27,14 +27,8 @@ def study_figures(result: StudyResult) -> list[Figure]:
     if not good:
         return []
     figures = [overview(good, nominal, limit, f"Study {name}: closed loop at each payload")]
-    start, end = next(iter(result.study.plans.values())).move_windows[0]
-    limits = result.study.specs[0].limits
-    # Speed ramp and what rings after it: the longest of the references' ramps is below 3 v/a.
-    ramp = 3.0 * limits.hoisting.speed_m_s / limits.hoisting.acceleration_m_s2 if limits is not None else 5.0
-    window = (max(start - 0.4, 0.0), start + min(end - start, ramp) + 0.6)
-    figures.append(
-        overview(good, nominal, limit, f"Study {name}: start of the first move", window, ("speed", "error", "torque"))
-    )
+    window, shown = start_of_move(result), ("speed", "error", "torque")
+    figures.append(overview(good, nominal, limit, f"Study {name}: start of the first move", window, shown))
     payloads = np.array(sorted({row.payload_kg for row in result.rows}))
     if len(payloads) > 1:
         held = {row.payload_kg: row["hold_torque_nm"] / machine.motor.count for row in result.rows}
@@ -45,6 +39,15 @@ def study_figures(result: StudyResult) -> list[Figure]:
         static = np.array([held[payload] for payload in payloads])
         figures.append(peak_torque_over_payload(payloads, peaks, nominal, limit, static))
     return figures
+
+
+def start_of_move(result: StudyResult) -> tuple[float, float]:
+    """From when to when (s) the first move gathers speed, and what rings after it."""
+    start, end = next(iter(result.study.plans.values())).move_windows[0]
+    limits = result.study.specs[0].limits
+    # The longest of the references' ramps is below 3 v/a.
+    ramp = 3.0 * limits.hoisting.speed_m_s / limits.hoisting.acceleration_m_s2 if limits is not None else 5.0
+    return max(start - 0.4, 0.0), start + min(end - start, ramp) + 0.6
 
 
 def _peak(result: StudyResult, payload_kg: float, kind: str) -> float:

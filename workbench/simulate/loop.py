@@ -119,14 +119,15 @@ def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
     late = None if plain else drive.speed_delay_s > 0.0
     lagged = drive.torque_lag_s > 0.0
     effects = joined(of(case.machine).effects, BRAKE if case.events.brakes else NO_EFFECTS)
-    return settings.sample_time_s, late, lagged, effects, len(case.speed_reference_rad_s)
+    wire = settings.feed_forward.through_the_wire
+    return settings.sample_time_s, late, wire, lagged, effects, len(case.speed_reference_rad_s)
 
 
 def _simulate_alike(
     cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
 ) -> list[LoopResult]:
-    sample_time, late, lagged, effects, n = _kernel_key(cases[0])
-    controller = PI if late is None else full_pi(late)
+    sample_time, late, wire, lagged, effects, n = _kernel_key(cases[0])
+    controller = PI if late is None else full_pi(late, wire)
     substeps = max(1, math.ceil(sample_time / step_s - 1e-9))
     at_work = [PlantModel(HOIST, of(case.machine)) for case in cases]
     plain = [w.values(c.machine, c.payload_kg, c.start_time_s) for w, c in zip(at_work, cases, strict=True)]

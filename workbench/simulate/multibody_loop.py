@@ -66,7 +66,7 @@ def _drive(case: LoopCase, values: dict[str, float], hold_nm: float) -> Driven:
     """The sampled controller, its torque held between samples or behind a lag, and the brake of the events."""
     drive, settings, sample_time = case.machine.drive, case.controller, case.controller.sample_time_s
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
-    controller = PI if plain else full_pi(drive.speed_delay_s > 0.0)
+    controller = PI if plain else full_pi(drive.speed_delay_s > 0.0, settings.feed_forward.through_the_wire)
     p = SimpleNamespace(**values)
     references = case.speed_reference_rad_s
     torque, command, taken = hold_nm, hold_nm, -1

@@ -57,8 +57,9 @@ def where_of(
     torque, side = gap[: problem.inputs], side_of(problem, gap)
     left = np.where(windows.inside, torque - own, torque)
     share, interval = share_in_time(problem, torque, left, seed)
-    by_run = _by_run(problem, torque)
-    sentences = _sentences(problem, windows, best, other, by_run, said, side)
+    by_run = _by_run(problem, near.residual[: problem.inputs])  # the gap that profiles and figures show
+    whose = "the gap's energy" if named is None or not effects else "what the named effect does"
+    sentences = _sentences(problem, windows, best, other, by_run, said, side, whose)
     return Where(
         subsystem, regime, windows.windows, share, interval, tuple(profiles), by_run, side, tuple(sentences), places,
         events,
@@ -110,11 +111,11 @@ def _by_run(problem: Problem, gap: Array) -> dict[str, float]:
 
 def _sentences(
     problem: Problem, windows: Windows, best: Explained, other: Explained | None, by_run: Mapping[str, float],
-    said: Sequence[str], side: str,
+    said: Sequence[str], side: str, whose: str,
 ) -> list[str]:  # fmt: skip
     many = len(windows.windows)
     found = [
-        f"{100.0 * windows.held:.0f} % of the gap's energy lies in {many} window{'s' if many != 1 else ''} that "
+        f"{100.0 * windows.held:.0f} % of {whose} lies in {many} window{'s' if many != 1 else ''} that "
         f"take{'s' if many == 1 else ''} {100.0 * windows.time:.0f} % of the time in motion.",
         f"The {best.variable.label} explains {_percent(best)} of the gap on runs it was not fitted to"
         + (f"; the {other.variable.label} {_percent(other)}." if other is not None else "."),

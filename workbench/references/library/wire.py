@@ -17,8 +17,9 @@ from workbench.references.time_optimal import shortest_move
     label="ruckig, least peak in the same time",
     words="ruckig with its pair of limits of least peak",
     definition="the jerk-limited move that takes as long as the trapezoid's, with the pair of acceleration and jerk, "
-    "which is free on one line, chosen for the least torque peak on this machine's wire and payload; a jog's ramp is "
-    "that of ruckig_equal_time",
+    "which is free on one line, chosen for the least torque peak on this machine's wire and payload. The line begins "
+    "at the trapezoid, and so the pair is nearly the trapezoid's unless the load weighs some three times what motors "
+    "and drum do. A jog's ramp is that of ruckig_equal_time",
     ramp=_equal_time_ramp,
     same_time_as="trapezoid",
     needs_load=True,
@@ -34,9 +35,10 @@ def ruckig_least_peak(move: Move) -> Shape:
 @planned(
     label="least torque peak",
     words="the motion of least torque peak",
-    definition="the motion of least torque peak that there is in the trapezoid's time on this machine's wire and "
-    "payload, within torque, speed and a taut wire, the wire still at the end (a linear programme); the bound that "
-    "other references are seen against. Limits of acceleration and jerk do not bind it; a jog's ramp is the "
+    definition="the gentlest motion within 1 % of the least torque peak that there is in the trapezoid's time on this "
+    "machine's wire and payload, within torque, speed and a taut wire, the wire still at the end (a linear programme). "
+    "That least peak is a bound for motions that the motors follow exactly; feed-forward with `wire: 1` comes near "
+    "it, a loop without adds its errors. Limits of acceleration and jerk do not bind it; a jog's ramp is the "
     "trapezoid's",
     ramp=_trapezoid_ramp,
     duration=_trapezoid_s,

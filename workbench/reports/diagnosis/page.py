@@ -92,7 +92,8 @@ def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
         return Section(
             "3. Where it lies", [words.where_sentence(d)], (), (), [(diagnose_time.inputs(runs, unit), note)]
         )
-    note = f"Yellow: the windows that hold most of the gap's energy.{fewer}"
+    whose = "what the named effect does" if d.verdict.word == "named" else "the gap"
+    note = f"Per cent: each run's share of the gap. Yellow: the windows that hold most of {whose}.{fewer}"
     figures = [(diagnose_time.inputs(runs, unit), note)]
     shown = filter(diagnose_where.worth_a_panel, d.where.profiles)
     order = sorted(shown, key=lambda profile: -profile.explains)[:MOST_PROFILES]

@@ -82,7 +82,8 @@ def _times(value: float, noise: float) -> str:
 def where_table(d: Diagnosis) -> Table:
     """Each run's share of the gap's energy, and where in it most of that lies; no rows without a gap."""
     columns = [words("run"), Column("of the gap's\nenergy", "%"), Column("windows", "s", "left")]
-    note = "Where most of the gap's energy lies, run by run."
+    whose = "what the named effect does" if d.verdict.word == "named" else "the gap"
+    note = f"The gap's energy run by run, and the windows that hold most of {whose}."
     if d.where is None:
         return Table(columns, [], note)
     rows = []

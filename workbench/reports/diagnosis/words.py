@@ -147,7 +147,50 @@ def shrink_sentence(d: Diagnosis) -> str:
 
 def next_run_sentence(d: Diagnosis) -> str:
     """The run that decides what is open, or that nothing is."""
-    return "Nothing is open that another run would decide." if d.next_run is None else d.next_run.why
+    if d.next_run is not None:
+        return d.next_run.why
+    return (
+        "The verdict needs no further run. Effects that look alike in these runs are listed with their angles: they "
+        "stay undecided where a campaign shows one of them in a small amount."
+    )
+
+
+def plain_summary(d: Diagnosis) -> list[str]:
+    """The verdict for a reader who knows the machine and not this program: what, where, how sure, what it mends."""
+    s, known = d.shrink, effects_for(plant_of(d.campaign.machine).kind)
+    quantity = words_of(d.campaign.machine).quantity
+    size = f"{figures(s.before)} {s.unit}"
+    if d.verdict.word == "no_gap":
+        return [
+            f"The model agrees with the machine: predicted and measured {quantity} differ by {figures(s.after)} {s.unit} "
+            f"on average, and the sensors alone make {figures(s.noise)} {s.unit} of that."
+        ]
+    if d.verdict.word == "unknown" or not all(name in known for name in d.verdict.effects):
+        at = f" {_at(d.where.subsystem)}" if d.where is not None else ""
+        return [
+            f"Something{at} is missing in the model, and none of the causes that were weighed explains it. Measured and "
+            f"predicted {quantity} differ by {size} on average; the sensors alone make {figures(s.noise)} {s.unit}.",
+            "The controller should not be tuned on this model before the cause is found.",
+        ]
+    kind = plant_of(d.campaign.machine).kind
+    causes = [f"{_cause(known[name].meaning)} ({_at(known[name].subsystem(kind))})" for name in d.verdict.effects]
+    sure = d.verdict.probability
+    return [
+        f"The machine has {' and '.join(causes)}, which the model lacks.",
+        f"That made the predicted {quantity} wrong by {size} on average. With it in the model {figures(s.after)} {s.unit} "
+        f"remain; the sensors alone make {figures(s.noise)} {s.unit}."
+        + (f" In about {100.0 * sure:.0f} of 100 such cases this is the cause." if sure is not None else ""),
+    ]
+
+
+def _cause(meaning: str) -> str:
+    """`Friction that grows with the load; on …` as `friction that grows with the load`."""
+    first = meaning.partition(";")[0].partition(". ")[0].rstrip(".")
+    return first[0].lower() + first[1:]
+
+
+def _at(subsystem: str) -> str:
+    return f"at the {subsystem.replace('_', ' ')}"
 
 
 def unknown_sentences(d: Diagnosis) -> list[str]:

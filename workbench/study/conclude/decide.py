@@ -9,6 +9,7 @@ from workbench.metrics import Metric, View, find, shown_in
 from workbench.references import planned_kinds
 from workbench.study.conclude.tables import metric_heads, metric_note
 from workbench.study.results.row import Row
+from workbench.study.variations.varying import set_in
 from workbench.tables import Table, words
 
 TIME, PEAK = "move_time_s", "peak_torque_motor_nm"
@@ -105,15 +106,11 @@ def _better_beside(taken: Sequence[Choice], rows: Sequence[Row], beside: Sequenc
         if not rivals:
             continue
         row, mine = min(rivals, key=lambda pair: pair[0][PEAK])
-        limits = ", ".join(f"{value:g} {_UNITS.get(name, '')}".strip() for name, value in row.assigned.items())
         said.append(
-            f"; at {row.payload_kg:g} kg {name_of(_values(row))} at {limits} would beat {name_of(choice)}: "
+            f"; at {row.payload_kg:g} kg {name_of(_values(row))} at {set_in(row)} would beat {name_of(choice)}: "
             f"{mine[TIME] - row[TIME]:.1f} s and {mine[PEAK] - row[PEAK]:.0f} N m per motor less"
         )
     return "".join(said)
-
-
-_UNITS = {"limits.acceleration_m_s2": "m/s²", "limits.jerk_m_s3": "m/s³"}
 
 
 def _values(row: Row) -> Choice:

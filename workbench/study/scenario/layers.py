@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,11 +67,16 @@ def read_layers(path: str | os.PathLike[str]) -> Layered:
         if "\0" in extended:
             raise layer.error("is not a path", ("extends",))
         file, asked = file.parent / extended, layer
+    return together(Path(path), chain)
+
+
+def together(file: Path, chain: Sequence[Layered]) -> Layered:
+    """Layers as one, the outermost first."""
     data: dict[str, Any] = {}
     origin: dict[Place, tuple[Path, int]] = {}
     for layer in reversed(chain):
         data = _merged(data, layer.data, (), origin, layer.origin)
-    return Layered(Path(path), data, origin)
+    return Layered(file, data, origin)
 
 
 def _why_not(file: Path, seen: list[Path]) -> str:

@@ -6,13 +6,14 @@ For scenarios that come from elsewhere, such as an upload: what they name is not
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from workbench.errors import InputError
 from workbench.machine import SHIPPED, Hoist, default_hoist, shipped
-from workbench.study.scenario.layers import layer_of
+from workbench.study.scenario.layers import layer_of, read_layers, together
 from workbench.study.scenario.load import planned, scenario_of
 from workbench.study.scenario.record import Scenario
 from workbench.yaml_strict import Document, dotted, dumps, problem_lines
@@ -20,15 +21,22 @@ from workbench.yaml_strict import Document, dotted, dumps, problem_lines
 _NOT_VALUES = ("format", "kind", "drive", "effects", "identified")
 
 
-def read_standalone(document: Document, machine: Hoist | None = None) -> Scenario:
+def read_standalone(
+    document: Document, machine: Hoist | None = None, known: Mapping[str, Path] | None = None
+) -> Scenario:
     """The scenario of a document, checked on its machine as `workbench study` checks it.
 
-    machine: stands for the machine that the scenario names. InputError, with the line, for whatever is wrong
-    with it, and for what it takes from other files: `extends`, recorded references, a machine where none is given.
+    machine: stands for the machine that the scenario names. known: file name -> scenario that it may extend, those
+    that ship. InputError, with the line, for whatever is wrong with it, and for what it takes from other files:
+    `extends`, recorded references, a machine where none is given.
     """
     layers = layer_of(document)
-    if layers.data.pop("extends", None) is not None:
-        raise layers.error("another file, which is not here; expected a scenario that stands alone", ("extends",))
+    if (extended := layers.data.pop("extends", None)) is not None:
+        base = (known or {}).get(str(extended).rpartition("/")[2])
+        if base is None:
+            there = f"one that stands alone or extends one of {', '.join(known)}" if known else "one that stands alone"
+            raise layers.error(f"another file, which is not here; expected a scenario, {there}", ("extends",))
+        layers = together(layers.file, [layers, read_layers(base)])
     scenario = scenario_of(layers)
     for number, reference in enumerate(scenario.references):
         if not isinstance(reference, str):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from workbench.references import planned_kinds
 from workbench.study.results.labels import field_label, shown
 from workbench.study.results.row import Row
 
@@ -42,6 +43,14 @@ class SweptAxis:
     def short(self, point: Point) -> str:
         """The first value with its unit."""
         return f"{shown(point[0])} {field_label(self.columns[0]).unit}".strip()
+
+
+def set_in(row: Row) -> str:
+    """What a run was set to, in words: `acceleration 0.42 m/s², jerk 2 m/s³`; without what its reference ignores."""
+    kind = planned_kinds().get(row.reference)
+    ignored = kind is not None and not kind.needs_jerk
+    said = {name: value for name, value in row.assigned.items() if not (ignored and name.endswith("jerk_m_s3"))}
+    return ", ".join(field_label(name).of(value) for name, value in said.items())
 
 
 def swept_axes(rows: Sequence[Row]) -> list[SweptAxis]:

@@ -14,7 +14,7 @@ from workbench.errors import InputError
 from workbench.machine import save_machine
 from workbench.study.scenario.load import Study, load_study
 from workbench.study.scenario.standalone import read_standalone
-from workbench.yaml_strict import dumps, load
+from workbench.yaml_strict import Document, dumps, load
 
 UPLOAD = "upload a scenario"
 MOST_BYTES = 1 * session.MB
@@ -58,7 +58,9 @@ def chosen() -> Choice | None:
     own = st.toggle("On another machine", key="batches other machine", help="Than the one that the scenario names.")
     machine = chosen_machine("batches machine") if own else None
     if name == UPLOAD:
-        read_standalone(load(file), machine)  # what other files it names are not sought among the server's
+        document, known = load(file), {each.name: each for each in ships.values()}
+        read_standalone(document, machine, known)  # what other files it names are not sought among the server's
+        inputs |= extended(document, known)
     if machine is not None:
         save_machine(machine, inputs.setdefault(MACHINE, session.file_in_workspace(MACHINE)))
         over = session.file_in_workspace(ON_MACHINE)
@@ -69,6 +71,16 @@ def chosen() -> Choice | None:
     study = _loaded(file, inputs)
     check_size(study)
     return Choice(study, file, inputs)
+
+
+def extended(document: Document, known: Mapping[str, Path]) -> dict[str, Path]:
+    """Copies in the session's folder, beside the upload, of the scenarios that ship and that a document extends."""
+    copies: dict[str, Path] = {}
+    while isinstance(document.data, dict) and (name := str(document.data.get("extends", "")).rpartition("/")[2]):
+        copies[name] = session.file_in_workspace(name)
+        copies[name].write_bytes(known[name].read_bytes())
+        document = load(copies[name])
+    return copies
 
 
 def check_size(study: Study) -> None:

@@ -39,11 +39,16 @@ def show_results(job: Job) -> None:
     with st.sidebar:
         _take_away(job, view)
     with st.container(border=True):
+        words, drawing = st.columns([2.4, 1.0]) if view.place else (st.container(), None)
         of = plain(" · ".join([f"Campaign {view.campaign}", view.machine, *_unusual(job)]))
+        plainly = f"**In plain words.** {said(' '.join(view.plain))}\n\n" if view.plain else ""
         # One block of words, so that they stand close.
-        st.markdown(
-            f"{BADGES.get(view.verdict, '')} :small[{of}]\n#### {said(view.sentence)}\n{said(' '.join(view.lead))}"
+        words.markdown(
+            f"{BADGES.get(view.verdict, '')} :small[{of}]\n#### {said(view.sentence)}\n{plainly}"
+            f"{said(' '.join(view.lead))}"
         )
+        if drawing is not None:
+            drawing.image(view.place, width="stretch")
     for warning in view.warnings:
         st.warning(plain(warning), icon=":material/warning:")
     numbers(view.numbers)

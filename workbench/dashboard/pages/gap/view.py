@@ -26,6 +26,7 @@ class View:
     """What the page shows of one diagnosis. lead: what the verdict's probability means, what is alike.
 
     meaning: what each named effect is. numbers: those that decide. sections: the report's, by what they are about.
+    plain: the verdict in plain words. place: a drawing of the machine with the gap's place marked, SVG.
     """
 
     campaign: str
@@ -37,6 +38,8 @@ class View:
     warnings: Sequence[str]
     numbers: Sequence[Number]
     sections: Mapping[str, Section]
+    plain: Sequence[str] = ()
+    place: str = ""
 
 
 @cache

@@ -16,6 +16,7 @@ from workbench.diagnose.records import Diagnosis
 from workbench.effects import check
 from workbench.errors import InputError
 from workbench.figures import diagnose_where
+from workbench.figures.place import marked_machine
 from workbench.logs import read_campaign
 from workbench.reports.diagnosis import words
 from workbench.reports.diagnosis.page import sections_of, write_diagnosis
@@ -82,6 +83,8 @@ def view_of(d: Diagnosis) -> View:
         d.warnings,
         _numbers(d),
         sections | {"answer": replace(sections["answer"], figures=_how_it_shows(d))},
+        words.plain_summary(d),
+        "" if d.where is None else marked_machine(d.campaign.machine, d.where.subsystem, d.shrink),
     )
 
 

@@ -10,15 +10,15 @@ import streamlit as st
 
 from workbench.analysis.linearise import Motion
 from workbench.analysis.tune import Goal
-from workbench.control import PiSettings
-from workbench.dashboard import session
-from workbench.dashboard.machines import chosen_machine
+from workbench.control import FeedForward, PiSettings
+from workbench.dashboard import controller, session
+from workbench.dashboard.machines import session_machine
 from workbench.errors import InputError
-from workbench.machine import Hoist, with_values
+from workbench.machine import Hoist
 from workbench.reports.loop.case import MOST, numbers, usual_controller, usual_heights
 
 MOTIONS: dict[str, Motion] = {"hoisting": "hoisting", "lowering": "lowering", "at rest": "at_rest"}
-KP, KI, WEIGHT = "loop kp", "loop ki", "loop weight"
+KP, KI, WEIGHT, SAMPLE = "loop kp", "loop ki", "loop weight", "loop sample"
 STEP = 1.04  # from one step of a gain's slider to the next
 _PENDING = "loop gains found"  # set by a tuning, taken over before the sliders are drawn
 
@@ -35,7 +35,7 @@ class Question:
 
 def question() -> Question:
     """The part of the side bar above the gains. InputError for what does not fit."""
-    machine = _with_drive(chosen_machine("loop machine"))
+    machine = session_machine("loop machine")
     payloads = numbers(st.text_input("Payloads (kg)", "0, 4500, 9000", key="loop payloads"), "payloads")
     usual = ", ".join(f"{height:g}" for height in usual_heights(machine))
     heights = numbers(st.text_input("Carriage heights (m)", usual, key="loop heights"), "heights")
@@ -48,42 +48,46 @@ def question() -> Question:
     return Question(machine, payloads, heights, MOTIONS[motion], Goal(ms_limit=ms).ms_limit, unit == "rad/s")
 
 
-def _with_drive(machine: Hoist) -> Hoist:
-    """The machine behind the drive's times that are set here; its own to begin with."""
-    drive = machine.drive
-    with st.expander("Drive", expanded=False):
-        said = [
-            ("Torque lag (ms)", "torque_lag_s", drive.torque_lag_s),
-            ("Speed filter (ms)", "speed_filter_s", drive.speed_filter_s),
-            ("Speed delay (ms)", "speed_delay_s", drive.speed_delay_s),
-        ]
-        values = {
-            f"drive.{name}": 1e-3
-            * st.number_input(label, 0.0, 200.0, 1e3 * value, 0.5, key=f"loop {name} {1e3 * value:g}", format="%g")
-            for label, name, value in said
-        }
-    return with_values(machine, values)
-
-
 def put_gains(settings: PiSettings) -> None:
     """Fills the sliders on the next run of the page."""
     session.put(_PENDING, (settings.kp_nm_s_per_rad, settings.ki_nm_per_rad, settings.set_point_weight))
 
 
 def gains(asked: Question) -> PiSettings:
-    """The sliders. Their steps are even in the logarithm; gains that a tuning found are a step of their own."""
-    rule = usual_controller(asked.machine)
+    """The session's controller. The sliders' steps are even in the logarithm; gains that a tuning found, that another
+    page has set or that are typed are a step of their own."""
+    rule = controller.present() or usual_controller(asked.machine)
+    elsewhere = controller.taken_over("loop")
     found = session.get(_PENDING, tuple, ())
     session.put(_PENDING, ())
     starts = (rule.kp_nm_s_per_rad, rule.ki_nm_per_rad, rule.set_point_weight)
     for key, start in zip((KP, KI, WEIGHT), found or starts, strict=True):
-        if found or key not in st.session_state:
+        if found or elsewhere is not None or key not in st.session_state:
             st.session_state[key] = start
-    kp = _slider("kp (N m s/rad)", KP, kp_steps(asked.machine))
-    ki = _slider("ki (N m/rad)", KI, ki_steps(asked.machine))
+    if elsewhere is not None or SAMPLE not in st.session_state:
+        st.session_state[SAMPLE] = 1e3 * rule.sample_time_s
+    kp = _slider("kp (N m s/rad)", KP, kp_steps(asked.machine), 1e-6)
+    ki = _slider("ki (N m/rad)", KI, ki_steps(asked.machine), 0.0)
     weight = st.slider("Set-point weight", 0.0, 1.0, step=0.01, key=WEIGHT)
-    sample = st.number_input("Sample time (ms)", 0.1, 50.0, 1.0, 0.5, key="loop sample", format="%g")
-    return PiSettings(kp_nm_s_per_rad=kp, ki_nm_per_rad=ki, set_point_weight=weight, sample_time_s=1e-3 * sample)
+    sample = st.number_input("Sample time (ms)", 0.1, 50.0, step=0.5, key=SAMPLE, format="%g")
+    values = {"kp_nm_s_per_rad": kp, "ki_nm_per_rad": ki, "set_point_weight": weight, "sample_time_s": 1e-3 * sample}
+    settings = PiSettings.model_validate(rule.model_dump() | values)
+    controller.said("loop", settings)
+    if also := _also(settings):
+        st.caption(f"Also in this loop, as set on Study: {also}.")
+    return settings
+
+
+def _also(settings: PiSettings) -> str:
+    """What of the controller no slider of this page shows."""
+    said = []
+    if settings.notch is not None:
+        said.append(f"a notch at {settings.notch.frequency_hz:g} Hz")
+    if settings.low_pass_hz is not None:
+        said.append(f"a low-pass at {settings.low_pass_hz:g} Hz")
+    if settings.feed_forward != FeedForward():
+        said.append("feed-forward")
+    return ", ".join(said)
 
 
 def kp_steps(machine: Hoist) -> list[float]:
@@ -101,7 +105,21 @@ def _log_steps(rule: float, low: float, high: float) -> list[float]:
     return [float(f"{rule * STEP**k:.4g}") for k in range(down, up + 1)]
 
 
-def _slider(label: str, key: str, steps: Sequence[float]) -> float:
+def _slider(label: str, key: str, steps: Sequence[float], least: float) -> float:
+    """A slider with a field beside it, in which any value may be typed."""
     now = st.session_state[key] = float(st.session_state[key])
+    typed = f"{key} typed"
+    st.session_state[typed] = now
+
+    def take() -> None:
+        st.session_state[key] = float(st.session_state[typed])
+
     options = sorted({*steps, now})
-    return float(st.select_slider(label, options, key=key, format_func=lambda value: f"{value:.4g}"))
+    left, right = st.columns([1.5, 1.0], vertical_alignment="bottom")
+    with right:
+        st.number_input(
+            f"{label}, typed", least, 1e6, key=typed, step=None, format="%.4g", on_change=take,
+            label_visibility="collapsed",
+        )  # fmt: skip
+    with left:
+        return float(st.select_slider(label, options, key=key, format_func=lambda value: f"{value:.4g}"))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import streamlit as st
 
 from workbench.dashboard.campaigns import last_campaign
-from workbench.dashboard.machines import chosen_machine
+from workbench.dashboard.machines import session_machine
 from workbench.dashboard.pages.compare.kept import kept
 from workbench.errors import InputError
 from workbench.kinds import STUDIED, load_of, of_kind, studied
@@ -68,7 +68,7 @@ def _of_study() -> Shown:
 
 
 def _quick() -> Shown:
-    machine = chosen_machine("machine machine")
+    machine = session_machine("machine machine")
     payload = st.slider("Payload (kg)", 0, 12000, 4500, 250, key="machine payload")
     reference = st.radio("Reference", list(planned_kinds()), key="machine reference", horizontal=True)
     ramp = st.slider("Ramp time (s)", 0.3, 3.0, 1.2, 0.1, key="machine ramp", help="From rest to full speed.")

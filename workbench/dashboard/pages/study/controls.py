@@ -19,6 +19,8 @@ from workbench.study.scenario.standalone import changed
 BANDWIDTH, GAINS = "bandwidth", "gains"
 LIMITS = ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")
 Three = tuple[float, float, float]
+Four = tuple[float, float, float, float]
+FED = ("inertia", "weight", "friction", "wire")  # what is fed forward, and how far it knows the wire
 
 # The page's first question, that of scenarios/payloads.yaml.
 START = Scenario(
@@ -56,7 +58,7 @@ class Controls:
     kp_nm_s_per_rad: float = 31.0
     ki_nm_per_rad: float = 122.0
     set_point_weight: float = 1.0
-    feed_forward: Three = (0.0, 0.0, 0.0)
+    feed_forward: Four = (0.0, 0.0, 0.0, 0.0)
     plant: str = "lumped"
 
 
@@ -85,8 +87,6 @@ def desk_of(scenario: Scenario, machine: Hoist) -> Desk:
     up = _limits(scenario.limits, "hoisting")
     down = _limits(scenario.limits, "lowering")
     shape = up_and_down(scenario.moves)
-    own = scenario.controller
-    bandwidth, damping = bandwidth_and_damping(shaft_inertia_kg_m2(machine), own.kp_nm_s_per_rad, own.ki_nm_per_rad)
     first = Controls()
     controls = Controls(
         name=scenario.name,
@@ -99,16 +99,26 @@ def desk_of(scenario: Scenario, machine: Hoist) -> Desk:
         hoisting=up,
         split=up != down,
         lowering=down,
-        by=GAINS,
-        bandwidth_hz=round(bandwidth, 2),
-        damping=round(damping, 2) if math.isfinite(damping) else first.damping,
-        kp_nm_s_per_rad=own.kp_nm_s_per_rad,
-        ki_nm_per_rad=own.ki_nm_per_rad,
-        set_point_weight=own.set_point_weight,
-        feed_forward=(own.feed_forward.inertia, own.feed_forward.weight, own.feed_forward.friction),
         plant=scenario.plant,
     )
-    return Desk(controls, scenario)
+    return with_controller(Desk(controls, scenario), scenario.controller, machine)
+
+
+def with_controller(desk: Desk, settings: PiSettings, machine: Hoist) -> Desk:
+    """The desk with another speed controller, set by its gains."""
+    kp, ki, ff = settings.kp_nm_s_per_rad, settings.ki_nm_per_rad, settings.feed_forward
+    bandwidth, damping = bandwidth_and_damping(shaft_inertia_kg_m2(machine), kp, ki)
+    controls = replace(
+        desk.controls,
+        by=GAINS,
+        bandwidth_hz=round(bandwidth, 2),
+        damping=round(damping, 2) if math.isfinite(damping) else Controls().damping,
+        kp_nm_s_per_rad=kp,
+        ki_nm_per_rad=ki,
+        set_point_weight=settings.set_point_weight,
+        feed_forward=(ff.inertia, ff.weight, ff.friction, ff.wire),
+    )
+    return Desk(controls, desk.base.model_copy(update={"controller": settings}))
 
 
 def _limits(block: LimitsBlock, way: str) -> Three:
@@ -137,17 +147,17 @@ def scenario_of(desk: Desk, machine: Hoist) -> Scenario:
     if not c.payloads_kg:
         raise InputError("choose at least one payload", place="payloads_kg")
     kp, ki = gains(c, machine)
-    inertia, weight, friction = c.feed_forward
     changes: dict[str, Any] = {
         "name": c.name,
         "payloads_kg": tuple(sorted(c.payloads_kg)),
         "references": (BASELINE, *c.references),
         "start_position_m": c.start_position_m,
         "plant": c.plant,
+        "outputs": desk.base.outputs if desk.base.outputs.signals != "none" else START.outputs,
         "limits": dict(zip(LIMITS, c.hoisting, strict=True)),
         "controller": desk.base.controller.model_dump()
         | {"kp_nm_s_per_rad": kp, "ki_nm_per_rad": ki, "set_point_weight": c.set_point_weight}
-        | {"feed_forward": {"inertia": inertia, "weight": weight, "friction": friction}},
+        | {"feed_forward": dict(zip(FED, c.feed_forward, strict=True))},
     }
     if c.split:
         changes["limits"]["lowering"] = dict(zip(LIMITS, c.lowering, strict=True))

@@ -9,43 +9,77 @@ from typing import Any, cast
 import streamlit as st
 
 from workbench.control.rigid import bandwidth_and_damping, shaft_inertia_kg_m2
-from workbench.dashboard import session
+from workbench.dashboard import controller, session
 from workbench.dashboard.pages.study.controls import (
     BANDWIDTH,
+    FED,
     GAINS,
     Controls,
     Desk,
+    Four,
     Three,
     desk_of,
     gains,
     highest_move_m,
+    with_controller,
     within,
 )
+from workbench.dashboard.pages.study.shipped import SHIPPED_NONE, shipped_desk, shipped_files, shipped_names
 from workbench.dashboard.widgets import problem, text
 from workbench.errors import InputError
 from workbench.figures.style import label
-from workbench.machine import Hoist, default_hoist
+from workbench.machine import Hoist
 from workbench.references import BASELINE, allowed_carriage_speed_m_s, planned_kinds
 from workbench.study.scenario.standalone import read_standalone
 from workbench.yaml_strict import Document, load
 
-DESK, LOADED = "study desk", "study file"
+DESK, LOADED, SHIPS_ASKED = "study desk", "study file", "study ships asked"
+_FED_WORDS = (*(f"Feed-forward of {what} (–)" for what in FED[:3]), "… that knows the wire (–)")
 PAYLOADS = (0.0, 1500.0, 3000.0, 4500.0, 6000.0, 7500.0, 9000.0)
 PLANTS = {"lumped": "lumped", "multibody": "multi-body"}
 LEAST_MOVE_M = 0.5
 ROOM_M = 1.0  # to move in, that the start leaves
 
 
-def controls(machine: Hoist) -> Desk:
-    """Draws the controls; what they stand at. What is set stays when another page is looked at meanwhile."""
+# What a scenario calls a value, and the control that sets it.
+CONTROLS = {
+    "name": "Name of the study",
+    "payloads_kg": "Payloads (kg)",
+    "start_position_m": "Start height (m)",
+    "moves": "Up and down by (m)",
+    "speed_m_s": "Limit speed (m/s)",
+    "acceleration_m_s2": "Limit acceleration (m/s²)",
+    "jerk_m_s3": "Limit jerk (m/s³)",
+    "references": f"Against the {BASELINE}",
+    "kp_nm_s_per_rad": "kp (N m s/rad)",
+    "ki_nm_per_rad": "ki (N m/rad)",
+    "plant": "Model",
+}
+
+
+def named(error: InputError) -> InputError:
+    """The error under the name of the control that set the value."""
+    parts = [part.partition("[")[0] for part in (error.place or "").split(".")]
+    name = next((CONTROLS[part] for part in reversed(parts) if part in CONTROLS), error.place)
+    return InputError(error.problem, file=error.file, line=error.line, place=name)
+
+
+def controls(machine: Hoist, bad: list[InputError]) -> Desk:
+    """Draws the controls; what they stand at. What is set stays when another page is looked at meanwhile.
+
+    bad: takes what was entered and cannot be used; the control then stands at its last good value.
+    """
     desk = session.get(DESK, Desk, Desk())
+    if (elsewhere := controller.taken_over("study")) is not None:
+        desk = with_controller(desk, elsewhere, machine)
+        _forget_widgets(("by", "kp", "ki", "bandwidth", "damping", "weight", *(f"ff {what}" for what in FED)))
     above, below = st.container(), st.container()
     with below:
         desk = _file(desk, machine)
     fastest = _fastest_m_s(machine)
     c = within(desk.controls, machine, fastest)
     with above:
-        payloads, references = _payloads(c), _references(c)
+        payloads, references = _payloads(c, bad), _references(c)
         c = replace(c, payloads_kg=payloads, references=references)
         with st.expander("Motion", expanded=True, icon=":material/height:"):
             c = _limits(_motion(c, machine), fastest)
@@ -66,27 +100,48 @@ def _file(desk: Desk, machine: Hoist) -> Desk:
     """A scenario file that is chosen anew sets the controls; one that cannot be read leaves them."""
     with st.expander("Scenario file", icon=":material/description:"):
         name = st.text_input("Name of the study", key=_kept("name", desk.controls.name), max_chars=64)
+        ships = st.selectbox(
+            "One that ships", [SHIPPED_NONE, *shipped_names()], key="study ships", on_change=_ask_shipped
+        )
+        if session.get(SHIPS_ASKED, str, "") == ships != SHIPPED_NONE:
+            session.put(SHIPS_ASKED, "")
+            try:
+                _set(shipped_desk(ships, machine))
+            except InputError as found:
+                problem(found)
         upload = st.file_uploader("Load a scenario", type=["yaml", "yml"], key="study upload", max_upload_size=1)
         before, error = session.get(LOADED, tuple, ("", None))
         if upload is not None and upload.file_id != before:
             try:
-                desk, error = _read(load(session.stored(upload, "scenario.yaml")), machine), None
-                _forget_widgets()
-                session.put(DESK, desk)
+                read, error = _read(load(session.stored(upload, "scenario.yaml")), machine), None
             except InputError as found:
                 error = found
             session.put(LOADED, (upload.file_id, error))
             if error is None:
-                st.rerun()  # the name stands above and is drawn already
+                _set(read)
         if upload is not None and error is not None:
             problem(error)
     return replace(desk, controls=replace(desk.controls, name=name))
 
 
+def _set(desk: Desk) -> None:
+    """The controls stand as a file says from the next run of the page on, which begins at once."""
+    _forget_widgets()
+    session.put(DESK, desk)
+    controller.said("study", desk.base.controller)
+    st.rerun()  # the name stands above and is drawn already
+
+
+def _ask_shipped() -> None:
+    session.put(SHIPS_ASKED, st.session_state["study ships"])
+
+
 def _read(document: Document, machine: Hoist) -> Desk:
     """The controls as a file sets them. A machine that it names by file is the one chosen above."""
+    from workbench.machine import default_hoist
+
     chosen = None if machine == default_hoist() else machine
-    return desk_of(read_standalone(document, chosen), machine)
+    return desk_of(read_standalone(document, chosen, shipped_files()), machine)
 
 
 def _kept(name: str, value: Any) -> str:
@@ -97,9 +152,11 @@ def _kept(name: str, value: Any) -> str:
     return key
 
 
-def _forget_widgets() -> None:
-    for key in [str(key) for key in st.session_state if str(key).startswith("study.")]:
-        del st.session_state[key]
+def _forget_widgets(names: Sequence[str] = ()) -> None:
+    """Of all controls, or of some."""
+    keys = [f"study.{name}" for name in names] or [str(k) for k in st.session_state if str(k).startswith("study.")]
+    for key in keys:
+        st.session_state.pop(key, None)
 
 
 def _slider(
@@ -111,17 +168,35 @@ def _slider(
     step: float,
     form: str = "%.2f",
     tip: str | None = None,
+    most: float | None = None,
 ) -> float:
-    """A slider whose range takes in the value it is given."""
+    """A slider whose range takes in the value it is given, with a field beside it in which others may be typed.
+
+    most: what may be typed at most; the slider's end where nothing is said.
+    """
     key = _kept(name, value)
-    low, high = min(low, value), max(high, value)
-    st.session_state[key] = min(max(float(st.session_state[key]), low), high)
+    now = float(st.session_state[key])
+    typed, end = f"{key} typed", high if most is None else most
+    reached = (value, now) if most is not None else (value,)
+    low, high = min(low, *reached), max(high, *reached)
+    st.session_state[key] = st.session_state[typed] = min(max(now, low), high)
     if low == high:  # nothing to slide
         return low
-    return float(st.slider(words, low, high, step=step, format=form, key=key, help=tip or None))
+
+    def take() -> None:
+        st.session_state[key] = float(st.session_state[typed])
+
+    left, right = st.columns([1.7, 1.0], vertical_alignment="bottom")
+    with right:
+        st.number_input(
+            f"{words}, typed", 0.0 if most is not None else low, max(end, high), key=typed, step=None, format="%.4g",
+            on_change=take, label_visibility="collapsed",
+        )  # fmt: skip
+    with left:
+        return float(st.slider(words, low, high, step=step, format=form, key=key, help=tip or None))
 
 
-def _payloads(c: Controls) -> tuple[float, ...]:
+def _payloads(c: Controls, bad: list[InputError]) -> tuple[float, ...]:
     options = sorted({*PAYLOADS, *c.payloads_kg})
     chosen = st.multiselect(
         "Payloads (kg)", options, key=_kept("payloads", list(c.payloads_kg)), format_func=_kg, accept_new_options=True,
@@ -132,8 +207,7 @@ def _payloads(c: Controls) -> tuple[float, ...]:
         try:
             found.append(float(each))
         except ValueError:
-            problem(InputError(f"'{each}', expected a number in kg", place="payloads"))
-            st.stop()
+            bad.append(InputError(f"'{each}', expected a number in kg", place="payloads_kg"))
     return tuple(sorted(set(found)))
 
 
@@ -172,8 +246,10 @@ def _limits(c: Controls, fastest: float) -> Controls:
 
 def _three(way: str, key: str, at: Three, fastest: float) -> Three:
     speed = _slider(f"Limit {way}speed (m/s)", f"{key}.speed", min(at[0], fastest), 0.1, fastest, 0.01)
-    acceleration = _slider(f"Limit {way}acceleration (m/s²)", f"{key}.acceleration", at[1], 0.1, 1.5, 0.05)
-    jerk = _slider(f"Limit {way}jerk (m/s³)", f"{key}.jerk", at[2], 0.1, 5.0, 0.1, tip="The trapezoid has none.")
+    acceleration = _slider(f"Limit {way}acceleration (m/s²)", f"{key}.acceleration", at[1], 0.1, 1.5, 0.05, most=20.0)
+    jerk = _slider(
+        f"Limit {way}jerk (m/s³)", f"{key}.jerk", at[2], 0.1, 5.0, 0.1, tip="The trapezoid has none.", most=1e3
+    )
     return speed, acceleration, jerk
 
 
@@ -196,20 +272,20 @@ def _controller(c: Controls, machine: Hoist) -> Controls:
     c = replace(c, by=by or c.by)
     inertia = shaft_inertia_kg_m2(machine)
     if c.by == BANDWIDTH:
-        bandwidth = _slider("Bandwidth (Hz)", "bandwidth", c.bandwidth_hz, 0.5, 6.0, 0.1)
+        bandwidth = _slider("Bandwidth (Hz)", "bandwidth", c.bandwidth_hz, 0.5, 6.0, 0.1, most=500.0)
         damping = _slider("Damping (–)", "damping", c.damping, 0.4, 2.0, 0.05, tip="1 is ki = kp·ω/4.")
         c = replace(c, bandwidth_hz=bandwidth, damping=damping)
         kp, ki = gains(c, machine)
         st.caption(f"kp {text(kp)} N m s/rad, ki {text(ki)} N m/rad: empty gripper, rigid drive.")
     else:
-        kp = _slider("kp (N m s/rad)", "kp", c.kp_nm_s_per_rad, 2.0, 80.0, 0.5, "%.1f")
-        ki = _slider("ki (N m/rad)", "ki", c.ki_nm_per_rad, 0.0, 600.0, 1.0, "%.0f")
+        kp = _slider("kp (N m s/rad)", "kp", c.kp_nm_s_per_rad, 2.0, 80.0, 0.5, "%.4g", most=1e6)
+        ki = _slider("ki (N m/rad)", "ki", c.ki_nm_per_rad, 0.0, 600.0, 1.0, "%.4g", most=1e6)
         hz, damping = bandwidth_and_damping(inertia, kp, ki)
         st.caption(f"Bandwidth {text(hz, 2)} Hz, damping {text(damping, 2)}: empty gripper, rigid drive.")
         c = replace(c, kp_nm_s_per_rad=kp, ki_nm_per_rad=ki)
     weight = _slider("Set-point weight (–)", "weight", c.set_point_weight, 0.0, 1.0, 0.05)
     ff = tuple(
-        _slider(f"Feed-forward of {what} (–)", f"ff {what}", value, 0.0, 1.0, 0.05)
-        for what, value in zip(("inertia", "weight", "friction"), c.feed_forward, strict=True)
+        _slider(words, f"ff {what}", value, 0.0, 1.0, 0.05)
+        for what, words, value in zip(FED, _FED_WORDS, c.feed_forward, strict=True)
     )
-    return replace(c, set_point_weight=weight, feed_forward=cast(Three, ff))
+    return replace(c, set_point_weight=weight, feed_forward=cast(Four, ff))

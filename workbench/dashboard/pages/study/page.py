@@ -8,14 +8,18 @@ import numpy as np
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
-from workbench.dashboard.machines import chosen_machine
+from workbench.dashboard import controller, session
+from workbench.dashboard.machines import session_machine
 from workbench.dashboard.pages.compare.kept import is_kept, keep
-from workbench.dashboard.pages.study.controls import scenario_of
-from workbench.dashboard.pages.study.form import controls
+from workbench.dashboard.pages.study.address import KEY, from_address, in_address
+from workbench.dashboard.pages.study.controls import Desk, scenario_of
+from workbench.dashboard.pages.study.form import DESK, controls, named
 from workbench.dashboard.pages.study.runs import beside_payloads, beside_ramps, results, told
-from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, table
+from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, problem, table
+from workbench.errors import InputError
 from workbench.figures.pareto import pareto
 from workbench.figures.study import overview, peak_torque_over_payload
+from workbench.figures.study_page import save_study_page, start_of_move
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.style import label
 from workbench.machine import Hoist
@@ -27,23 +31,27 @@ from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.utilisation import SIGN, alarm, utilisation
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
 from workbench.study.results.row import Row
+from workbench.study.results.signals import FORMS
 from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import standalone_text
 from workbench.study.variations.varying import swept_axes
 
 PEAK = "peak_torque_motor_nm"
 MOST_CARDS = 4  # numbers side by side
+GOOD = "study good"
+WHOLE, RAMP = "whole run", "start of the first move"
 
 
 def show() -> None:
     """Draws the page."""
-    with st.sidebar, guarded():
-        machine = chosen_machine("study machine")
-        desk = controls(machine)
+    _from_link()
+    bad: list[InputError] = []
+    with st.sidebar:
+        machine = session_machine("study machine")
+        desk = controls(machine, bad)
     head, top = st.container(), st.container()
-    with top, guarded(), told():
-        scenario = scenario_of(desk, machine)
-        result = results(scenario, machine)
+    with top:
+        scenario, machine, result = _run(desk, machine, bad)
     with head:
         _head(scenario, machine, result)
     with top:
@@ -52,12 +60,51 @@ def show() -> None:
         with st.expander("One reference against the trapezoid", icon=":material/compare:"):
             _numbers(result)
     _over_time(result)
+    _take_away(result)
     _plane(result)
     with guarded():
         _over_payload(beside_payloads(scenario, machine))
         said = _ramps(scenario, machine, result)
         if (better := verdict(result.rows, said)) is not None:
             _say(sentence, better)
+
+
+def _from_link() -> None:
+    """A session that has set nothing yet begins as its address says."""
+    text = st.query_params.get(KEY)
+    if not text or DESK in st.session_state:
+        return
+    try:
+        session.put(DESK, from_address(text))
+    except InputError as error:
+        problem(error)
+
+
+def _run(desk: Desk, machine: Hoist, bad: Sequence[InputError]) -> tuple[Scenario, Hoist, StudyResult]:
+    """The study that is asked for; where it cannot be run, the error under its control's name and the last that was."""
+    try:
+        if bad:
+            raise bad[0]
+        scenario = scenario_of(desk, machine)
+        with told():
+            good = (scenario, machine, results(scenario, machine))
+    except InputError as error:
+        problem(named(error))
+        last = session.get(GOOD, tuple, ())
+        if not last:
+            st.stop()
+        st.caption("Shown below: the last settings that could be run.")
+        scenario, machine, result = last
+        return scenario, machine, result
+    session.put(GOOD, good)
+    controller.said("study", scenario.controller)
+    text = in_address(scenario, machine)
+    if text != st.query_params.get(KEY):
+        if text is None:
+            st.query_params.pop(KEY, None)
+        else:
+            st.query_params[KEY] = text
+    return good
 
 
 def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
@@ -141,8 +188,34 @@ def _over_time(result: StudyResult) -> None:
     runs = [(kind, result.runs[row.run_id]) for kind, row in _good(result)]
     if runs:
         limit = motor_torque_limit_nm(machine)
-        figure = overview(runs, machine.motor.nominal_torque_nm, limit, "", height=740)
-        chart(figure, "study over time", "Speed, tracking error, torque and wire tension over time")
+        stretch = st.segmented_control(
+            "Stretch of time", (WHOLE, RAMP), default=WHOLE, key="study stretch", label_visibility="collapsed",
+            required=True,
+        )  # fmt: skip
+        window = start_of_move(result) if stretch == RAMP else None
+        figure = overview(runs, machine.motor.nominal_torque_nm, limit, "", window, height=740)
+        key = "study over time" if window is None else "study ramp"
+        chart(figure, key, "Speed, tracking error, torque and wire tension over time")
+
+
+def _take_away(result: StudyResult) -> None:
+    """The runs' signals and the report; each is written when it is asked for."""
+    name = result.study.scenario.name
+    with st.expander("Signals and report", icon=":material/download:"), st.container(horizontal=True):
+        for ending, (write, kind) in FORMS.items():
+            st.download_button(
+                f"Signals ({ending})", lambda write=write: write(result), f"{name}.{ending}", kind,  # type: ignore[misc]
+                key=f"study signals {ending}", on_click="ignore",
+            )  # fmt: skip
+        st.download_button(
+            "Report", lambda: _report(result), f"{name}.html", "text/html", key="study report", on_click="ignore"
+        )
+
+
+def _report(result: StudyResult) -> bytes:
+    file = session.file_in_workspace("study.html")
+    save_study_page(result, file)
+    return file.read_bytes()
 
 
 def _plane(result: StudyResult) -> None:

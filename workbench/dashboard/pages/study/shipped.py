@@ -1,0 +1,35 @@
+"""The scenarios that ship, as the page Study loads them: with what they extend, without what makes a batch of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from workbench.dashboard.pages.batches.choose import shipped
+from workbench.dashboard.pages.study.controls import START, Desk, desk_of
+from workbench.machine import Hoist
+from workbench.study.scenario.load import load_study
+from workbench.study.scenario.standalone import changed, read_standalone, standalone_text
+from workbench.yaml_strict import loads
+
+SHIPPED_NONE = "choose one"
+
+
+def shipped_names() -> list[str]:
+    return list(shipped())
+
+
+def shipped_files() -> Mapping[str, Path]:
+    """What an uploaded scenario may extend: file name -> file."""
+    return {file.name: file for file in shipped().values()}
+
+
+def shipped_desk(name: str, machine: Hoist) -> Desk:
+    """The controls as a shipped scenario sets them: on its own machine where it names one, at its base values where
+    it sweeps or draws some. InputError for one that no control shows."""
+    study = load_study(shipped()[name])
+    scenario = study.scenario
+    if scenario.machine != "default":  # its values as overrides: the page's machine is another choice
+        scenario = read_standalone(loads(standalone_text(scenario, study.machine), f"{name}.yaml"))
+    payloads = scenario.payloads_kg or START.payloads_kg  # those of a sweep go with it
+    return desk_of(changed(scenario, {"sweep": None, "sample": None, "payloads_kg": payloads}), machine)
