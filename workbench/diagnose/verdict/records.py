@@ -71,6 +71,9 @@ class Hypothesis:
     probability: float
 
 
+TWIN = 0.1  # of a probability: nearer are two names of one cause
+
+
 @dataclass(frozen=True)
 class Step:
     """One effect more on the way to an answer. merit: of these effects; left_rms: what they leave, in the input's
@@ -95,3 +98,12 @@ class Verdict:
     explained: float = 0.0
     left: Left = Left(0.0, 0.0, False)
     steps: tuple[Step, ...] = ()
+
+    @property
+    def probability(self) -> float | None:
+        """Of the answer, with its exact twins; None where it was not ranked."""
+        answer = next((row.probability for row in self.ranking if row.effects == self.effects), None)
+        if answer is None:
+            return None
+        twins = (row for row in self.ranking if len(row.effects) == 1 and row.effects[0] in self.alike)
+        return answer + sum(row.probability for row in twins if abs(row.probability - answer) < TWIN * answer)
