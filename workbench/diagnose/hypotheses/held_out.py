@@ -14,6 +14,7 @@ from workbench.run import Array
 
 BLOCKS = 4  # that a single run is cut into
 PARTS = (1.0, 0.3, 0.0)  # of the step that takes a fold out
+ROUNDING = 1e-6  # of a signature: what another run's own value adds to this one's rows
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,9 @@ def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> 
 def _own(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
     """What the values of this fold's own runs move by, so that it is met best after `step` of the others."""
     own = np.array([isinstance(knob, PhaseOfEachRun) for knob in fitted.knobs for _ in knob.lowest], dtype=bool)
-    mine = np.flatnonzero(own & ~np.any(fitted.jacobian[~fold] != 0.0, axis=0))
+    sizes = np.abs(fitted.jacobian)
+    elsewhere, anywhere = np.max(sizes[~fold], axis=0, initial=0.0), np.max(sizes, axis=0, initial=0.0)
+    mine = np.flatnonzero(own & (elsewhere <= ROUNDING * anywhere))
     found = np.zeros(len(step))
     if len(mine) and np.any(fold):
         left = fitted.residual[fold] + fitted.jacobian[fold] @ step
