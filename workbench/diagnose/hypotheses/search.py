@@ -21,7 +21,7 @@ from workbench.diagnose.hypotheses.fits import (
     start_of,
     stepped_aside,
 )
-from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, Value, effect_knobs, within
+from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, Value, bounds_of, effect_knobs, setting_of, within
 from workbench.diagnose.hypotheses.merit import beyond, beyond_discrepancy, discounted, inexact
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
@@ -47,6 +47,7 @@ IN_REACH = 0.3  # of the best gain: what is followed to its end
 PARTNERS = 3  # of each leading effect, that are refitted with it
 LEADERS = 3
 TOO_SMALL = 1.5  # sizes of the discrepancy: what needs more is searched again with them
+ASIDE = (1.0, 0.3, 0.0)  # of the way that a fit's own parameters step aside
 SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
@@ -267,11 +268,12 @@ class Search:
         return ranges_of(effect, self.problem.machine, self.problem.runs)
 
     def _finish(self, base: Fitted, tried: Sequence[Names], reach: float = IN_REACH) -> None:
-        """Follow to their end the fits that are in reach of the best."""
+        """Follow to their end the fits that are in reach of the best, or had promised more than it has."""
         done = {names: self.fits[names] for names in tried if names in self.fits}
         best = max((base.objective - fit.objective for fit in done.values()), default=0.0)
         for names, fit in done.items():
-            if not fit.settled and base.objective - fit.objective >= reach * best:
+            near = base.objective - fit.objective >= reach * best
+            if not fit.settled and (near or self.linear.get(names, 0.0) > best):
                 self._try(names, lambda f=fit: self._again(f))  # type: ignore[misc]
 
     def _offer_standstill(self, base: Fitted) -> None:
@@ -411,18 +413,28 @@ class Search:
         more, start = start_of(self.problem, promise.atom, promise.amounts)
         names = (*at.effects, promise.atom.effect.id)
         beside = self._aside(at, promise.atom.columns @ promise.amounts, promise.atom)
-        knobs, z = [*at.knobs, *more], np.concatenate([beside, start])
-        return fit_knobs(self.problem, names, knobs, z, FIRST_ROUND, self.count)
+        return self._fit_from(names, [*at.knobs, *more], at.z, beside, start)
 
     def _fit_both(self, near: Fitted, a: Atom, b: Atom, amounts: Array) -> Fitted:
         split = a.columns.shape[1]
         taken = a.columns @ amounts[:split] + b.columns @ amounts[split:]
-        knobs, start = list(near.knobs), list(self._aside(near, taken, a, b))
+        knobs, start = list(near.knobs), list[float]()
         for atom, part in ((a, amounts[:split]), (b, amounts[split:])):
             more, z = start_of(self.problem, atom, part)
             knobs, start = [*knobs, *more], [*start, *z]
-        names = (a.effect.id, b.effect.id)
-        return fit_knobs(self.problem, names, knobs, np.array(start), FIRST_ROUND, self.count)
+        return self._fit_from((a.effect.id, b.effect.id), knobs, near.z, self._aside(near, taken, a, b), start)
+
+    def _fit_from(
+        self, names: Names, knobs: Sequence[Knob], at: Array, beside: Array, start: Sequence[float]
+    ) -> Fitted:
+        """A fit that begins where its own parameters step aside, or as far on the way there as serves: not all of them
+        are linear that far."""
+        ways = [np.concatenate([at + part * (beside - at), start]) for part in ASIDE]
+        white = self.problem.errors.whiten(self.problem.residuals([setting_of(knobs, z) for z in ways]).T)
+        std = bounds_of(knobs)[2]
+        left = np.sum(white**2, axis=0) + np.array([np.sum((z / std) ** 2) for z in ways])
+        z = ways[int(np.argmin(np.where(np.isfinite(left), left, np.inf)))]
+        return fit_knobs(self.problem, names, knobs, z, FIRST_ROUND, self.count)
 
     def _aside(self, at: Fitted, taken: Array, *atoms: Atom) -> Array:
         """Where a fit's own parameters go once effects take so much (samples,) off its residual."""
