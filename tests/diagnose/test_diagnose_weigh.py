@@ -122,6 +122,9 @@ def test_a_phase_that_is_a_runs_own_is_taken_from_that_run():
     for j, setting in enumerate(found.settings):
         (held,) = [v for k, v in setting.items() if k.endswith("phase_rad")]
         assert held[j] == pytest.approx(1.0, abs=0.25)  # type: ignore[index]
+    rounding = 1e-12 * np.random.default_rng(1).normal(size=fit.jacobian.shape) * np.max(np.abs(fit.jacobian), axis=0)
+    rounded = held_out(problem, replace(fit, jacobian=fit.jacobian + rounding), folds_by_run(problem))
+    assert rounded.rms(problem.inputs) == pytest.approx(found.rms(problem.inputs), rel=1e-3)
 
 
 # Standard errors
