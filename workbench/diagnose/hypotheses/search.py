@@ -42,6 +42,7 @@ TOLERANCES = 3.0  # within which signatures are taken
 TURNED = 1.5  # the same, of the logarithm of what nobody knows: how friction turns over
 DROPPED = 1  # pairs
 PAIR_IN_REACH = 0.9
+STRAINED = 2.0  # standard deviations of a trace
 STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie different minima
 IN_REACH = 0.3  # of the best gain: what is followed to its end
 PARTNERS = 3  # of each leading effect, that are refitted with it
@@ -226,7 +227,12 @@ class Search:
         promised = self._promised(near, signatures)
         self.linear |= {(name,): each.gain for name, each in promised.items()}
         order = sorted(promised, key=lambda name: -promised[name].merit)
-        order = [name for k, name in enumerate(order[:REFITTED]) if k < ALWAYS or promised[name].merit > HOPELESS]
+        strained = self._strained(base)
+        order = [
+            name
+            for k, name in enumerate(order)
+            if k < ALWAYS or name in strained or (k < REFITTED and promised[name].merit > HOPELESS)
+        ]
         for k, name in enumerate(order):
             self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
             self._try((name,), lambda each=promised[name]: self._fit_with(near, each))  # type: ignore[misc]
@@ -234,6 +240,17 @@ class Search:
             self._from_base(base, order)
             self._with_delay(base)
         self._finish(base, [(name,) for name in order])
+
+    def _strained(self, base: Fitted) -> set[str]:
+        """The effects whose trace in every machine has been taken far beyond its tolerance: it may be one of them."""
+        found, start = set[str](), sum(len(knob.lowest) for knob in self.base.values())
+        for key, knob in self.traces.items():
+            width = len(knob.lowest)
+            own = base.z[start : start + width] / np.array(knob.prior_std)
+            if not getattr(knob, "logarithmic", False) and np.any(np.abs(own) > STRAINED):
+                found.add(key.partition(".")[0])
+            start += width
+        return found
 
     def _from_base(self, base: Fitted, names: Sequence[str]) -> None:
         """From the stretched base too, where that promises more than was found: a fit may be stuck on the way."""
