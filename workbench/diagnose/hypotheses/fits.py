@@ -54,12 +54,14 @@ def fit_knobs(
     z: Array,
     most: int = 25,
     base: int = 0,
+    known: Array | None = None,
 ) -> Fitted:
     """The least of chi^2 and prior from z on, in at most about `most` evaluations.
 
     base: how many of the first z are the base parameters'. Their signatures hardly change on
     the way, so they are differenced anew only every few steps; all but those of friction near standstill
-    and of the log's timing, which an effect's own delay has to stay parallel to.
+    and of the log's timing, which an effect's own delay has to stay parallel to. known: (samples, base or more) their
+    Jacobian at a point near z, None where they are to be differenced at z.
     """
     lowest, highest, std = bounds_of(knobs)
     z = np.clip(z, lowest, highest)
@@ -67,11 +69,23 @@ def fit_knobs(
     careful = np.array([_careful(k) for k in knobs for _ in k.lowest], dtype=bool)
     reach = np.where(careful, 0.5, np.inf)
     late = np.array([_late(k) for k in knobs for _ in k.lowest], dtype=bool)
-    anew = np.flatnonzero(careful | late | (np.arange(len(z)) >= base))
+    changing = careful | late | (np.arange(len(z)) >= base)
+    anew, lasting = np.flatnonzero(changing), np.flatnonzero(~changing)
     prior = np.diag(1.0 / std)
-    residual, jacobian = problem.evaluate(knobs, z)
+    residual, jacobian = problem.evaluate(knobs, z, None if known is None else anew)
+    if known is not None:
+        own, jacobian = jacobian, np.empty((len(residual), len(z)))
+        jacobian[:, anew], jacobian[:, lasting] = own, known[:, lasting]
     white, slopes = whiten(residual), whiten(jacobian)
-    evaluations, settled = 1, False
+    evaluations, settled, elsewhere = 1, False, known is not None
+
+    def renewed() -> tuple[Array, Array]:
+        """The Jacobian with the lasting columns differenced at z, and whitened."""
+        full, full_white = jacobian.copy(), slopes.copy()
+        full[:, lasting] = problem.evaluate(knobs, z, lasting)[1]
+        full_white[:, lasting] = whiten(full[:, lasting])
+        return full, full_white
+
     before = _objective(white, z, std)
     while evaluations < most:
         raw = {z.tobytes(): (residual, jacobian)}  # the minimum is sought in whitened rows
@@ -94,9 +108,11 @@ def fit_knobs(
             settled = minimum.settled or before - after < WORTH
             break
         before = after
-        residual, jacobian = problem.evaluate(knobs, z)
-        white, slopes = whiten(residual), whiten(jacobian)
+        jacobian, slopes = renewed()
+        elsewhere = False
         evaluations += 1
+    if elsewhere:
+        jacobian, _ = renewed()
     return Fitted(
         tuple(effects), tuple(knobs), z, residual, jacobian, float(white @ white), float(np.sum((z / std) ** 2)),
         evaluations, settled,
@@ -143,6 +159,10 @@ class Projection:
         """(samples, k) signatures -> (samples + priors, k), whitened, the base taken out."""
         a = np.vstack([self.errors.whiten(columns), np.zeros((self.priors, columns.shape[1]))])
         return a - self.rows @ (self.rows.T @ a)
+
+    def gain(self, atom: Atom) -> tuple[float, float, Array]:
+        """`linear_gain` of an effect at one shape."""
+        return linear_gain(self.clean(atom.columns), self.residual, columns_signed(atom), self.priors)
 
 
 def linear_gain(columns: Array, residual: Array, signs: Sequence[bool], priors: int) -> tuple[float, float, Array]:

@@ -61,8 +61,13 @@ def _off(r: Ranged) -> float:
     return r.vanishes_at
 
 
-def atoms(problem: Problem, effects: Iterable[Effect], base: Mapping[str, float | tuple[float, ...]]) -> list[Atom]:
-    """Every effect's signatures around the setting `base`."""
+def atoms(
+    problem: Problem,
+    effects: Iterable[Effect],
+    base: Mapping[str, float | tuple[float, ...]],
+    shapes_of: Mapping[str, Sequence[Mapping[str, float]]] | None = None,
+) -> list[Atom]:
+    """Every effect's signatures around the setting `base`. shapes_of: an effect's shapes, None to try all."""
     planned: list[tuple[Effect, dict[str, float], tuple[Ranged, ...], Ranged | None, list[dict[str, float]]]] = []
     for effect in effects:
         ranges = ranges_of(effect, problem.machine, problem.runs)
@@ -70,8 +75,13 @@ def atoms(problem: Problem, effects: Iterable[Effect], base: Mapping[str, float 
         phases = [r for r in ranges if r.scan == "phase"]
         wave = phases[0] if phases and len(amounts) == 1 else None
         shapes = [r for r in ranges if r.vanishes_at is None and r is not wave]
-        for point in product(*(_tried(problem, r) for r in shapes)):
-            at = dict(zip([r.symbol for r in shapes], point, strict=True))
+        if shapes_of is not None and effect.id in shapes_of:
+            points = [dict(at) for at in shapes_of[effect.id]]
+        else:
+            symbols = [r.symbol for r in shapes]
+            tried = product(*(_tried(problem, r) for r in shapes))
+            points = [dict(zip(symbols, point, strict=True)) for point in tried]
+        for at in points:
             lanes: list[dict[str, float]] = []
             for r in amounts:
                 amount = {x.symbol: _around(base, x) + (x.start - _off(x) if x is r else 0.0) for x in amounts}

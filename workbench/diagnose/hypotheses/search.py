@@ -50,6 +50,7 @@ LEADERS = 3
 TOO_SMALL = 1.5  # sizes of the discrepancy: what needs more is searched again with them
 ASIDE = (1.0, 0.3, 0.0)  # of the way that a fit's own parameters step aside
 SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
+SHAPES_AGAIN = 6  # of an effect, simulated anew where another point is linearised
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
 
@@ -157,6 +158,7 @@ class Search:
         self.fits: dict[Names, Fitted] = {}
         self.linear: dict[Names, float] = {}
         self.failures: dict[Names, str] = {}
+        self.scanned: Sequence[Atom] = ()
 
     def base_fit(self) -> Fitted:
         """No effect."""
@@ -170,6 +172,7 @@ class Search:
         near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
         self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
         signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
+        self.scanned = signatures
         self._singles(base, near, signatures)
         self._offer_standstill(base)
         return self._found(base, within, signatures)
@@ -211,9 +214,12 @@ class Search:
         return fit_knobs(self.problem, (), held, z, LAST_ROUND)
 
     def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Atom]:
-        """The signatures of all that can be simulated; what breaks down there is a row in the report."""
+        """The signatures of all that can be simulated; what breaks down there is a row in the report.
+
+        Once all shapes have been tried, those that promise most at the point, as they were there, are tried again.
+        """
         try:
-            found = atoms(self.problem, effects, at.setting)
+            found = atoms(self.problem, effects, at.setting, self._likely(effects, at))
         except BREAKDOWNS as error:
             if len(effects) == 1:
                 self.failures[(effects[0].id,)] = f"{type(error).__name__}: {error}"
@@ -222,6 +228,18 @@ class Search:
         broken = {atom.effect.id for atom in found if not np.all(np.isfinite(atom.columns))}
         self.failures |= {(name,): "the simulation breaks down at the values tried first" for name in broken}
         return [atom for atom in found if atom.effect.id not in broken]
+
+    def _likely(self, effects: Sequence[Effect], at: Fitted) -> dict[str, list[Mapping[str, float]]] | None:
+        """Effect -> its shapes that promise most at a point, with the signatures that are known. None without any."""
+        wanted = {each.id for each in effects}
+        gains: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
+        projection = Projection.of(self.problem, at) if self.scanned else None
+        for atom in self.scanned:
+            if projection is not None and atom.effect.id in wanted:
+                data, prior, _ = projection.gain(atom)
+                gains.setdefault(atom.effect.id, []).append((data + prior, atom.at))
+        best = {name: sorted(each, key=lambda q: -q[0])[:SHAPES_AGAIN] for name, each in gains.items()}
+        return {name: [at for _, at in each] for name, each in best.items()} or None
 
     def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
         promised = self._promised(near, signatures)
@@ -310,7 +328,7 @@ class Search:
             self._try(names, lambda f=fit, z=z: self._again(replace(f, z=z)))  # type: ignore[misc]
 
     def _again(self, fit: Fitted) -> Fitted:
-        return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, LAST_ROUND, self.count)
+        return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, LAST_ROUND, self.count, fit.jacobian)
 
     def _extend(self, base: Fitted, near: Fitted, size: int) -> None:
         """The leading hypotheses of so many effects, with one more each: those that promise most."""
@@ -418,9 +436,8 @@ class Search:
         projection = Projection.of(self.problem, at)
         best: dict[str, Promise] = {}
         for atom in signatures:
-            columns = projection.clean(atom.columns)
-            data, prior, amounts = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
-            size = columns.shape[1] + len(atom.at)
+            data, prior, amounts = projection.gain(atom)
+            size = atom.columns.shape[1] + len(atom.at)
             each = Promise(data + prior, data, data + prior - cost(self.problem, size), atom, amounts)
             if atom.effect.id not in best or each.merit > best[atom.effect.id].merit:
                 best[atom.effect.id] = each
