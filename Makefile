@@ -58,8 +58,9 @@ check: $(STAMP) ## ruff and the quick tests, for daily use
 test: $(STAMP) ## run all tests but the proofs
 	$(PY) -m pytest -n 2 --dist worksteal $(ARGS)
 
-proof: $(STAMP) ## the laws on more machines and recordings, before a release: what `make test` leaves out
-	WORKBENCH_REQUIRE_DATA=1 $(PY) -m pytest -n 2 --dist worksteal -m proof $(ARGS)
+# Before a release. Tests by hypothesis draw other and more examples here.
+proof: $(STAMP) ## what `make test` leaves out: laws on more machines and recordings, many more examples
+	WORKBENCH_REQUIRE_DATA=1 $(PY) -m pytest -n 2 --dist worksteal -m "proof or hypothesis" --hypothesis-profile proof $(ARGS)
 
 bench: $(BENCH_STAMP) ## measure against the peers; writes benchmarks/results.json
 	$(PY) -m benchmarks.run
