@@ -19,7 +19,7 @@ from workbench.errors import InputError, nearest
 # so that the help imports no numpy, numba or pydantic.
 COMMANDS: dict[str, tuple[str, str]] = {
     "app": ("workbench.cli.app:command", "Open the dashboard in a browser."),
-    "blind": ("workbench.cli.blind:command", "Prove the diagnosis on campaigns whose truth is sealed."),
+    "blind": ("workbench.cli.blind:command", "Test the diagnosis on campaigns whose truth is sealed."),
     "compare": ("workbench.cli.compare:command", "Compare two results metric by metric; report regressions."),
     "compare-models": ("workbench.cli.compare_models:command", "Run the lumped and the multi-body machine alike."),
     "diagnose": ("workbench.cli.diagnose:command", "Find the missing effect behind a sim-to-real gap."),

@@ -50,7 +50,7 @@ class _Parts(click.Group):
 
 @click.group(name="blind", cls=_Parts)
 def command() -> None:
-    """Prove the diagnosis on campaigns whose truth is sealed: make them, diagnose them, open the seal and score.
+    """Test the diagnosis on campaigns whose truth is sealed: make them, diagnose them, open the seal and score.
 
-    Also on your own machine and runs: the score is then the power of your experiment. See docs/blind.md.
+    With your own machine and runs the score is the power of your experiment. See docs/blind.md.
     """
