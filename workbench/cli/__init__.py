@@ -64,7 +64,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:
-        """The library names its own parameters; what was typed is an option."""
+        """An error of the library names its parameter; here it gets the name of the option."""
         try:
             return super().invoke(ctx)
         except InputError as error:
@@ -87,7 +87,7 @@ def cli() -> None:
 
 
 class _Echo(logging.Handler):
-    """What the library has to say while it works, such as that it compiles: a plain line on stderr."""
+    """Messages of the library while it works, such as compiling, as plain lines on stderr."""
 
     def emit(self, record: logging.LogRecord) -> None:
         click.echo(record.getMessage(), err=True)
@@ -131,7 +131,7 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
 
 
 def _sentence(error: InputError | OSError | MemoryError, words: Sequence[str]) -> str:
-    """The error in one line, with the path that it is about."""
+    """The error in one line, with its path."""
     if isinstance(error, MemoryError):
         return "not enough memory for this input; try fewer or shorter runs"
     if isinstance(error, InputError):
