@@ -1,7 +1,7 @@
 # `make demo` and `make test` do all the set-up on a fresh machine with Python 3.11 or newer and make.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo blind app check test proof bench docs notebook lint lock clean
+.PHONY: help demo blind app check test proof newest bench docs notebook lint lock clean
 
 VENV := .venv
 PY := $(VENV)/bin/python
@@ -58,8 +58,15 @@ check: $(STAMP) ## ruff and the quick tests, for daily use
 test: $(STAMP) ## run all tests but the proofs
 	$(PY) -m pytest -n 2 --dist worksteal $(ARGS)
 
-proof: $(STAMP) ## the laws on more machines and recordings, before a release: what `make test` leaves out
-	WORKBENCH_REQUIRE_DATA=1 $(PY) -m pytest -n 2 --dist worksteal -m proof $(ARGS)
+# Before a release. Tests by hypothesis draw other and more examples here.
+proof: $(STAMP) ## what `make test` leaves out: laws on more machines and recordings, many more examples
+	WORKBENCH_REQUIRE_DATA=1 $(PY) -m pytest -n 2 --dist worksteal -m "proof or hypothesis" --hypothesis-profile proof $(ARGS)
+
+# The kernels lean on numba's and llvmlite's insides, checked at each start: does the newest release still pass?
+newest: ## the tests of kernels and simulation under the newest numba, in an environment of its own
+	@$(MAKE) -s VENV=$(VENV)-newest $(VENV)-newest/.set-up
+	$(VENV)-newest/bin/python -m pip --disable-pip-version-check install -q --upgrade numba llvmlite
+	$(VENV)-newest/bin/python -m pytest -n 2 tests/engine tests/plants tests/simulate $(ARGS)
 
 bench: $(BENCH_STAMP) ## measure against the peers; writes benchmarks/results.json
 	$(PY) -m benchmarks.run

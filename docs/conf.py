@@ -13,8 +13,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE / "site")]
 
 import workbench  # noqa: E402
 from workbench.effects.page import page as effects_page  # noqa: E402
-from workbench.reports.metric_docs import metrics_page  # noqa: E402
-from workbench.reports.reference_docs import references_page  # noqa: E402
+from workbench.reports.declared_pages import bounds_page, metrics_page, references_page  # noqa: E402
 
 project = "workbench"
 version = release = workbench.__version__
@@ -47,8 +46,9 @@ toc_object_entries_show_parents = "hide"
 # Pages that are made from declarations: the page that a reader sees is what the code says.
 MADE = {
     "effects.md": (effects_page, "python -m workbench.effects.page > docs/effects.md"),
-    "metrics.md": (metrics_page, "python -m workbench.reports.metric_docs > docs/metrics.md"),
-    "references.md": (references_page, "python -m workbench.reports.reference_docs > docs/references.md"),
+    "metrics.md": (metrics_page, "python -m workbench.reports.declared_pages metrics > docs/metrics.md"),
+    "references.md": (references_page, "python -m workbench.reports.declared_pages references > docs/references.md"),
+    "bounds.md": (bounds_page, "python -m workbench.reports.declared_pages bounds > docs/bounds.md"),
 }
 
 

@@ -31,9 +31,11 @@ REQUIRE_ALL = os.environ.get("WORKBENCH_REQUIRE_DATA") == "1"
 # Many containers set PYTHONDONTWRITEBYTECODE. pytest then rewrites 3,600 asserts at each collection, which takes 5 s.
 sys.dont_write_bytecode = False
 
-# A first call compiles for seconds, so no example has a deadline. CI draws the same examples each time.
+# A first call compiles for seconds, so no example has a deadline. CI draws the same few examples each time; a proof
+# draws many, other ones each time.
 hypothesis.settings.register_profile("local", deadline=None)
-hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
+hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True, max_examples=40)
+hypothesis.settings.register_profile("proof", deadline=None, print_blob=True, max_examples=500)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 

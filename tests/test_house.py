@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
 import subprocess
 import sys
-import time
 import tomllib
 import zipfile
 from pathlib import Path
@@ -238,13 +238,14 @@ def test_version_and_help_are_printed(capsys):
 
 
 def test_help_is_quick():
-    """The target is 0.3 s; the best of five forgives what else the machine does meanwhile."""
+    """0.1 s on a quiet machine; processor time of the best of five, whatever else the machine does meanwhile."""
     taken = []
     for _ in range(5):
-        start = time.perf_counter()
+        before = os.times()
         subprocess.run([sys.executable, "-m", "workbench", "--help"], cwd=ROOT, capture_output=True, check=True)
-        taken.append(time.perf_counter() - start)
-    assert min(taken) < 0.3
+        after = os.times()
+        taken.append(after.children_user + after.children_system - before.children_user - before.children_system)
+    assert min(taken) < 0.15
 
 
 def test_a_reader_that_leaves_early_is_no_error():

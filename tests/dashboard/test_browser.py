@@ -130,7 +130,7 @@ def gap(visit: Visit, tmp_path: Path) -> None:
     page = visit.page
     visit.turn_to("Gap")
     visit.choose("Campaign", "demo_campaign")
-    page.get_by_role("button", name="1 effect", exact=True).click()
+    page.get_by_test_id("stButtonGroup").get_by_text("1 effect", exact=True).click()
     visit.drawn()
     visit.shot("6 gap before")
     page.get_by_role("button", name="Diagnose").click()

@@ -13,7 +13,7 @@ from workbench.errors import InputError
 from workbench.machine import default_hoist
 from workbench.machine.files import RECORDS, machine_from, machine_text
 from workbench.machine.quantities import LARGEST
-from workbench.reports.bounds_docs import bounded, page
+from workbench.reports.declared_pages import bounded, bounds_page
 from workbench.study.scenario.record import Scenario
 from workbench.yaml_strict import loads
 
@@ -74,4 +74,6 @@ def test_a_slip_of_units_is_refused_with_a_hint(line, said):
 
 
 def test_the_page_of_bounds_is_that_of_today():
-    assert (DOCS / "bounds.md").read_text(encoding="utf-8") == page(), "python -m workbench.reports.bounds_docs"
+    assert (DOCS / "bounds.md").read_text(encoding="utf-8") == bounds_page(), (
+        "python -m workbench.reports.declared_pages bounds"
+    )

@@ -20,7 +20,7 @@ from workbench.errors import InputError
 from workbench.machine import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
 from workbench.metrics.metric import largest
-from workbench.reports.metric_docs import metrics_page
+from workbench.reports.declared_pages import metrics_page
 from workbench.reports.study.figures import figures_of
 from workbench.study.conclude import tables
 from workbench.study.conclude.sentences import sentences

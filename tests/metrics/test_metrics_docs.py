@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from workbench.metrics import columns, metrics
-from workbench.reports.metric_docs import metrics_page
+from workbench.reports.declared_pages import metrics_page
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "metrics.md"
 
 
 def test_the_docs_are_made_from_the_declarations():
-    said = "run: python -m workbench.reports.metric_docs > docs/metrics.md"
+    said = "run: python -m workbench.reports.declared_pages metrics > docs/metrics.md"
     assert PAGE.read_text(encoding="utf-8") == metrics_page(), said
 
 

@@ -38,7 +38,7 @@ from workbench.references import (
 )
 from workbench.references.limits import Step
 from workbench.references.time_optimal import shortest_move, shortest_ramp
-from workbench.reports.reference_docs import references_page
+from workbench.reports.declared_pages import references_page
 from workbench.reports.study.words import conclusions
 from workbench.study.conclude.sentences import sentences
 from workbench.study.results.finished import read_finished
@@ -185,7 +185,7 @@ def test_every_kind_has_a_label_a_definition_and_a_docs_line(name: str) -> None:
 
 def test_the_docs_are_made_from_the_declarations() -> None:
     file = Path(__file__).resolve().parents[2] / "docs" / "references.md"
-    said = "run: python -m workbench.reports.reference_docs > docs/references.md"
+    said = "run: python -m workbench.reports.declared_pages references > docs/references.md"
     assert file.read_text(encoding="utf-8") == references_page(), said
 
 

@@ -108,6 +108,7 @@ def extended(content: Content, recommended: Mapping[str, Any], campaign: Path) -
     """The content with the recommended run, and with what it asks to log. campaign: its runs, as the menu saw them."""
     from workbench.diagnose.hypotheses.problem import Problem
     from workbench.diagnose.isolation.planned import menu
+    from workbench.kinds import kind_of
     from workbench.logs import read_campaign
 
     read = read_campaign(campaign)
@@ -123,7 +124,8 @@ def extended(content: Content, recommended: Mapping[str, Any], campaign: Path) -
     speed = run[problem.bench.plant.speeds[0]]
     t = np.arange(round(run.duration_s / kind.record_s)) * kind.record_s
     reference = tuple(float(v) for v in np.interp(t, run.time_s - run.time_s[0], speed))
-    start = float(run.start_position_m) if kind.name == "hoist" else float(run[problem.bench.plant.positions[0]][0])
+    logged = kind_of(read.machine).moved.placed_by_log
+    start = float(run[problem.bench.plant.positions[0]][0] if logged else run.start_position_m)
     began = content.runs[-1].start_time_s + content.runs[-1].duration_s + BETWEEN_S
     plan = RunPlan("next", "recommended", run.payload_kg, start, round(began, 2), len(t) * kind.record_s, reference)
     names = {"tension_dead_line_n": "tension", "position_carriage_m": "position"}

@@ -19,9 +19,9 @@ from workbench.errors import InputError, nearest
 # so that the help imports no numpy, numba or pydantic.
 COMMANDS: dict[str, tuple[str, str]] = {
     "app": ("workbench.cli.app:command", "Open the dashboard in a browser."),
-    "blind": ("workbench.cli.blind:command", "Prove the diagnosis on campaigns whose truth is sealed."),
+    "blind": ("workbench.cli.blind:command", "Test the diagnosis on campaigns whose truth is sealed."),
     "compare": ("workbench.cli.compare:command", "Compare two results metric by metric; report regressions."),
-    "compare-models": ("workbench.cli.compare_models:command", "Run the lumped and the multi-body machine alike."),
+    "compare-models": ("workbench.cli.compare_models:command", "Compare the lumped with the multi-body machine."),
     "diagnose": ("workbench.cli.diagnose:command", "Find the missing effect behind a sim-to-real gap."),
     "export-controller": (
         "workbench.cli.export_controller:command",
@@ -29,11 +29,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "export-fmu": ("workbench.cli.export_fmu:command", "Write a machine as an FMU, for other simulators."),
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign."),
-    "loop": ("workbench.cli.loop:command", "Stability margins of the sampled speed loop."),
+    "loop": ("workbench.cli.loop:command", "Compute the stability margins of the speed loop."),
     "replay": ("workbench.cli.replay:command", "Replay measured torque on the model; compare speeds."),
     "report": ("workbench.cli.report:command", "Write the report of a finished study: one HTML page."),
     "schema": ("workbench.cli.schema:command", "Print a JSON Schema, for completion in an editor."),
-    "serve": ("workbench.cli.serve:command", "Run a machine's plant in real time, for a controller or PLC."),
+    "serve": ("workbench.cli.serve:command", "Run a machine's plant in real time, for a PLC."),
     "study": ("workbench.cli.study:command", "Run scenarios in closed loop; tables and figures."),
     "tune": ("workbench.cli.tune:command", "Find controller gains for a bandwidth or best rejection."),
 }
@@ -64,7 +64,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:
-        """The library names its own parameters; what was typed is an option."""
+        """An error of the library names its parameter; here it gets the name of the option."""
         try:
             return super().invoke(ctx)
         except InputError as error:
@@ -81,13 +81,13 @@ class LazyGroup(click.Group):
 def cli() -> None:
     """Control-design and what-if studies for a winch-driven pipe-handling machine.
 
-    Every command reads files, prints a table and writes what it found to --out. Exit status:
+    Every command reads files, prints a table and writes its results to --out. Exit status:
     0 done, 1 the command's own answer is no, 2 bad input, 130 interrupted.
     """
 
 
 class _Echo(logging.Handler):
-    """What the library has to say while it works, such as that it compiles: a plain line on stderr."""
+    """Messages of the library while it works, such as compiling, as plain lines on stderr."""
 
     def emit(self, record: logging.LogRecord) -> None:
         click.echo(record.getMessage(), err=True)
@@ -131,7 +131,7 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
 
 
 def _sentence(error: InputError | OSError | MemoryError, words: Sequence[str]) -> str:
-    """The error in one line, with the path that it is about."""
+    """The error in one line, with its path."""
     if isinstance(error, MemoryError):
         return "not enough memory for this input; try fewer or shorter runs"
     if isinstance(error, InputError):

@@ -59,15 +59,15 @@ def command(port: int | None, address: str, hosts: tuple[str, ...], no_browser: 
 
 
 def _open(url: str) -> None:
-    """In a browser, where there is one; the address was printed. What xdg-open says of each browser that it misses
-    would push that line off the screen."""
+    """Open a browser if there is one; the address was printed. The messages of xdg-open about missing browsers are
+    suppressed, because they would push that line off the screen."""
     words = [sys.executable, "-c", "import sys, click; click.launch(sys.argv[1])", url]
     subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 @contextmanager
 def _server(port: int, address: str, hosts: tuple[str, ...]) -> Iterator[subprocess.Popen[bytes]]:
-    """The server as a child, ended with the block: politely, and then for certain."""
+    """The server as a child process; it is terminated at the end of the block, and killed if it does not end."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(EXIT_TERMINATED))  # so that the block ends then too
     words = [sys.executable, "-m", "workbench.dashboard.serve", str(port), address, *hosts]
     # The address that streamlit would tell of is the one that it listens on, not the one to open.
@@ -125,7 +125,7 @@ def _free_port(address: str) -> int:
 
 
 def _reached(address: str) -> str:
-    """Where this computer reaches a server that listens there."""
+    """The address at which this computer reaches the server."""
     return {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(address, _shown(address))
 
 

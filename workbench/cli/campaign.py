@@ -1,4 +1,4 @@
-"""What a command works on: the campaign with its chosen runs and machine, the effects to weigh."""
+"""The input of a command: the campaign with the chosen runs and machine, and the candidate effects."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ALL = "all"
 def load_campaign(
     path: Path, runs: str | None = None, machine_file: Path | None = None, band_hz: float | None = None
 ) -> Campaign:
-    """The campaign in `path`; runs: names separated by commas. InputError for what does not fit together."""
+    """The campaign in `path`; runs: names separated by commas. InputError if they do not fit together."""
     machine = None if machine_file is None else load_machine(machine_file, check_effects=check)
     campaign = read_campaign(path, select=runs, check_effects=check)
     if band_hz is not None:
@@ -34,7 +34,7 @@ def load_campaign(
 
 
 def chosen_candidates(text: str | None, machine: Hoist | Axis) -> tuple[str, ...] | None:
-    """Names with commas between; `all`: every effect there is for the machine, unlisted ones too. None stays None.
+    """Names separated by commas; `all`: every effect of the machine's kind, also the unlisted ones. None stays None.
 
     InputError for an unknown or a repeated name, with the nearest valid one.
     """

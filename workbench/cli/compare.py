@@ -1,4 +1,4 @@
-"""`workbench compare`: two results of a study, metric by metric; exit status 1 where one got too bad."""
+"""`workbench compare`: two results of a study, metric by metric; exit status 1 for a regression."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _show(comparison: Comparison) -> None:
 
 
 def _unmoved(comparison: Comparison) -> str:
-    """How many metrics are the same, and which moved by less than can be noticed."""
+    """The number of equal metrics, and those that changed by less than the least visible difference."""
     if not comparison.changes:
         return "none of them ran to its end in both"
     same = [change for change in comparison.changes if not change.worst]

@@ -1,4 +1,4 @@
-"""How far a diagnosis is: one bar on a terminal, a plain line a stage elsewhere; both on stderr."""
+"""The progress of a diagnosis on stderr: a bar on a terminal, otherwise one line for each stage."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ class Stages:
         self.show, self.total = show, len(Stage) if writes else len(Stage) - 1
 
     def tell(self, progress: Progress) -> None:
-        """Hears the diagnosis."""
+        """Receives the progress of the diagnosis."""
         self.show(progress_words(progress), progress.stage.value + 1, self.total)
 
     def writing(self, sentence: str) -> None:
-        """The report is under way."""
+        """The report is being written."""
         self.show(sentence, self.total, self.total)
 
 
 @contextmanager
 def shown(writes: bool) -> Iterator[Stages]:
-    """What to tell each stage to, for as long as the block lasts."""
+    """The receiver of the stages while the block runs."""
     if sys.stderr.isatty():
         with _bar() as show:
             yield Stages(show, writes)
@@ -60,7 +60,7 @@ def _bar() -> Iterator[Show]:
 
 
 class _Lines:
-    """A line whenever there is something new to say."""
+    """One line for each new message."""
 
     def __init__(self) -> None:
         self.last = ""

@@ -17,7 +17,7 @@ MOST_CANDIDATES = 5
 
 
 def show(d: Diagnosis, out: Path | None) -> None:
-    """Print it; out: where its files are, None where nothing was written."""
+    """Print the diagnosis. out: the folder of its files, None if nothing was written."""
     click.echo()
     print_text([d.verdict.sentence, words.probability_sentence(d)])
     if alike := words.alike_sentence(d):

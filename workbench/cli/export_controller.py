@@ -14,25 +14,25 @@ import click
     "form",
     type=click.Choice(["st", "c", "yaml"]),
     required=True,
-    help="Structured text, C99, or a drive's parameters.",
+    help="Format: structured text, C99, or a drive's parameters.",
 )
 @click.option(
     "--drive",
     type=click.Choice(["siemens-s120", "abb-acs880", "generic"]),
     default="generic",
     show_default=True,
-    help="With --as yaml: whose parameters.",
+    help="Drive whose parameters are written, with --as yaml.",
 )
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the files.")
 @click.option("--machine", type=click.Path(path_type=Path), help="A machine.yaml. Default: the built-in machine.")
 @click.option(
-    "--payload", type=float, default=0.0, show_default=True, help="Payload of the inertia fed forward, in kg."
+    "--payload", type=float, default=0.0, show_default=True, help="Payload in the inertia feed-forward, in kg."
 )
 def command(controller: Path, form: str, drive: str, out: Path, machine: Path | None, payload: float) -> None:
     """Write CONTROLLER, a file with a controller block such as the output of tune, for the machine's own controls.
 
-    C99 and structured text come with a test record of inputs and expected torque, and a self-test. A drive's parameters
-    come with what its controller does otherwise. Where CONTROLLER is a scenario, its limits give the ramp.
+    C99 and structured text include a self-test with recorded inputs and the expected torque. A drive's parameters
+    include a list of what its controller does differently. If CONTROLLER is a scenario, its limits give the ramp.
     """
     from workbench.cli.show import print_text
     from workbench.effects import check

@@ -14,14 +14,14 @@ from workbench.cli.options import effects_option
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New file, such as hoist.fmu.")
 @click.option("--payload", type=float, default=0.0, show_default=True, help="Payload at the start, in kg.")
 @click.option(
-    "--start-position", type=float, help="Height (position) at the start, m (rad). Default: mid rail; 0 for an axis."
+    "--start-position", type=float, help="Height (position) at the start, in m (rad). Default: mid rail; 0 for an axis."
 )
 @click.option(
     "--effect",
     "effect",
     multiple=True,
     metavar="NAME.PARAMETER=VALUE",
-    help="An effect beside those of MACHINE, or another value of one; may be repeated.",
+    help="Effect to add to those of MACHINE, or to change; may be repeated.",
 )
 @click.option(
     "--with-controller",
@@ -29,13 +29,13 @@ from workbench.cli.options import effects_option
     type=click.Path(path_type=Path),
     help="A file with a controller block, such as the output of tune: the sampled speed loop goes into the FMU.",
 )
-@click.option("--fmi", type=click.Choice(["3.0", "2.0"]), default="3.0", show_default=True, help="Version of FMI.")
+@click.option("--fmi", type=click.Choice(["3.0", "2.0"]), default="3.0", show_default=True, help="FMI version.")
 @click.option(
     "--platforms",
     metavar="NAMES",
-    help="Of the binaries, separated by commas, or 'none'. Default: all that can be compiled here.",
+    help="Platforms of the binaries, separated by commas, or 'none'. Default: all that can be compiled here.",
 )
-@click.option("--step", type=float, help="Largest step inside, in s. Default: 0.001 for a hoist, 0.0002 for an axis.")
+@click.option("--step", type=float, help="Largest internal step in s. Default: 0.001 for a hoist, 0.0002 for an axis.")
 @effects_option
 def command(
     machine: Path,
@@ -50,8 +50,9 @@ def command(
 ) -> None:
     """Write MACHINE, a machine.yaml, as an FMU for co-simulation.
 
-    Torque (force) in, all signals out; with --with-controller the speed reference in. Sources are inside, and binaries
-    for Linux, Windows and macOS where the extra 'fmu' is installed; else for this computer, by its own C compiler.
+    The input is the motor torque (force), or the speed reference with --with-controller; the outputs are all signals.
+    The FMU contains its C sources and binaries: for Linux, Windows and macOS if the extra 'fmu' is installed, otherwise
+    for this computer, compiled by its own C compiler.
     """
     from workbench.cli.show import print_text
     from workbench.effects import check

@@ -1,4 +1,4 @@
-"""What `compare-models` compares on: a campaign's torque records, or a scenario's closed loops."""
+"""The input of `compare-models`: the torque records of a campaign, or the closed loops of a scenario."""
 
 from __future__ import annotations
 

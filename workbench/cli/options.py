@@ -25,7 +25,7 @@ def campaign_argument(command: Command) -> Command:
 
 
 def effects_option(command: Command) -> Command:
-    """`--effects FILE`: a user's effects are known by name before the command reads anything else.
+    """`--effects FILE`: loads a user's effects before the command reads anything else.
 
     The command itself takes no argument for it. InputError as `workbench.effects.load_effects`.
     """

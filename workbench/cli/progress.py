@@ -1,4 +1,4 @@
-"""How far a batch is: one bar on a terminal, a plain line now and then elsewhere; both on stderr."""
+"""The progress of a batch on stderr: a bar on a terminal, otherwise a line from time to time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LINE_EVERY_S = 10.0
 
 @contextmanager
 def shown(names: Sequence[str]) -> Iterator[Tell]:
-    """What to tell the progress of these studies to; a stop in the middle says what is kept."""
+    """The receiver of the progress of these studies; an interruption reports what is kept."""
     last: list[Progress] = []
 
     def remember(say: Callable[[Progress], None]) -> Tell:
@@ -65,7 +65,7 @@ def _bar(studies: int) -> Iterator[Callable[[Progress], None]]:
 
 
 class _Lines:
-    """Says where it goes on, then a line when ten seconds are over; a quick study is silent."""
+    """Reports where the study continues, then a line every ten seconds; a quick study prints nothing."""
 
     def __init__(self) -> None:
         self.name = ""

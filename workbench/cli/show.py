@@ -35,15 +35,15 @@ def print_table(table: Table, *, note: bool = True) -> None:
 
 
 def print_text(sentences: Sequence[str], *, dim: bool = False) -> None:
-    """A paragraph a sentence, wrapped to the terminal."""
+    """One paragraph for each sentence, wrapped to the terminal."""
     for sentence in sentences:
         click.secho(filled(sentence), dim=dim)
 
 
 def filled(text: str, first: str = "", then: str = "") -> str:
-    """One paragraph wrapped to the terminal, its lines begun with `first` and `then`; a number keeps its unit.
+    """A paragraph wrapped to the terminal: `first` begins the first line, `then` the others. A number keeps its unit.
 
-    What `TIE` ties is not parted either. All blanks come out as plain ones.
+    Words joined by `TIE` stay together too. All blanks are printed as plain ones.
     """
     tied = _NUMBER_AND_UNIT.sub(lambda match: match[0].replace(" ", TIE), text)
     whole = textwrap.fill(
@@ -53,7 +53,7 @@ def filled(text: str, first: str = "", then: str = "") -> str:
 
 
 def print_notes(notes: Sequence[str]) -> None:
-    """What the reader of the logs has to say, a line each."""
+    """The notes of the log reader, one line each."""
     if notes:
         click.echo("Notes on the logs:")
         for note in notes:

@@ -1,4 +1,4 @@
-"""`workbench study`: run scenario files, print what came out, say where it lies."""
+"""`workbench study`: run scenario files, print the results and their folder."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def command(files: tuple[Path, ...], out: Path | None, cluster: str | None) -> N
 
 
 def _out_folders(studies: Sequence[Study], files: Sequence[Path], out: Path | None) -> list[Path | None]:
-    """Where each study goes: `out` itself, or a folder in it for each of several."""
+    """The folder of each study: `out` itself, or a folder in it if there are several."""
     if out is None or len(studies) == 1:
         return [out] * len(studies)
     names = [study.scenario.name for study in studies]
@@ -68,7 +68,7 @@ def _out_folders(studies: Sequence[Study], files: Sequence[Path], out: Path | No
 
 @contextmanager
 def _spread(cluster: str | None) -> Iterator[Spread]:
-    """How chunks are run: on this computer, or on a cluster for as long as the block lasts."""
+    """Where chunks are run: on this computer, or on a cluster while the block runs."""
     if cluster is None:
         from workbench.study.execute.batch import on_this_computer
 

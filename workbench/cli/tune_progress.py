@@ -1,4 +1,4 @@
-"""How far a tuning is: one bar on a terminal, nothing elsewhere until it takes long; on stderr."""
+"""The progress of a tuning on stderr: a bar on a terminal, otherwise a line every ten seconds."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LINE_EVERY_S = 10.0
 
 @contextmanager
 def shown() -> Iterator[Callable[[TuneProgress], None]]:
-    """What to tell each step to; Ctrl-C ends the tuning, and nothing is written."""
+    """The receiver of the steps; Ctrl-C ends the tuning, and nothing is written."""
     try:
         if sys.stderr.isatty():
             with _bar() as say:
@@ -41,7 +41,7 @@ def _bar() -> Iterator[Callable[[TuneProgress], None]]:
 
 
 class _Lines:
-    """A line when ten seconds are over since the last one; a quick tuning is silent."""
+    """A line every ten seconds; a quick tuning prints nothing."""
 
     def __init__(self) -> None:
         self.next = time.monotonic() + LINE_EVERY_S
@@ -53,7 +53,7 @@ class _Lines:
 
 
 def words(progress: TuneProgress) -> str:
-    """What is done now, and what there is so far."""
+    """The current step, and the result so far."""
     if not progress.tried or math.isnan(progress.cost):
         return progress.doing
     return f"{progress.doing}; {progress.tried} tried, least cost {progress.cost:.3f}"

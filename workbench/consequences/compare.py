@@ -76,14 +76,14 @@ def consequences_of(
 
 
 def _new(nominal: Hoist, corrected: Hoist) -> tuple[str, ...]:
-    """What the corrected machine has that the nominal one has not, or not with these values."""
+    """The effects that the nominal machine lacks or has with other values."""
     effects = [name for name, values in corrected.effects.items() if nominal.effects.get(name) != values]
     table = corrected.measured_correction
     return (*effects, *(["measured_correction"] if table not in (None, nominal.measured_correction) else []))
 
 
 def _rows(study: SmallStudy, nominal: Hoist, corrected: Hoist) -> tuple[Change, ...]:
-    """The runs of both machines, case by case."""
+    """One row for each case, with the runs of both machines."""
     cases = [(payload, reference) for payload in study.payloads_kg for reference in REFERENCES]
     rail = (nominal.rail.lowest_position_m, nominal.highest_position_m)
     length = motion_time_s(REFERENCES, study.moves, study.start_position_m, study.limit_pair, rail)
@@ -92,7 +92,7 @@ def _rows(study: SmallStudy, nominal: Hoist, corrected: Hoist) -> tuple[Change, 
 
 
 def _runs(study: SmallStudy, cases: Sequence[tuple[float, str]], machine: Hoist, length_s: float) -> list[RunFigures]:
-    """Of a machine with numbers of its own for each run, such as a phase, the worst of several."""
+    """The runs of a machine; if it has values that differ from run to run, such as a phase, the worst of several."""
     # Machine by machine: as many runs at a time, so that one compiled kernel serves all.
     rows = [
         [row for row, _ in run_specs([_spec(study, machine_at_phase, *case, length_s) for case in cases])]
@@ -120,7 +120,7 @@ def _spec(study: SmallStudy, machine: Hoist, payload_kg: float, reference: str, 
 
 
 def _worst(rows: Sequence[Row]) -> RunFigures:
-    """Of the runs of one case each figure's worst; a failed run fails the case."""
+    """The worst of each figure over the runs of one case; a failed run fails the case."""
     reason = next((row.reason for row in rows if not row.ok), "")
     worst = {name: find(name).worst([row[name] for row in rows]) if not reason else math.nan for name in METRICS}
     return RunFigures(reason=reason, **(worst | {"move_time_s": rows[0]["move_time_s"]}))
@@ -143,7 +143,7 @@ def _weakest_loop(machine: Hoist, study: SmallStudy) -> LoopFigures:
 
 
 def _bandwidth(loop: LoopFigures) -> float | None:
-    """Two digits of what the controller gives the nominal machine; None where that means nothing."""
+    """The bandwidth that the controller gives the nominal machine, two digits; None if the loop is unstable."""
     usable = loop.stable and math.isfinite(loop.bandwidth_hz)
     return float(f"{loop.bandwidth_hz:.2g}") if usable else None
 

@@ -44,7 +44,7 @@ class SmallStudy:
 
     @property
     def heights_m(self) -> tuple[float, ...]:
-        """Where the loop is looked at: bottom, middle and top of the travel."""
+        """The heights of the loop analysis: bottom, middle and top of the travel."""
         low, high = self.start_position_m, self.start_position_m + self.travel_m
         return low, 0.5 * (low + high), high
 
@@ -135,5 +135,5 @@ def _payloads(machine: Hoist, runs: Sequence[Run]) -> tuple[float, ...]:
 
 
 def _digits(value: float) -> float:
-    """Three digits: what is said is what is run."""
+    """Rounded to three digits, so that the value in the text is the value of the run."""
     return float(f"{value:.3g}")

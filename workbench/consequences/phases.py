@@ -1,4 +1,4 @@
-"""What differs from run to run of one machine, such as the phase of the heave, and what that means for a study."""
+"""Values that differ from run to run of one machine, such as the phase of the heave, in a study."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ PHASES = 4
 
 
 def per_run(machine: Hoist) -> tuple[str, ...]:
-    """The machine's effects that have a number of their own in each run."""
+    """The effects of the machine with a value that differs from run to run."""
     known = effects_for("hoist")
     return tuple(name for name in machine.effects if any(parameter.per_run for parameter in known[name].parameters))
 
 
 def from_the_cold(machine: Hoist) -> tuple[str, ...]:
-    """The machine's effects that go with the time since the campaign began."""
+    """The effects of the machine that depend on the time since the start of the campaign."""
     known = effects_for("hoist")
     others = per_run(machine)
     return tuple(name for name in machine.effects if known[name].regime == "time" and name not in others)
 
 
 def at_phases(machine: Hoist) -> list[Hoist]:
-    """The machine itself or, where an effect has numbers of each run, with four of them evenly over their range."""
+    """The machine itself or, if an effect has a value for each run, four machines evenly over its range."""
     own = per_run(machine)
     if not own:
         return [machine]

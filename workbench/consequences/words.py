@@ -1,4 +1,4 @@
-"""What the comparison comes to, in sentences; each says what changes, or that it does not."""
+"""The comparison in sentences; each says what changes, or that it does not."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _figures(rows: Sequence[Change]) -> Iterator[str]:
 
 
 def _span(low: float, high: float) -> str:
-    """Changes in per cent; an end that is nothing is left out."""
+    """A range of changes in per cent; an end of zero is omitted."""
     if f"{low:+.1f}" == f"{high:+.1f}":
         return f"{high:+.1f} %"
     if abs(low) < SMALL or abs(high) < SMALL:

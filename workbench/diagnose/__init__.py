@@ -1,15 +1,15 @@
-"""The sim-to-real gap: where it lies, which unmodelled effect causes it, how far it shrinks.
+"""The sim-to-real gap: its location, the unmodelled effect that causes it, its reduction.
 
-`diagnose.diagnose` runs the steps in order and returns a `records.Diagnosis`. The rooms:
+`diagnose.diagnose` runs the steps in order and returns a `records.Diagnosis`. The packages:
 
-readiness     whether the runs can be diagnosed at all, and how fit they are
-hypotheses    what may be turned, the residuals it acts on, fits, and the search through them
-verdict       what is left, what speaks for whom, how likely; its numbers are in calibration.json
+readiness     whether the runs can be diagnosed, and the condition of their logs
+hypotheses    parameters, residuals, fits, and the search among the effects
+verdict       remaining residual, evidence, probabilities; the numbers are in calibration.json
 location      the gap, and where it lies
-isolation     what these runs can tell apart, and which run would decide what is open
-unexplained   an unknown cause as a table over what explains it best
+isolation     which effects the runs can tell apart, and which run would decide
+unexplained   an unknown cause as a table over the variable that explains it best
 
-Each room's records stand in its `records.py`. Beside the rooms: candidates (rows of the report), machines (a fit as
+Each package has its records in `records.py`. Beside them: candidates (rows of the report), machines (a fit as
 machine.yaml), shrink, words.
 """
 

@@ -21,7 +21,7 @@ FAR = 3.0  # tolerances
 
 
 def candidates(found: Found, judged: Judged, keys: Mapping[str, Value]) -> tuple[Candidate, ...]:
-    """Every hypothesis weighed, the worthiest first; then what was only looked at linearly, then what broke down."""
+    """All weighed hypotheses, the best first; then those with a linear fit only, then those whose fit failed."""
     problem = found.problem
     gap = max(_energy(found, found.near) - problem.noise**2, 1e-300)
     rows, folds = [], _folds(found)
@@ -63,7 +63,7 @@ def _energy(found: Found, fit: Fitted) -> float:
 def _against(
     found: Found, judged: Judged, hypothesis: Weighed, keys: Mapping[str, Value], unseen: Sequence[tuple[_Folds, float]]
 ) -> list[str]:
-    """Plain sentences."""
+    """The objections to a hypothesis, as sentences."""
     problem, fit = found.problem, hypothesis.fit
     said = []
     left = fit.rms(problem.inputs) / problem.noise
@@ -90,7 +90,7 @@ def _against(
 
 @dataclass(frozen=True)
 class _Folds:
-    """A way to hold out: what is left out at a time, and the residual without any effect."""
+    """One way of cross-validation: the fold of each row, and the held-out residual without any effect."""
 
     what: str
     fold_of_row: np.ndarray

@@ -1,4 +1,4 @@
-"""The diagnosis from first to last: condition, gap, candidates, verdict, where, shrink, and what it changes."""
+"""The whole diagnosis: condition of the logs, gap, candidates, verdict, location, shrink, consequences."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def diagnose(
     study: bool = True,
     tell: Tell | None = None,
 ) -> Diagnosis:
-    """Where the gap between machine and runs lies, what causes it, and how far it shrinks.
+    """The location of the gap between machine and runs, its cause, and its reduction on held-out runs.
 
-    baseline: "tolerances": the base parameters are refitted, each held by its tolerance; "nominal":
-    they stay. candidates: ids of effects to weigh, None for the listed ones of the machine's kind.
-    most_effects: at once, 1 to 3: each is looked for beside the best hypotheses so far.
-    study: whether to look at what changes in the control study.
-    tell: hears of each stage. The same seed gives the same answer. InputError where the runs cannot be diagnosed.
+    baseline: "tolerances" refits the base parameters with their tolerances as priors, "nominal" keeps them.
+    candidates: ids of the effects to weigh, None for the listed ones of the machine's kind. most_effects: largest
+    number of effects at once, 1 to 3; each further one is searched beside the best hypotheses so far. study:
+    whether to compute the changes in the control study. tell: receives the progress. The same seed gives the same
+    answer. InputError if the runs cannot be diagnosed.
     """
     say = tell or (lambda progress: None)
     say(Progress(Stage.READ))
@@ -138,7 +138,7 @@ def diagnose(
 
 
 def judged_to_help(found: Found) -> Judged:
-    """The verdict, with no cause named whose correction does harm to runs that its fit has not seen."""
+    """The verdict. A cause is not named if its correction makes held-out runs worse."""
     barred: list[Names] = []
     while True:
         judged = judge(found, barred)
@@ -148,7 +148,7 @@ def judged_to_help(found: Found) -> Judged:
 
 
 def harmful(found: Found, names: Names) -> bool:
-    """Whether a correction makes the held-out residual larger than it is without."""
+    """Whether the correction increases the held-out residual."""
     folds, inputs = folds_of(found, names), found.problem.inputs
     return folds.after.rms(inputs) > HARM * folds.before.rms(inputs)
 
@@ -167,7 +167,7 @@ def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effe
 
 
 def _open(judged: Judged, also: Names) -> list[Names]:
-    """The hypotheses between which the campaign has not decided, the likeliest first."""
+    """The hypotheses that the campaign does not decide between, the most probable first."""
     first: list[Names] = [judged.names] if judged.names else []
     rest: list[Names] = [(name,) for name in also]
     rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
@@ -177,7 +177,7 @@ def _open(judged: Judged, also: Names) -> list[Names]:
 def _consequences(
     campaign: Campaign, refitted: Hoist | Axis, corrected: Hoist | Axis, word: VerdictWord
 ) -> tuple[Consequences | None, str]:
-    """What changes in the control study; or why nothing is said."""
+    """The changes in the control study, or the reason why there are none."""
     if word == "no_gap":
         return None, "No gap: the study's conclusions stand as they are."
     return consequences_of(refitted, corrected, runs=campaign.runs)

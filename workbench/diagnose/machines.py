@@ -1,4 +1,4 @@
-"""The machine that a fit found, as a record that machine.yaml, replay and study take."""
+"""The machine of a fit, as a record for machine.yaml, replay and study."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def refitted_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: F
 
 
 def of_first_run(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
-    """Sentences on what the corrected machine holds of the first run only."""
+    """Sentences on the values of the corrected machine that belong to the first run only."""
     first = problem.runs[0].name
     sentences = []
     for name in fitted.effects:
@@ -62,7 +62,7 @@ def of_first_run(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
 
 
 def _values(problem: Problem, name: str, setting: Setting) -> dict[str, float]:
-    """An effect's parameters by name; what the fit did not turn stays as the effect declares it."""
+    """An effect's parameters by name; parameters that were not fitted keep their declared values."""
     return {r.name: _rounded(_first(setting[r.symbol])) for r in _ranges(problem, name) if r.symbol in setting}
 
 

@@ -1,4 +1,4 @@
-"""How far a diagnosis is: records, worded where they are shown."""
+"""The progress of a diagnosis, as records. The words are in reports/diagnosis/progress.py."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import Enum
 
 
 class Stage(Enum):
-    """The stages, in their order. WRITE is left to whoever writes the result down."""
+    """The stages, in order. WRITE is reported by the caller that writes the result."""
 
     READ = 0
     SEARCH = 1
@@ -21,7 +21,7 @@ class Stage(Enum):
 
 
 class Task(Enum):
-    """What a stage is at."""
+    """The current task of a stage."""
 
     WHOLE = "whole"
     BASE = "base"
@@ -32,7 +32,7 @@ class Task(Enum):
 
 @dataclass(frozen=True)
 class Progress:
-    """stage: under way. task: of the search; step, steps: which of how many, from 1; effects: those it is about."""
+    """stage: the current one. task: of the search. step of steps, from 1. effects: those that the task is about."""
 
     stage: Stage
     task: Task = Task.WHOLE

@@ -20,7 +20,7 @@ from workbench.shown import Shown
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown):
-    """Everything one diagnosis found, in the order of its steps. corrected: machine.yaml for replay and study."""
+    """The results of a diagnosis, in the order of its steps. corrected: the machine for replay and study."""
 
     campaign: Campaign
     seed: int

@@ -1,4 +1,4 @@
-"""How far the gap shrinks on runs that a fit has not seen, in torque and in open-loop speed."""
+"""The reduction of the gap on held-out runs, in torque and in open-loop speed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DRAWS = 2000  # of the bootstrap
 
 @dataclass(frozen=True)
 class Shrink:
-    """How far the gap shrinks on runs that were held out. before, after, noise: rms, `unit`, below band_hz.
+    """The reduction of the gap on held-out runs. before, after, noise: rms in `unit`, below band_hz.
 
     by_run: name -> (before, after). ci95: of the factor, a bootstrap over runs. speed_*: open-loop replay.
     """
@@ -52,7 +52,7 @@ class Folds:
 
 
 def folds_of(found: Found, names: Names, unknown: Explained | None = None) -> Folds:
-    """`unknown`: the table that stands in for an unknown cause, where one was found."""
+    """unknown: the table that represents an unknown cause, if there is one."""
     folds = folds_by_run(found.problem)
     before = held_out(found.problem, found.near, folds)
     if unknown is not None:
@@ -69,7 +69,7 @@ def shrink_of(
     seed: int,
     unknown: Explained | None = None,
 ) -> Shrink:
-    """`names`: the effects of the verdict; none for no gap, and the gap does not shrink then."""
+    """names: the effects of the verdict; empty without a gap, which then does not shrink."""
     problem = found.problem
     before, after = folds.before.rms(problem.inputs), folds.after.rms(problem.inputs)
     plain = _machines(problem, keys, (), folds.before.settings)
@@ -106,7 +106,7 @@ def _by_run(problem: Problem, folds: Folds) -> dict[str, tuple[float, float]]:
 
 
 def _interval(folds: Folds, inputs: int, seed: int) -> tuple[float, float]:
-    """95 % of the factor: folds drawn with replacement."""
+    """The 95 % interval of the factor, by a bootstrap over folds."""
     of_row = folds.before.fold_of_row[:inputs]
     count = int(np.max(of_row)) + 1 if inputs else 0
     sums = np.array(
@@ -125,7 +125,7 @@ def _interval(folds: Folds, inputs: int, seed: int) -> tuple[float, float]:
 def _machines(
     problem: Problem, keys: Mapping[str, Value], names: Names, settings: Sequence[Setting]
 ) -> list[Hoist | Axis | None]:
-    """Of each run, the machine fitted to the others; None where that is no machine."""
+    """For each run the machine that was fitted to the other runs; None if the fit is not a valid machine."""
     machines: list[Hoist | Axis | None] = []
     for j in range(len(problem.runs)):
         setting = settings[j] if len(settings) == len(problem.runs) else settings[0]
@@ -137,7 +137,7 @@ def _machines(
 
 
 def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:
-    """Open-loop replay of each held-out run on its machine, rms, per cent; NaN if none runs."""
+    """The rms speed error of the held-out runs in open-loop replay, per cent; NaN if no run can be replayed."""
     squares: list[tuple[float, int]] = []
     for j, run in enumerate(problem.runs):
         machine = machines[j] if len(machines) == len(problem.runs) else machines[0]
@@ -151,5 +151,5 @@ def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:
 
 
 def for_run(setting: Setting, j: int) -> dict[str, float]:
-    """The setting as run j has it."""
+    """The setting with the values of run j."""
     return {k: v[j] if isinstance(v, tuple) else v for k, v in setting.items()}

@@ -17,9 +17,9 @@ def listed(names: Names) -> str:
 
 
 def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: bool = False) -> str:
-    """What an engineer reads first: the answer, how sure, and how far the gap shrinks.
+    """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
-    tabled: the corrected machine holds the measured force of an unknown cause.
+    tabled: whether the corrected machine contains the measured force of an unknown cause.
     """
     unit = shrink.unit
     sure = sum(row.probability for row in judged.ranking if row.verdict == judged.word)
@@ -66,12 +66,12 @@ def twins(judged: Judged, also: Names) -> Names:
 
 
 def _percent(share: float) -> str:
-    """A share of the energy; nines say how little is left."""
+    """A share of the energy in per cent, with enough digits near 100."""
     if share >= 0.9999:
         return "over 99.99 %"
     return f"{100.0 * share:.2f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
 
 
 def chance(probability: float) -> str:
-    """A probability in words that claims no certainty."""
+    """A probability in words; above 0.99 it is not given exactly."""
     return "probability over 0.99" if probability > 0.99 else f"probability {probability:.2f}"

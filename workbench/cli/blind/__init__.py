@@ -1,4 +1,4 @@
-"""`workbench blind`: prove the diagnosis on campaigns whose truth is sealed."""
+"""`workbench blind`: test the diagnosis on campaigns whose truth is sealed."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class _Parts(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:
-        """The library names its own parameters; what was typed is an option."""
+        """An error of the library names its parameter; here it gets the name of the option."""
         try:
             return super().invoke(ctx)
         except InputError as error:
@@ -50,7 +50,7 @@ class _Parts(click.Group):
 
 @click.group(name="blind", cls=_Parts)
 def command() -> None:
-    """Prove the diagnosis on campaigns whose truth is sealed: make them, diagnose them, open the seal and score.
+    """Test the diagnosis on campaigns whose truth is sealed: make them, diagnose them, open the seal and score.
 
-    Also on your own machine and runs: the score is then the power of your experiment. See docs/blind.md.
+    With your own machine and runs the score is the power of your experiment. See docs/blind.md.
     """

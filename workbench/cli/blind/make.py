@@ -17,24 +17,28 @@ import click
     help="Your runs: a plan.yaml, or a campaign whose speeds, payloads, heights, rate and noise are taken.",
 )
 @click.option("--cases", type=click.IntRange(min=1), default=60, show_default=True, help="Number of campaigns.")
-@click.option("--seed", type=click.IntRange(min=0), help="Sealed with the labels. Default: drawn by the system.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    help="Seed of random numbers; it is sealed with the labels. Default: a random one.",
+)
 @click.option(
     "--source",
     multiple=True,
     default=["simulator"],
     show_default=True,
-    help="What plays the machine: simulator, multibody or plant; again for more than one.",
+    help="Simulator of the machines: simulator, multibody or plant; may be repeated.",
 )
 @click.option("--kind", type=click.Choice(["hoist", "axis"]), help="Machines of one kind only.")
-@click.option("--family", multiple=True, help="Families of machines, see docs/blind.md; may be repeated.")
+@click.option("--family", multiple=True, help="Family of machines, see docs/blind.md; may be repeated.")
 @click.option("--effects", help="Names of the effects that may be withheld, separated by commas. Default: all.")
-@click.option("--case", type=click.Choice(["singles", "none", "pairs", "unknown"]), help="Cases of one sort only.")
+@click.option("--case", type=click.Choice(["singles", "none", "pairs", "unknown"]), help="Cases of one type only.")
 @click.option(
     "--identified",
     type=click.Choice(["no", "half", "yes"]),
     default="no",
     show_default=True,
-    help="Whether machine.yaml was identified on two plain runs before anything ailed.",
+    help="Identify machine.yaml on two runs without a fault first.",
 )
 @click.option("--key", type=click.Path(path_type=Path), help="File for the key. Default: beside the folder.")
 @click.option("--processes", type=click.IntRange(1, 64), default=2, show_default=True, help="Campaigns at a time.")
@@ -53,10 +57,10 @@ def command(
     key: Path | None,
     processes: int,
 ) -> None:
-    """Make campaigns as a rig would record them; each withholds one effect, two, none, or one that no library has.
+    """Make campaigns as a rig would record them. Each lacks one effect, two, none, or one that is in no library.
 
-    The truth is encrypted; its hash and that of each file stand in manifest.json. The key is written beside the
-    folder, so that whoever is given the folder has no key.
+    The truth is encrypted. manifest.json holds its hash and the hash of each file. The key is written beside the
+    folder, so that the folder can be passed on without it.
     """
     from workbench.blind.ask import Asked, make_asked
 

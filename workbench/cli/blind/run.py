@@ -10,12 +10,21 @@ import click
 @click.command(name="run")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--processes", type=click.IntRange(1, 64), default=2, show_default=True, help="Diagnoses at a time.")
-@click.option("--count", type=click.IntRange(min=1), help="Of the campaigns the first ones only. Default: all.")
-@click.option("--max-effects", type=click.IntRange(1, 3), default=2, show_default=True, help="As of `diagnose`.")
+@click.option(
+    "--count", type=click.IntRange(min=1), help="Number of campaigns to diagnose, the first ones. Default: all."
+)
+@click.option(
+    "--max-effects",
+    type=click.IntRange(1, 3),
+    default=2,
+    show_default=True,
+    help="Largest number of effects that may be missing at once.",
+)
 def command(folder: Path, processes: int, count: int | None, max_effects: int) -> None:
-    """Diagnose the campaigns of FOLDER, each in a process and a folder that know neither label nor seed.
+    """Diagnose the campaigns of FOLDER, each in a process and a folder without label or seed.
 
-    What has an answer already stays, so the same command goes on after a stop; Ctrl-C loses those in work.
+    Campaigns that have an answer are skipped, so the same command continues after a stop. Ctrl-C discards the
+    diagnoses that are running.
     """
     from workbench.blind.run import run
 

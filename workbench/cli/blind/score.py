@@ -11,22 +11,24 @@ import click
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to make, for score.json and score.html.")
 @click.option("--key", type=click.Path(path_type=Path), help="The key of the seal. Default: beside the folder.")
-@click.option("--misses", type=click.IntRange(min=0), default=12, show_default=True, help="Misses to print.")
-@click.option("--oracle", is_flag=True, help="Fit the true effect where the diagnosis has not: for the shrink.")
+@click.option(
+    "--misses", type=click.IntRange(min=0), default=12, show_default=True, help="Number of wrong answers to print."
+)
+@click.option("--oracle", is_flag=True, help="Also fit the true effect, as the measure of the residual.")
 @click.option(
     "--next-runs",
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="Of the open cases so many get the recommended run, simulated, and are diagnosed again.",
+    help="Number of undecided cases to diagnose again with the recommended run, which is simulated.",
 )
 @click.option("--processes", type=click.IntRange(1, 64), default=2, show_default=True, help="Diagnoses at a time.")
 def command(
     folder: Path, out: Path | None, key: Path | None, misses: int, oracle: bool, next_runs: int, processes: int
 ) -> None:
-    """Open the seal of FOLDER, check that nothing was changed since, and score the answers that are there.
+    """Open the seal of FOLDER, check that no file was changed since, and score the answers.
 
-    A part of the campaigns is enough. opened.json says when the seal was opened, and what was answered by then.
+    Not all campaigns need an answer. opened.json records when the seal was opened and which answers existed then.
     """
     from workbench.blind.later import one_more_run, with_next_runs, with_oracle
     from workbench.blind.power import power_of

@@ -1,1 +1,1 @@
-"""What these runs can tell apart, and which run would decide what is open."""
+"""Which effects the runs can tell apart, and which run would decide between open hypotheses."""

@@ -1,4 +1,4 @@
-"""Which effects a campaign could tell apart at all, and how little of each it would show."""
+"""Which effects a campaign can tell apart, and the smallest amount of each that it can show."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ NOTHING = 1e-9  # of a column's size: what the base parameters take away whole
 
 @dataclass(frozen=True)
 class Signature:
-    """An effect at its best shape: atom, and its columns with the base taken out, (samples + priors, k)."""
+    """An effect at its best shape: its atom, and its columns without the part of the base parameters,
+    (samples + priors, k)."""
 
     atom: Atom
     columns: Array
@@ -37,7 +38,7 @@ def isolability(problem: Problem, found: Found) -> Isolability:
     """Angles between the effects' signatures, the base parameters projected out with tolerances as priors.
 
     The angle is the smallest one between the two signatures' spaces (A. Bjorck, G. H. Golub, Mathematics of
-    Computation 27, 1973): at 0 some amount of one looks exactly like some amount of the other.
+    Computation 27, 1973): at 0 an amount of one effect has exactly the signature of an amount of the other.
     """
     n = independent(problem)
     projection = Projection.of(problem, found.near)
@@ -53,7 +54,7 @@ def isolability(problem: Problem, found: Found) -> Isolability:
 
 
 def best_signatures(projection: Projection, atoms: Iterable[Atom], n: float) -> dict[str, Signature]:
-    """Effect -> its signature at the shape that is worth most on the data as they are."""
+    """Effect -> its signature at the shape that fits the data best."""
     best: dict[str, Signature] = {}
     for atom in atoms:
         columns = projection.clean(atom.columns)
@@ -68,7 +69,7 @@ def best_signatures(projection: Projection, atoms: Iterable[Atom], n: float) -> 
 
 
 def _space(columns: Array) -> Array:
-    """Orthonormal columns that span the same, what is nearly nothing beside the largest left out."""
+    """Orthonormal columns of the same span; directions with negligible singular values are dropped."""
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(u[:, s > NOTHING * max(float(s[0]), 1e-300)], dtype=float)
 
@@ -88,7 +89,7 @@ def angle_between(a: Array, b: Array) -> float:
 
 
 def _visible(signature: Signature, priors: int, n: float) -> tuple[str, float]:
-    """The first parameter's smallest amount off its vanishing value that would be worth a name."""
+    """The first parameter's smallest distance from its vanishing value at which the effect would be named."""
     wave = signature.atom.wave is not None
     if wave:  # the quadratures of all runs, a mean over phases
         squares = np.sum(signature.columns**2, axis=1) / 2.0
@@ -101,7 +102,7 @@ def _visible(signature: Signature, priors: int, n: float) -> tuple[str, float]:
 
 
 def smallest_amount(data: float, prior: float, parameters: int, n: float) -> float:
-    """The a at which a² (data + prior) is worth what its parameters cost; inf for what never shows."""
+    """The amount a at which a² (data + prior) equals the cost of its parameters; inf if the effect never shows."""
     worth = parameters * math.log(max(n, 2.0))
     return math.sqrt(worth / (data + prior)) if data + prior > 0.0 else math.inf
 
@@ -120,10 +121,10 @@ def _sentences(best: Mapping[str, Signature], angle: Array, found: Found, priors
 
 
 def separations(best: Mapping[str, Signature], priors: int, n: float) -> Array:
-    """(k, k) standard deviations between effects, one at twice its smallest visible amount, the other as like it
-    as it can be.
+    """(k, k) distances between effects in standard deviations: one at twice its smallest visible amount, the other
+    fitted to it as closely as possible.
 
-    inf where one effect is a special case of the other: no campaign tells these apart, and fewer numbers decide.
+    inf if one effect is a special case of the other: no campaign tells these apart; the simpler one is preferred.
     """
     signatures = list(best.values())
     spaces, raw = [_space(one.columns) for one in signatures], [_space(one.atom.columns) for one in signatures]
@@ -137,7 +138,7 @@ def separations(best: Mapping[str, Signature], priors: int, n: float) -> Array:
 
 
 def _distance(away: Array, priors: int, n: float) -> float:
-    """Standard deviations of a difference in data and tolerances."""
+    """The size of a difference in standard deviations of data and tolerances."""
     data, prior = float(np.sum(away[:-priors] ** 2)), float(np.sum(away[-priors:] ** 2))
     return math.sqrt(max(data, 0.0) + prior)
 
@@ -152,7 +153,7 @@ def _twice_visible(signature: Signature, priors: int, n: float) -> Array:
 
 
 def _special_case(a: Array, b: Array) -> bool:
-    """Whether one space lies in the other, larger one, whatever the base parameters."""
+    """Whether the smaller space is part of the larger one, before the base parameters are projected out."""
     small, large = (a, b) if a.shape[1] <= b.shape[1] else (b, a)
     if small.shape[1] == large.shape[1]:
         return False
@@ -160,7 +161,7 @@ def _special_case(a: Array, b: Array) -> bool:
 
 
 def _near_the_best(found: Found, n: float) -> list[str]:
-    """What fits nearly as well as the best single effect, by how many standard deviations it is worse."""
+    """The single effects that fit nearly as well as the best one, with their distance in standard deviations."""
     singles = sorted((n for n in found.fits if len(n) == 1), key=lambda n: found.fits[n].objective)
     if not singles:
         return []

@@ -1,4 +1,4 @@
-"""A hypothesis around its fit, linear in what it may turn: on the campaign, and on runs of a menu."""
+"""A hypothesis linearised around its fit: on the campaign, and on planned runs."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ POSITION_TRUST = 1e-4  # of the wire's length: a usual draw-wire encoder or lase
 
 @dataclass(frozen=True)
 class Line:
-    """A hypothesis around its fit, linear in z, on the campaign or on one run of the menu.
+    """A hypothesis linearised in z around its fit, on the campaign or on one planned run.
 
-    residual: (rows,) in standard deviations; jacobian: (rows, len(z)); own: (rows, k) what each run has of its own
-    (a phase, a load cell's gain), own_hold: (k,) one over how far it may lie off. channel: (rows,) which signal.
+    residual: (rows,) in standard deviations; jacobian: (rows, len(z)); own: (rows, k) the values that
+    each run has of its own (a phase, a load cell's gain). own_hold: (k,) one over their standard deviations.
+    channel: (rows,) the signal of each row.
     """
 
     residual: Array
@@ -46,7 +47,7 @@ def on_campaign(problem: Problem, fit: Fitted) -> Line:
 
 
 def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tuple[str, ...]], Line]:
-    """A hypothesis on any run of the menu, by its number and what is logged there."""
+    """A hypothesis on the planned runs, by the number of the run and its logged signals."""
     steps = [fit.z, *(fit.z + STEP * row for row in np.eye(len(fit.z)))]
     settings: list[Setting] = [_of_one_run(setting_of(fit.knobs, z)) for z in steps]
     cell = TENSION_GAIN not in settings[0]
@@ -93,7 +94,7 @@ def _tension_noise(ahead: Problem, k: int) -> float:
 
 
 def _heights(ahead: Problem, settings: Sequence[Setting]) -> list[Array]:
-    """Of each run (settings, rows) the carriage's height above its first one, m."""
+    """For each run (settings, rows): the carriage's height above that at its start, m."""
     out: list[list[Array]] = [[] for _ in ahead.runs]
     base = _values(ahead, settings[0])
     for k in range(1, len(settings), GROUP - 1):
@@ -115,7 +116,7 @@ def _values(ahead: Problem, setting: Setting) -> list[SimpleNamespace]:
 
 
 def _phases(knobs: Sequence[Knob]) -> list[tuple[int, int]]:
-    """Where in z what is each run's own begins, and how many runs it has."""
+    """For each value that every run has of its own: its first index in z, and the number of runs."""
     phases, at = [], 0
     for knob in knobs:
         if isinstance(knob, PhaseOfEachRun):

@@ -1,4 +1,4 @@
-"""The run that would decide between hypotheses that the campaign leaves open, and by how much."""
+"""The run that would decide between the open hypotheses, and by how much."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Offer:
 
 
 def next_run(problem: Problem, found: Found, open_effects: Sequence[Fitted | str | Names]) -> NextRun | None:
-    """The cheapest run that sets the first of the open hypotheses apart from the others, else the best.
+    """The cheapest run that separates the first open hypothesis from the others, or else the best one.
 
-    Of each run of the menu the hypotheses' predictions are compared after base parameters and effects were fitted
-    anew to all data, as far as tolerances allow. What differs by less than LEAST of the noise counts for nothing.
-    None where fewer than two are open.
+    For each planned run the predictions of the hypotheses are compared after base parameters and effects were
+    refitted to all data within the tolerances. Differences below LEAST of the noise are ignored. None if fewer
+    than two hypotheses are open.
     """
     fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, found, hypothesis)) is not None][
         : RIVALS + 1
@@ -67,7 +67,7 @@ def next_run(problem: Problem, found: Found, open_effects: Sequence[Fitted | str
 
 
 def choose(offers: Sequence[Offer], now: float) -> Offer:
-    """The cheapest offer that decides: few signals first, then a short run; else the one that sets most apart."""
+    """The cheapest offer that decides: fewest signals, then the shortest run; else the largest separation."""
     enough = [offer for offer in offers if _decides(offer, now)]
     if enough:
         return min(enough, key=lambda o: (len(o.signals), o.planned.duration_s, -o.separation))
@@ -82,13 +82,13 @@ def _decides(offer: Offer, now: float) -> bool:
 
 
 def _choices(problem: Problem, logged: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """What to log beside the motors, cheapest first; what is logged already stays."""
+    """The sets of signals to log beside the motors, cheapest first; signals that are logged already are kept."""
     every = [logged, *(tuple(sorted({*logged, more})) for more in kind_of(problem.machine).to_log)]
     return list(dict.fromkeys(every))
 
 
 def _fit_of(problem: Problem, found: Found, hypothesis: Fitted | str | Names) -> Fitted | None:
-    """The fit of a hypothesis; of what was not refitted, the linear one at its best shape."""
+    """The fit of a hypothesis; if it was not refitted, its linear fit at the best shape."""
     if isinstance(hypothesis, Fitted):
         return hypothesis
     names = (hypothesis,) if isinstance(hypothesis, str) else tuple(hypothesis)
@@ -129,7 +129,7 @@ def _apart(fits: Sequence[Fitted], campaign: Sequence[Line], more: Sequence[Line
 
 
 def separation(true: Fitted, rival: Fitted, lines: Sequence[tuple[Line, Line]]) -> float:
-    """How many standard deviations the rival stays off data that the true hypothesis makes, refitted to them."""
+    """Standard deviations between the data of the true hypothesis and the rival that is refitted to them."""
     _, _, std = bounds_of(rival.knobs)
     own = sum(line.own.shape[1] for _, line in lines)
     size, at = len(rival.z) + own, len(rival.z)

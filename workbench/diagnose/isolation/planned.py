@@ -1,4 +1,4 @@
-"""A menu of runs that could be driven next: what the machine did in its logs, with other loads, speeds and turns."""
+"""The menu of runs that could be driven next: payloads, speeds and motions within the range of the logs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_PAYLOADS = 4
 
 @dataclass(frozen=True)
 class Planned:
-    """One run of the menu. words: its motion, for people."""
+    """A planned run. words: its motion as text."""
 
     run: Run
     payload_kg: float
@@ -38,7 +38,7 @@ class Planned:
 
 @dataclass(frozen=True)
 class Seen:
-    """How the logs show the machine moved, in m and m/s (rad on a rotary axis)."""
+    """The range of motion in the logs, in m and m/s (rad on a rotary axis)."""
 
     low: float
     high: float
@@ -47,7 +47,7 @@ class Seen:
 
 
 def menu(problem: Problem) -> list[Planned]:
-    """Payload x slow or fast x plain, reversals or holds; [] where the logs hold no motion."""
+    """All combinations of payload, speed and motion (plain, reversals, holds); [] if the logs hold no motion."""
     seen = seen_in(problem)
     if not (seen.high > seen.low and seen.speed > 0.0 and seen.acceleration > 0.0):
         return []
@@ -77,7 +77,7 @@ def seen_in(problem: Problem) -> Seen:
 
 
 def _payloads(problem: Problem) -> list[float]:
-    """The campaign's lightest, middle and heaviest, and none."""
+    """The lightest, middle and heaviest payload of the campaign, and none."""
     if not kind_of(problem.machine).payload:
         return [problem.runs[0].payload_kg]
     known = sorted({run.payload_kg for run in problem.runs})
@@ -103,7 +103,7 @@ def _motions(problem: Problem, seen: Seen, speed: float) -> dict[str, list[Step]
 
 
 def _run(problem: Problem, seen: Seen, speed: float, steps: Sequence[Step], payload: float, name: str) -> Run:
-    """The run as a log would show it: its motion exactly, no torque, the tension of the weight at rest."""
+    """The run as a log: exact motion, no torque, the tension of the weight at rest."""
     rest = LEAD_PERIODS / problem.band_hz
     limits = Limits(speed, seen.acceleration, 4.0 * seen.acceleration * problem.band_hz)
     span = seen.high - seen.low

@@ -1,4 +1,4 @@
-"""What these runs can tell apart, and the run that would decide what is open."""
+"""Records: which effects the runs can tell apart, and the run that would decide between open hypotheses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from workbench.run import Array
 class Isolability:
     """Angles between signatures, degrees, after the base parameters are projected out. names: (k,), angle: (k, k).
 
-    visible: (k,) the effect's smallest amount this campaign would show, in its first parameter's unit.
+    visible: the smallest amount of each effect that this campaign can show, in its first parameter's unit.
     """
 
     names: Names
@@ -24,8 +24,8 @@ class Isolability:
 
 @dataclass(frozen=True)
 class NextRun:
-    """The run that would decide what is open. separation: distance of the candidates' predictions on it, in
-    standard deviations, against `now` on the campaign as it is."""
+    """The run that would decide between the open hypotheses. separation: distance of their predictions with this
+    run, in standard deviations; now: the same without it."""
 
     why: str
     payload_kg: float

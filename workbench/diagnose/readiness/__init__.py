@@ -1,1 +1,1 @@
-"""Whether the runs can be diagnosed at all, and how fit they are."""
+"""Whether the runs can be diagnosed, and the condition of their logs."""

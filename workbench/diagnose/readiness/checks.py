@@ -1,4 +1,4 @@
-"""What a diagnosis needs of a campaign beyond what its reader checks: motion, length, one machine, signs, units."""
+"""Checks of a campaign before a diagnosis, beyond those of its reader: motion, length, one machine, signs, units."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ABOVE_NOISE = 5.0  # in the band: less is no motion
 
 
 def check_runs(campaign: Campaign) -> tuple[str, ...]:
-    """Warnings: what these runs cannot show or tell apart.
+    """Warnings: effects that these runs cannot show or tell apart.
 
     InputError, naming the runs, for runs that are too short, that all stand still, that are of
     different machines, and for signals of the wrong sign or unit.
@@ -56,7 +56,7 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
 
 
 def moves(bench: Bench, j: int) -> bool:
-    """Whether run j moves at all, beyond the noise of its motion and the speeds of rest."""
+    """Whether run j moves: faster than at rest, and beyond the noise of its motion."""
     run, motion = bench.runs[j], bench.motions[j]
     speed = lowpass(run.time_s, motion.speed, bench.band_hz)[bench.inside[j]]
     noise = noise_rms(run.time_s, motion.speed, bench.band_hz)

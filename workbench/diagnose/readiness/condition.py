@@ -1,4 +1,4 @@
-"""The condition of the logs: what each run is worth, and what is to be known before its figures are believed."""
+"""The condition of the logs: the quality of each run, and warnings about its figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NOISE_APART = 3.0  # times the others' noise
 
 
 def condition(campaign: Campaign, problem: Problem, motion_noise_rms: float = 0.0) -> Condition:
-    """motion_noise_rms: what the motion's noise adds to the prediction (`motion_noise`), in the input's unit."""
+    """motion_noise_rms: the noise of the prediction that comes from the motion, see `motion_noise`."""
     runs = tuple(_run(problem, j) for j in range(len(problem.runs)))
     own = float(np.sqrt(np.mean(np.square(problem.bench.noise))))
     sentences = (*campaign.all_notes, *_sentences(problem, runs, own, motion_noise_rms))
@@ -50,12 +50,12 @@ def _run(problem: Problem, j: int) -> RunCondition:
 
 
 def _inputs(problem: Problem, run: Run) -> tuple[str, ...]:
-    """Each motor for itself where both are logged: a sum hides where one is clipped."""
+    """Each motor separately if both are logged, because a sum hides the clipping of one."""
     return tuple(name for name in kind_of(problem.machine).inputs if name in run)
 
 
 def clipped_share(time_s: Array, values: Array) -> float:
-    """Of the samples, what rests at its largest or smallest value as a clipped signal does."""
+    """The share of samples that stay at the largest or smallest value, as in a clipped signal."""
     # Clipped alike both ways, a signal rests as long at the one end as at the other: only its size tells.
     if clipped(time_s, values) is None and clipped(time_s, np.abs(values)) is None:
         return 0.0
@@ -66,7 +66,7 @@ def clipped_share(time_s: Array, values: Array) -> float:
 
 
 def outliers(values: Array) -> int:
-    """Single samples that stand off both neighbours, the same way, far beyond noise and curvature."""
+    """Single samples that differ from both neighbours in the same direction, far beyond noise and curvature."""
     if len(values) < 5 or is_constant(values):
         return 0
     steps = np.diff(values)
@@ -81,7 +81,7 @@ def outliers(values: Array) -> int:
 
 
 def _delay(problem: Problem, j: int) -> float | None:
-    """Seconds; None without a reference, or where the motion does not follow it."""
+    """The delay in s; None without a reference, or if the motion does not follow it."""
     run = problem.runs[j]
     both, slope = reference_of(problem.machine, run), reference_slope(problem.bench, j)
     if both is None or slope is None or not 1.0 / FAR < slope < FAR:

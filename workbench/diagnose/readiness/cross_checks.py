@@ -1,4 +1,4 @@
-"""Signals that say the same thing twice, against each other: a slip of sign or unit shows in their ratio."""
+"""Redundant signals compared with each other: an error of sign or unit shows in their ratio."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def check_other_signals(bench: Bench, going: Sequence[int], file: object) -> lis
 
 
 def reference_slope(bench: Bench, j: int) -> float | None:
-    """What the motion makes of its logged reference; None without one, 0 where they are not alike."""
+    """The slope of the motion over its logged reference; None without a reference, 0 if they are not related."""
     both = reference_of(bench.machine, bench.runs[j])
     return None if both is None else _slope(*both)
 
@@ -47,7 +47,7 @@ def reference_of(machine: Hoist | Axis, run: Run) -> tuple[Array, Array] | None:
 
 
 def _of_kind(bench: Bench, j: int, file: object) -> list[str]:
-    """What is odd in run j. InputError where two of its signals contradict each other."""
+    """Warnings about run j. InputError if two of its signals contradict each other."""
     run, kind = bench.runs[j], kind_of(bench.machine)
     if kind.cross_checks is None:
         return []
@@ -65,7 +65,7 @@ def _of_kind(bench: Bench, j: int, file: object) -> list[str]:
 
 
 def _slope(x: Array, y: Array) -> float:
-    """Of y over x, by least squares in the one that is noisier; 0 where they do not go together."""
+    """The slope of y over x, by least squares in the noisier of the two; 0 if they are not related."""
     a, b = x - x.mean(), y - y.mean()
     xx, yy, xy = float(a @ a), float(b @ b), float(a @ b)
     if xx == 0.0 or yy == 0.0 or abs(xy) < ALIKE * np.sqrt(xx * yy):

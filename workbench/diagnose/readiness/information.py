@@ -23,7 +23,7 @@ LOWEST_HZ = 2.0
 
 
 def informative_band(bench: Bench, seed: int) -> float:
-    """Hz; the bench's own band where motion outweighs noise up to there."""
+    """In Hz; at most the band of the bench."""
     random = np.random.default_rng(seed)
     noisy = [noisier(run, logged_motion(bench, run), random) for run in bench.runs]
     before = [raw for raw, _ in bench.predict([bench.base])[0]]

@@ -1,4 +1,4 @@
-"""How late a signal is behind its reference, to a fraction of a sample."""
+"""The delay of a signal behind its reference, to a fraction of a sample."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LARGEST_CHANGE_S = 0.02  # of one refinement: noise may put the correlation's pe
 
 
 def lateness(time_s: Array, reference: Array, signal: Array) -> float | None:
-    """Seconds that `signal`, (n,), lies behind `reference`, (n,); None where neither moves.
+    """The delay in s of `signal`, (n,), behind `reference`, (n,); None if neither moves.
 
     Cross-correlation finds it to a sample; then the shift d is refined that leaves the least of
     signal − gain·reference(t − d) − offset, by Gauss-Newton. Negative where the signal leads.

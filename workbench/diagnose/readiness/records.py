@@ -1,4 +1,4 @@
-"""What is said of the logs before anything is fitted."""
+"""Records: the condition of the logs before anything is fitted."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RunCondition:
-    """How fit one run's log is. noise_rms: of the input in the band, N m (N). moving_share: of its samples that
-    speak of friction and inertia. delay_s: logged speed behind its reference, None without one."""
+    """The condition of one run's log. noise_rms: of the input in the band, N m (N). moving_share: share of the
+    samples in motion. delay_s: logged speed behind its reference, None without one."""
 
     name: str
     samples: int
@@ -23,7 +23,7 @@ class RunCondition:
 
 @dataclass(frozen=True)
 class Condition:
-    """The logs, made ready. sentences: what was repaired, left out or is worth a warning."""
+    """The condition of all logs. sentences: repairs, omissions and warnings."""
 
     runs: tuple[RunCondition, ...]
     band_hz: float

@@ -1,4 +1,4 @@
-"""A run's torque as a rigid machine would need it: coarse, but blind to no slip of sign, unit or machine.
+"""A run's torque compared with that of a rigid machine: coarse, but every error of sign, unit or machine shows.
 
     input = inertia · acceleration + friction · sign(speed) + load
 
@@ -29,7 +29,7 @@ AS_WELL = 0.4  # of what the inertia takes in the run that shows it best: an axi
 
 @dataclass(frozen=True)
 class Rigid:
-    """What one run needs beside the nominal machine: ratios, 1 where they agree, with standard errors.
+    """Ratios of a run's fitted values to those of the nominal machine, with standard errors.
 
     inertia: None where the run does not accelerate enough to tell. hold: mean load, None on an axis or where
     friction hides it. friction: in the input's unit, against the motion positive. shown: what the nominal inertia
@@ -73,8 +73,8 @@ def rigid_of(bench: Bench, j: int) -> Rigid:
 
 
 def as_well_shown(rigid: Sequence[Rigid]) -> list[Rigid]:
-    """Of an axis, without the inertia of runs that should show it far less than others do: friction's lag bends it
-    there. Unless it takes most of the input all the same, as in a wrong unit."""
+    """Drops the inertia of runs of an axis in which it shows far less than in other runs, because the lag of friction
+    biases it there. It is kept if it takes most of the input, as with a wrong unit."""
     most = max((r.shown for r in rigid), default=0.0)
     return [
         r

@@ -1,4 +1,4 @@
-"""The runs against their machine and against each other: signs, units, and whether it is one machine at all."""
+"""The runs compared with their machine and with each other: signs, units, and whether all are of one machine."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _of(which: Sequence[Rigid], all_runs: Sequence[Run]) -> str:
 
 
 def _check_signs(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
-    """A hoist's load says which of torque and speed is upside down; on an axis it is one of the two."""
+    """On a hoist the load shows whether torque or speed has the wrong sign; on an axis it can be either."""
     signal, runs, kind = bench.plant.input, bench.runs, kind_of(bench.machine)
     positive = f"{kind.directions.positive} is positive"
     sinking = [r for r in rigid if r.hold is not None and r.hold < 0.0]
@@ -84,7 +84,7 @@ def _check_signs(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
 
 
 def _check_units(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
-    """A speed k times too large shows 1/k of the inertia; so does an axis' force that is k times too small."""
+    """A speed k times too large gives 1/k of the inertia, and so does an axis' force k times too small."""
     off = [r for r in rigid if r.inertia is not None and not 1.0 / WRONG_UNIT < r.inertia < WRONG_UNIT]
     if not off:
         return
@@ -131,7 +131,7 @@ def _check_one_machine(rigid: Sequence[Rigid], file: object, holds_load: bool) -
 
 
 def _odd(rigid: Sequence[Rigid]) -> list[str]:
-    """Where all runs agree with each other, and not with machine.yaml."""
+    """Warnings if all runs agree with each other but not with machine.yaml."""
     sentences = []
     for what, ratios, odd in (
         ("inertia", [r.inertia for r in rigid if r.inertia is not None], ODD_INERTIA),
@@ -147,7 +147,7 @@ def _odd(rigid: Sequence[Rigid]) -> list[str]:
 
 
 def _two_groups(ratios: Ratios, apart: float) -> tuple[Ratios, Ratios] | None:
-    """The runs split at the widest step between their ratios, nearer to 1 first; None where it is narrow."""
+    """The runs split at the largest step of their ratios, the group nearer to 1 first; None if it is small."""
     if len(ratios) < 2:
         return None
     ordered = sorted(ratios, key=lambda named: named[1])

@@ -1,4 +1,4 @@
-"""What a campaign's runs cannot tell apart: for want of another run, payload, speed or direction."""
+"""Effects that a campaign cannot tell apart because a run, a payload, a speed or a direction is missing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PAYLOADS_ALIKE = 0.02  # of the moved mass: less is no other payload
 
 
 def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
-    """Sentences, none for a campaign that varies all it should."""
+    """Warnings as sentences; none if the campaign varies all of them."""
     sentences = []
     kind = kind_of(bench.machine)
     if len(going) == 1:
@@ -48,7 +48,7 @@ def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
 
 
 def _one_payload(bench: Bench, going: Sequence[int]) -> bool:
-    """By the weight that hangs."""
+    """Whether all runs carry about the same payload, judged by the weight."""
     weight = kind_of(bench.machine).weight
     if weight is None:
         return False
@@ -57,13 +57,13 @@ def _one_payload(bench: Bench, going: Sequence[int]) -> bool:
 
 
 def _speeds(bench: Bench, j: int) -> Array:
-    """(k,) of run j while it moves, smooth."""
+    """(k,) low-passed speeds of run j in motion."""
     run = bench.runs[j]
     return lowpass(run.time_s, bench.motions[j].speed, bench.band_hz)[bench.moving[j]]
 
 
 def _one_speed(bench: Bench, going: Sequence[int]) -> bool:
-    """Whether all cruising happens at one speed; motion that never cruises has all speeds."""
+    """Whether all phases of constant speed have the same speed; without such phases the speeds vary."""
     cruising, moving = [], 0
     for j in going:
         run = bench.runs[j]

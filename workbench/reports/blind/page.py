@@ -17,7 +17,7 @@ from workbench.whole_folder import check_free, whole_folder, write_json
 
 
 def write_score(score: Score, folder: Path, power: Power | None = None, settled: Share | None = None) -> None:
-    """Both files, in a folder that is free; all or nothing."""
+    """Write both files into an empty folder, or none."""
     check_free(folder)
     with whole_folder(folder) as hidden:
         write_json(hidden / "score.json", to_json(score, power, settled))
@@ -25,7 +25,7 @@ def write_score(score: Score, folder: Path, power: Power | None = None, settled:
 
 
 def sections(score: Score, power: Power | None = None, settled: Share | None = None) -> list[Section]:
-    """The page's parts. What has no rows is left out."""
+    """The sections of the page; those without rows are omitted."""
     more = [tables.settled(settled)] if settled is not None and settled.of else []
     parts = [
         Section(sentences=[*sentences(score), *more], tables=[*tables.sheets(score.rows), tables.amounts(score.rows)])

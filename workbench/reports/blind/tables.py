@@ -26,7 +26,7 @@ def sheets(rows: Sequence[Row]) -> list[Table]:
 
 
 def sheet(rows: Sequence[Row]) -> Table:
-    """A line a measure, a column a kind and source."""
+    """One row for each measure, one column for each kind and source."""
     groups = measures.groups(rows)
     kinds = [name.partition(",")[0] for name in groups]
     asked = {kind: [measure.asked_text(kind) for measure in MEASURES] for kind in dict.fromkeys(kinds)}
@@ -51,7 +51,7 @@ def _says_something(line: Sequence[str]) -> bool:
 
 
 def sizes(rows: Sequence[Row]) -> Table:
-    """A line for each size of the gap over the noise."""
+    """One row for each class of gap over noise."""
     keys = ("named", "named_or_alike", "pair_both", "unknown_caught", "place")
     chosen = [measures.measure(key) for key in keys]
     groups = measures.by_size(rows)
@@ -66,13 +66,13 @@ def _filled(columns: Sequence[Column], lines: Sequence[Sequence[str]]) -> list[C
 
 
 def _columns(lines: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Without the columns in which nothing was asked."""
+    """The columns that contain values."""
     kept = [k for k in range(len(lines[0])) if any(line[k] != "–" for line in lines)] if lines else []
     return [[line[k] for k in kept] for line in lines]
 
 
 def methods(rows: Sequence[Row]) -> Table:
-    """The diagnosis beside what a user might do instead: a line a measure, a column a method."""
+    """The diagnosis compared with simpler methods: one row for each measure, one column for each method."""
     answers: dict[str, Sequence[Row]] = {DIAGNOSIS: rows, **baselines(rows)}
     lines = []
     for measure in (measures.measure(key) for key in OF_A_METHOD):
@@ -85,7 +85,7 @@ def methods(rows: Sequence[Row]) -> Table:
 
 
 def _parted(name: str) -> str:
-    """Over lines of some twelve characters."""
+    """Split into lines of about twelve characters."""
     return "\n".join(textwrap.wrap(name, 14))
 
 
@@ -151,7 +151,7 @@ def _said(row: Row) -> str:
 
 
 def misses(rows: Sequence[Row], most: int | None = None) -> Table:
-    """The misses, the largest gaps over the noise first, each with a line on how it came."""
+    """The wrong answers, the largest gap over noise first, each with its reason."""
 
     def order(row: Row) -> tuple[bool, float]:
         size = criteria.size_over_noise(row)
@@ -181,7 +181,7 @@ def misses(rows: Sequence[Row], most: int | None = None) -> Table:
 
 
 def miss_lines(rows: Sequence[Row], most: int) -> list[str]:
-    """The misses as sentences, for a terminal."""
+    """The wrong answers as sentences, for a terminal."""
     shown = misses(rows, most)
     lines = [
         f"{name} ({which}): {told}, {size} times the noise, answered {said} ({probability}): {how}."
@@ -191,7 +191,7 @@ def miss_lines(rows: Sequence[Row], most: int) -> list[str]:
 
 
 def why(row: Row) -> str:
-    """One line on a miss, from what the answer weighed."""
+    """The reason of a wrong answer in one line, from the hypotheses that were weighed."""
     if row["word"] in ("refused", "failed"):
         return str(row["warnings"][0]).strip().splitlines()[-1] if row["warnings"] else row["word"]
     word, told = right_word(row), set(row["label"]["effects"])

@@ -1,4 +1,4 @@
-"""What a score comes to, in sentences."""
+"""A score in sentences."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from workbench.blind.score import Score
 
 
 def sentences(score: Score) -> list[str]:
-    """When it was made and opened, how much of it is answered, what is not blind."""
+    """When the test was made and opened, how many campaigns have an answer, and what was not blind."""
     counts = f"{len(score.rows)} of {score.cases} campaigns"
     said = [
         f"{counts} are answered; made {score.manifest.made} by version {score.manifest.version}, answered by version "

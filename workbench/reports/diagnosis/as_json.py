@@ -1,4 +1,4 @@
-"""diagnosis.json: the keys that the outside world reads, in their order; behind them the numbers of each step."""
+"""diagnosis.json: the public keys in their order, then the numbers of each step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PARTS = 10**5  # that probabilities are counted in
 
 
 def to_json(d: Diagnosis) -> dict[str, Any]:
-    """All of diagnosis.json. What is no finite number is null."""
+    """The content of diagnosis.json. Numbers that are not finite are null."""
     v, g = d.verdict, d.gap
     w = words_of(d.campaign.machine)
     exact = probabilities([row.probability for row in v.ranking])
@@ -54,9 +54,9 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
 
 
 def probabilities(exact: Sequence[float]) -> list[float]:
-    """Rounded to five decimals, order kept, and still 1 together: what rounding down loses goes to the nearest ones.
+    """Rounded to five decimals with the same order and a sum of 1: the remainder goes to the values nearest to it.
 
-    ValueError where they are no probabilities at all.
+    ValueError if they are not probabilities.
     """
     total = math.fsum(exact)
     if not (math.isfinite(total) and total > 0.0 and min(exact) >= 0.0):

@@ -1,4 +1,4 @@
-"""What diagnosis.json says beside its fixed keys: each step of the diagnosis in numbers."""
+"""The further keys of diagnosis.json: the numbers of each step of the diagnosis."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ANGLE_DIGITS = 4
 
 
 def details(d: Diagnosis) -> dict[str, Any]:
-    """Keys that stand behind the fixed ones. What is no finite number is null."""
+    """The keys after the fixed ones. Numbers that are not finite are null."""
     keys: dict[str, Any] = plain(
         {
             "sentence": d.verdict.sentence,

@@ -1,4 +1,4 @@
-"""The hypotheses of a diagnosis as tables: what was weighed, how likely it is, and the named effects' numbers."""
+"""The hypotheses of a diagnosis as tables: candidates, probabilities, parameters of the named effects."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WORTH_A_BAR = 1e-3  # of probability
 
 
 def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str, float]]:
-    """(verdict, name, probability) of the likeliest, at least three; all others as one, under an empty verdict."""
+    """(verdict, name, probability) of the most probable, at least three; the rest in one row without verdict."""
     order = sorted(rows, key=lambda row: -row.probability)
     most = min(most, max(sum(row.probability >= WORTH_A_BAR for row in order), 3))
     shown = [(str(row.verdict), hypothesis_name(row.verdict, row.effects), row.probability) for row in order[:most]]
@@ -26,9 +26,9 @@ def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str,
 
 
 def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = False) -> Table:
-    """The hypotheses that were fitted and those whose fit broke down, in the diagnosis' order.
+    """The hypotheses that were fitted and those whose fit failed, in the order of the diagnosis.
 
-    most: so many at most. brief: the fitted ones only, without parameters and objections.
+    most: largest number of rows. brief: only fitted hypotheses, without parameters and objections.
     """
     unit = unit_of(d)
     columns = [words("hypothesis"), Column("proba-\nbility"), Column("explains", "%"), Column("residual", unit),
@@ -66,7 +66,7 @@ def _candidates_note(left_out: int) -> str:
 
 
 def percent(probability: float) -> str:
-    """With a digit more near 0 and 1."""
+    """A probability in per cent, with one more digit near 0 and 1."""
     p = 100.0 * probability
     if p < 0.1:
         return "< 0.1 %"
@@ -100,7 +100,7 @@ def _said(one: Estimate) -> str:
 
 
 def _with(value: str, error: str) -> str:
-    """A value without an error does not move the prediction: it sits on a bound, or its effect has vanished."""
+    """A value with its standard error. Without one, the value is on a bound or its effect has vanished."""
     return f"{value} (not determined)" if error == NOTHING else f"{value} ± {error}"
 
 
@@ -118,14 +118,14 @@ def _against(candidate: Candidate) -> str:
 
 
 def chosen_candidate(d: Diagnosis) -> Candidate | None:
-    """The one that the verdict names."""
+    """The candidate that the verdict names."""
     if d.verdict.word != "named":
         return None
     return next((c for c in d.candidates if set(c.effects) == set(d.verdict.effects)), None)
 
 
 def parameters_table(d: Diagnosis, note: str = "") -> Table:
-    """The named effects' numbers, a line a value; no rows where none is named."""
+    """The parameters of the named effects, one row for each value; no rows if none is named."""
     chosen = chosen_candidate(d)
     columns = [words("effect"), words("parameter"), Column("value"), Column("± std\nerror")]
     rows: list[list[str]] = []

@@ -1,4 +1,4 @@
-"""The folder of a diagnosis: JSON, machine, and a page with the answer first, then each step as it was taken."""
+"""The folder of a diagnosis: JSON, machine, and a page with the answer first and then each step."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_RANKED, MOST_CANDIDATES, MOST_PROFILES = 8, 24, 9
 
 
 def sections_of(d: Diagnosis) -> dict[str, Section]:
-    """The page's parts by what they are about, in their order. The runs are replayed for the figures."""
+    """The sections of the page by name, in their order. The runs are replayed for the figures."""
     runs = series_of(d)
     return {
         "answer": _answer(d),
@@ -43,9 +43,9 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
 
 
 def write_diagnosis(run: Callable[[], Diagnosis], folder: Path, say: Callable[[str], None] | None = None) -> Diagnosis:
-    """Diagnose, and write diagnosis.json, machine.yaml (the corrected one) and diagnose.html: all of them or none.
+    """Diagnose, and write diagnosis.json, machine.yaml (corrected) and diagnose.html, or none of them.
 
-    say: told what is done once the diagnosis itself is over.
+    say: called with each step after the diagnosis itself.
     """
     check_free(folder)
     with whole_folder(folder) as hidden:
@@ -65,7 +65,7 @@ def save_diagnosis_page(d: Diagnosis, path: Path) -> None:
 
 
 def _answer(d: Diagnosis) -> Section:
-    """What the rest of the page is the evidence for."""
+    """The first section: the answer. The other sections are its evidence."""
     lead = [words.probability_sentence(d), words.alike_sentence(d), words.shrink_sentence(d)]
     lead += words.effect_sentences(d)
     held = "the first run's of what is each run's own" if own_values(d) else "the same values"

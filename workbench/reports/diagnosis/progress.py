@@ -1,4 +1,4 @@
-"""How far a diagnosis is, in words."""
+"""The progress of a diagnosis in words."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STAGES = {
 
 
 def progress_words(progress: Progress) -> str:
-    """One short line."""
+    """The current step in one short line."""
     names = listed(progress.effects) if progress.effects else ""
     return {
         Task.BASE: "base parameters",
@@ -29,6 +29,6 @@ def progress_words(progress: Progress) -> str:
 
 
 def share_done(progress: Progress) -> float:
-    """Of all stages, 0 to 1; within the search by its steps."""
+    """The share of the work that is done, 0 to 1: by stages, and within the search by its steps."""
     within = (progress.step - 1) / progress.steps if progress.steps else 0.0
     return (progress.stage.value + within) / len(Stage)

@@ -23,7 +23,7 @@ Own = Mapping[str, tuple[float, ...]]  # symbol -> a value for each run
 def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
     """Balances and open-loop replays of the refitted machine and, where it differs, of the corrected one.
 
-    Of more than `most` runs those with most of the gap's energy, in the campaign's order.
+    At most `most` runs: those with the largest energy of the gap, in the order of the campaign.
     """
     before = _under(d, d.refitted, {})
     after = None if d.corrected == d.refitted else _under(d, d.corrected, own_values(d))
@@ -56,7 +56,7 @@ def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
 
 
 def own_values(d: Diagnosis) -> Own:
-    """What is each run's own in the chosen hypothesis, such as a phase; machine.yaml holds the first run's."""
+    """Values of the chosen hypothesis that differ from run to run; machine.yaml has those of the first run."""
     chosen = next((c for c in d.candidates if set(c.effects) == set(d.verdict.effects)), None)
     if chosen is None or d.verdict.word != "named":
         return {}
@@ -69,7 +69,7 @@ def own_values(d: Diagnosis) -> Own:
 
 
 def _under(d: Diagnosis, machine: Hoist | Axis, own: Own) -> list[tuple[Balance, float, Array]]:
-    """Of every run its balance, the scale of speeds, and the speed replayed open loop."""
+    """For each run its torque balance, the scale of speeds, and the speed of the open-loop replay."""
     bench = Bench(machine, d.campaign.runs, d.gap.band_hz)
     bench.base = [changed(p, {key: values[j] for key, values in own.items()}) for j, p in enumerate(bench.base)]
     states = simulate_replays(machine, bench)

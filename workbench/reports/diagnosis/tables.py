@@ -23,7 +23,7 @@ CONSEQUENCES_NOTE = (
 
 
 def condition_table(d: Diagnosis) -> Table:
-    """The logs, run by run."""
+    """The condition of the logs, one row for each run."""
     w = words_of(d.campaign.machine)
     has_payload = kind_of(d.campaign.machine).payload
     columns = [
@@ -80,7 +80,7 @@ def _times(value: float, noise: float) -> str:
 
 
 def where_table(d: Diagnosis) -> Table:
-    """Each run's share of the gap's energy, and where in it most of that lies; no rows without a gap."""
+    """Each run's share of the energy of the gap, and the window with most of it; no rows without a gap."""
     columns = [words("run"), Column("of the gap's\nenergy", "%"), Column("windows", "s", "left")]
     whose = "what the named effect does" if d.verdict.word == "named" else "the gap"
     note = f"The gap's energy run by run, and the windows that hold most of {whose}."
@@ -98,7 +98,7 @@ def where_table(d: Diagnosis) -> Table:
 
 
 def visible_table(d: Diagnosis) -> Table:
-    """The smallest amount of each effect that these runs would show."""
+    """The smallest amount of each effect that these runs can show."""
     return Table(
         [words("effect"), words("parameter"), Column("smallest\nvisible")],
         [[name, parameter, figures(size)] for name, (parameter, size) in d.isolability.visible.items()],
@@ -107,7 +107,7 @@ def visible_table(d: Diagnosis) -> Table:
 
 
 def shrink_table(d: Diagnosis) -> Table:
-    """The residual of runs held out of the fit, before and after; without a gap there is no before."""
+    """The residual of the held-out runs before and after; without a gap only after."""
     s, unit = d.shrink, unit_of(d)
     rows = [_shrunk(name, *both, s.noise) for name, both in s.by_run.items()]
     if len(rows) > 1:
@@ -142,7 +142,7 @@ def brief_shrink_table(d: Diagnosis) -> Table:
 
 
 def next_run_table(d: Diagnosis) -> Table:
-    """The run that decides what is open; no row where nothing is."""
+    """The run that would decide between open hypotheses; no row if none is open."""
     n = d.next_run
     columns = [words("profile"), Column("payload", "kg"), words("signals to log too"), Column("apart\nnow"),
                Column("apart\nwith it")]  # fmt: skip
@@ -155,7 +155,7 @@ def next_run_table(d: Diagnosis) -> Table:
 
 
 def consequences_table(consequences: Consequences) -> Table:
-    """A line for each payload and reference."""
+    """One row for each payload and reference."""
     return Table(CONSEQUENCES, [_consequence(row) for row in consequences.rows], CONSEQUENCES_NOTE)
 
 

@@ -1,4 +1,4 @@
-"""A diagnosis in words: what the verdict and its probability mean, and how each step reads."""
+"""A diagnosis in words: the meaning of the verdict and its probability, and the text of each step."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def hypothesis_name(verdict: VerdictWord, effects: Sequence[str]) -> str:
 
 
 def chosen_probability(d: Diagnosis) -> float:
-    """Of what the verdict says; 0 where the ranking has no such row."""
+    """The probability of the verdict; 0 if the ranking has no such row."""
     v = d.verdict
     return sum(hypothesis.probability for hypothesis in v.ranking if _is_verdict(hypothesis, v.word, v.effects))
 
@@ -50,14 +50,14 @@ def probability_sentence(d: Diagnosis) -> str:
 
 
 def alike_sentence(d: Diagnosis) -> str:
-    """What these runs cannot tell from the verdict; "" where there is nothing, or its sentence says so already."""
+    """The effects that these runs cannot tell from the verdict; "" if there are none, or if its sentence names them."""
     if all(name in d.verdict.sentence for name in d.verdict.alike):
         return ""
     return f"These runs cannot tell it from {listed(d.verdict.alike)}: either explains them as well."
 
 
 def reasons_of(d: Diagnosis) -> list[str]:
-    """What speaks for a cause that the library does not hold, each as a sentence."""
+    """The reasons for a cause outside the library, as sentences."""
     unit = d.shrink.unit
     return [_reason(reason, unit) for reason in d.verdict.reasons]
 
@@ -75,7 +75,7 @@ def _reason(reason: Reason, unit: str) -> str:
 
 
 def reasons_lead(d: Diagnosis) -> str:
-    """What `reasons_of` stands under; "" where there are none."""
+    """The heading of `reasons_of`; "" if there are none."""
     if not d.verdict.reasons:
         return ""
     if d.verdict.word == "unknown":
@@ -84,7 +84,7 @@ def reasons_lead(d: Diagnosis) -> str:
 
 
 def effect_sentences(d: Diagnosis) -> list[str]:
-    """What each named effect is, its equation and how it shows, as it is declared."""
+    """The declared meaning, equation and signature of each named effect."""
     known: dict[str, Effect] = effects_for(plant_of(d.campaign.machine).kind)
     sentences = []
     for name in d.verdict.effects:
@@ -122,7 +122,7 @@ REGIMES = {
 
 
 def shrink_sentence(d: Diagnosis) -> str:
-    """How far it shrinks, with its interval, against the floor."""
+    """The reduction of the gap with its interval, compared with the noise floor."""
     s = d.shrink
     quantity = words_of(d.campaign.machine).quantity
     low, high = s.ci95
@@ -146,7 +146,7 @@ def shrink_sentence(d: Diagnosis) -> str:
 
 
 def next_run_sentence(d: Diagnosis) -> str:
-    """The run that decides what is open, or that nothing is."""
+    """The run that would decide between open hypotheses, or that none is open."""
     if d.next_run is not None:
         return d.next_run.why
     return (
@@ -162,14 +162,15 @@ def plain_summary(d: Diagnosis) -> list[str]:
     size = f"{figures(s.before)} {s.unit}"
     if d.verdict.word == "no_gap":
         return [
-            f"The model agrees with the machine: predicted and measured {quantity} differ by {figures(s.after)} {s.unit} "
-            f"on average, and the sensors alone make {figures(s.noise)} {s.unit} of that."
+            f"The model agrees with the machine: predicted and measured {quantity} differ by {figures(s.after)} "
+            f"{s.unit} on average, and the sensors alone make {figures(s.noise)} {s.unit} of that."
         ]
     if d.verdict.word == "unknown" or not all(name in known for name in d.verdict.effects):
         at = f" {_at(d.where.subsystem)}" if d.where is not None else ""
         return [
-            f"Something{at} is missing in the model, and none of the causes that were weighed explains it. Measured and "
-            f"predicted {quantity} differ by {size} on average; the sensors alone make {figures(s.noise)} {s.unit}.",
+            f"Something{at} is missing in the model, and none of the causes that were weighed explains it. "
+            f"Measured and predicted {quantity} differ by {size} on average; the sensors alone make "
+            f"{figures(s.noise)} {s.unit}.",
             "The controller should not be tuned on this model before the cause is found.",
         ]
     kind = plant_of(d.campaign.machine).kind
@@ -177,8 +178,8 @@ def plain_summary(d: Diagnosis) -> list[str]:
     sure = d.verdict.probability
     return [
         f"The machine has {' and '.join(causes)}, which the model lacks.",
-        f"That made the predicted {quantity} wrong by {size} on average. With it in the model {figures(s.after)} {s.unit} "
-        f"remain; the sensors alone make {figures(s.noise)} {s.unit}."
+        f"That made the predicted {quantity} wrong by {size} on average. With it in the model {figures(s.after)} "
+        f"{s.unit} remain; the sensors alone make {figures(s.noise)} {s.unit}."
         + (f" In about {100.0 * sure:.0f} of 100 such cases this is the cause." if sure is not None else ""),
     ]
 
@@ -207,10 +208,10 @@ def unknown_sentences(d: Diagnosis) -> list[str]:
 
 
 def unit_of(d: Diagnosis) -> str:
-    """Of the input, with a space that does not break, for heads of tables."""
+    """The unit of the input for the heads of tables, with non-breaking spaces."""
     return words_of(d.campaign.machine).unit.replace(" ", "\u00a0")
 
 
 def curve_unit(machine: Hoist | Axis, acts_on: str) -> str:
-    """Of what acts there: N at the guide and on a linear axis, else N m."""
+    """The unit of a curve: N at the guide and on a linear axis, otherwise N m."""
     return kind_of(machine).ports[acts_on].unit

@@ -21,9 +21,9 @@ def law(machine: Hoist | Axis, speed: Array) -> Array:
 
 
 def force_balance(machine: Hoist | Axis, result: ReplayResult) -> tuple[Array, Array]:
-    """Speed and friction force at the moving samples of all runs: the law plus what the balance leaves over.
+    """Speed and friction force at the moving samples of all runs: the law plus the residual of the balance.
 
-    On a hoist the torque left over is carried over to the carriage, on the lever of drum, gear and two falls.
+    On a hoist the residual torque is converted to a force at the carriage through gearbox, drum and the two falls.
     """
     gain, _ = sensor(machine)
     kind = kind_of(machine)
@@ -40,7 +40,7 @@ def force_balance(machine: Hoist | Axis, result: ReplayResult) -> tuple[Array, A
 
 
 def combined_weight(machine: Hoist | Axis, result: ReplayResult) -> float | None:
-    """What the paper's Fig. 7 divides by: the weight of carriage and payload, mean over the runs; None for an axis."""
+    """The weight of carriage and payload, mean over the runs, by which the paper's Fig. 7 divides; None for an axis."""
     kind = kind_of(machine)
     if kind.weight is None:
         return None

@@ -35,7 +35,7 @@ def as_campaign(identification: Identification) -> Campaign:
 
 
 def table(fit: Fit) -> Table:
-    """A line a fitted parameter."""
+    """One row for each fitted parameter."""
     lines = []
     for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True):
         shown, spread = with_error(value, error)
@@ -50,7 +50,7 @@ def held(by_tolerance: bool) -> str:
 
 
 def keys_table(campaign: Campaign) -> Table:
-    """Every key that a fit may free, its value, and whether the usual fit frees it."""
+    """Every key that can be fitted, its value, and whether the default fit includes it."""
     machine = campaign.machine
     usual = {free.key: free.prior_std is not None for free in free_parameters(machine, campaign.runs)}
     rows = [
@@ -74,7 +74,7 @@ REMEDY = "`workbench diagnose` names what"
 
 
 def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]:
-    """How far the residual fell, the paper's iteration, then what the data cannot tell, and the remedy."""
+    """The reduction of the residual, the paper's iteration, undetermined values, and the remedy."""
     w = words_of(identification.machine)
     before, after = identification.before.residual_percent, identification.after.residual_percent
     fell = f"The {w.quantity} residual went from {before:.2f} to {after:.2f} % of the {w.quantity} itself."
@@ -83,7 +83,7 @@ def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]
 
 
 def _lacking(identification: Identification, remedy: str) -> list[str]:
-    """Where values alone do not explain the runs, the command that goes on from here."""
+    """The next command if no values of the machine explain the runs."""
     fit = identification.fit
     off = max(tolerances_off(free, value) for free, value in zip(fit.free, fit.value, strict=True))
     left, noise = identification.after.residual_rms_moving, identification.after.noise_rms
@@ -97,7 +97,7 @@ def _lacking(identification: Identification, remedy: str) -> list[str]:
 
 
 def tolerances_off(free: Free, value: float) -> float:
-    """How many of its tolerances a fitted value is from its nominal one; 0 where it has none."""
+    """The distance of a fitted value from its nominal one in tolerances; 0 if it has none."""
     if free.prior_std is None or free.logarithmic:
         return 0.0
     return abs(value - free.nominal) / (free.scale * free.prior_std)

@@ -1,4 +1,4 @@
-"""What `loop` and `tune` are asked about: machine, controller, payloads, heights, from the command's options."""
+"""The input of `loop` and `tune`: machine, controller, payloads and heights from the options of the command."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOST = 50  # members of a family
 
 @dataclass(frozen=True, eq=False)
 class LoopCaseFile:
-    """A machine with its drive, a controller and where it came from, the family, and the study if there is one."""
+    """A machine with its drive, a controller with its source, the family, and the study if there is one."""
 
     machine: Hoist
     settings: PiSettings
@@ -38,7 +38,7 @@ class LoopCaseFile:
 
     @property
     def events(self) -> Events:
-        """Of the scenario; none without one."""
+        """The events of the scenario; none without a scenario."""
         return Events() if self.study is None else self.study.scenario.events
 
     def trial(self) -> Trial:
@@ -68,7 +68,7 @@ def load_case(
     payloads_kg: Sequence[float] | None,
     heights_m: Sequence[float] | None,
 ) -> LoopCaseFile:
-    """InputError with file and place for whatever cannot be read or does not fit."""
+    """InputError with file and place for input that cannot be read or does not fit."""
     hoist: Hoist | None = None
     if machine is not None:
         read = load_machine(machine, check_effects=check)
@@ -86,9 +86,9 @@ def loop_case(
     heights_m: Sequence[float] | None,
     scenario: str | os.PathLike[str] | None,
 ) -> LoopCaseFile:
-    """The case of these values. What is None comes from the scenario, else it is the usual one.
+    """The case of these values. None: the value of the scenario, otherwise the default.
 
-    controller: the settings, and where they came from in words.
+    controller: the settings, and their source in words.
     """
     study: Study | None = None
     loads: Sequence[float] = USUAL_PAYLOADS_KG
@@ -110,7 +110,7 @@ def loop_case(
 
 
 def read_controller(path: Path) -> PiSettings:
-    """The `controller` block of a file: one that tune has written, or a scenario."""
+    """The `controller` block of a file: an output of tune, or a scenario."""
     document = load(path)
     block = document.data.get("controller") if isinstance(document.data, dict) else None
     if not isinstance(block, dict):
@@ -120,7 +120,7 @@ def read_controller(path: Path) -> PiSettings:
 
 
 def numbers(text: str, place: str) -> tuple[float, ...]:
-    """`0,4500,9000` as numbers, in their order, each once."""
+    """The numbers of `0,4500,9000` in their order, without repetitions."""
     try:
         values = tuple(dict.fromkeys(float(part) for part in text.split(",")))
     except ValueError as error:

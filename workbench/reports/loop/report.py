@@ -1,4 +1,4 @@
-"""What `loop` says: margins as a table, sentences, JSON, and the page of figures."""
+"""The output of `loop`: margins as a table, sentences, JSON, and the page of figures."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CAPTION = (
 
 
 def table(members: Sequence[Member]) -> Table:
-    """A line a loop."""
+    """One row for each loop."""
     return Table(COLUMNS, [_line(member) for member in members], CAPTION)
 
 
@@ -55,7 +55,7 @@ def _line(member: Member) -> list[str]:
 
 
 def gain_text(m: Margins) -> str:
-    """dB of more gain, and of less where less can be too little."""
+    """The gain margin in dB, and the one towards lower gain if there is one."""
     up = f"{20.0 * math.log10(m.gain_up):.1f}" if math.isfinite(m.gain_up) else NOTHING
     return f"{up}/{20.0 * math.log10(m.gain_down):.0f}" if m.gain_down > 0.0 else up
 
@@ -68,7 +68,7 @@ def poles_in_s(member: Member) -> tuple[float, float]:
 
 
 def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
-    """What the table comes to."""
+    """The table in sentences."""
     drive = drive_sentence(case.machine, case.settings.sample_time_s)
     unstable = [m for m in members if not m.margins.stable]
     known = effect_sentences(case.machine)
@@ -87,7 +87,7 @@ def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
 
 
 def least_sentence(members: Sequence[Member]) -> str:
-    """The least of each margin, with the loop it is of."""
+    """The smallest of each margin, with its loop."""
     worst = weakest(members)
     m = worst.margins
     said = {
@@ -107,7 +107,7 @@ def least_sentence(members: Sequence[Member]) -> str:
 
 
 def load_sentence(members: Sequence[Member]) -> str:
-    """The largest answer to a load step."""
+    """The largest response to a load step."""
     steps_ = [load_step(member.loop) for member in members]
     peak, iae, last = (max(getattr(s, n) for s in steps_) for n in ("peak_rad_s", "iae_rad", "recovery_s"))
     return (
@@ -122,7 +122,7 @@ def _by_payload(members: Sequence[Member]) -> list[list[Member]]:
 
 
 def drive_sentence(machine: Hoist, sample_time_s: float) -> str:
-    """What stands between the wanted torque and the measured speed."""
+    """The drive: lag, filter and delay between commanded torque and measured speed."""
     d = machine.drive
     parts = [
         f"{1000.0 * value:g} ms {name}"
@@ -140,7 +140,7 @@ def drive_sentence(machine: Hoist, sample_time_s: float) -> str:
 
 
 def effect_sentences(machine: Hoist) -> list[str]:
-    """What of effects and measured correction is in the loop, and what acts on the log alone; none where none is."""
+    """The effects and the measured correction in the loop, and those that act on the log only; none without effects."""
     known = {name: find(name, "hoist") for name in machine.effects}
     inside = [name for name, effect in known.items() if not effect.on_sensor]
     inside += ["measured_correction"] if machine.measured_correction is not None else []
@@ -150,7 +150,7 @@ def effect_sentences(machine: Hoist) -> list[str]:
 
 
 def as_json(case: LoopCaseFile, members: Sequence[Member]) -> dict[str, Any]:
-    """Settings, drive, effects and every loop's margins and poles; null where there is none."""
+    """Settings, drive, effects, and the margins and poles of every loop; null where there is none."""
     return {
         "controller": case.settings.model_dump(mode="json"),
         "drive": case.machine.drive.model_dump(mode="json"),
@@ -161,7 +161,7 @@ def as_json(case: LoopCaseFile, members: Sequence[Member]) -> dict[str, Any]:
 
 
 def _weakest_json(members: Sequence[Member]) -> dict[str, Any]:
-    """The least of each margin, with payload and height of the loop it is of; empty where a loop is unstable."""
+    """The smallest of each margin, with payload and height of its loop; empty if a loop is unstable."""
     worst = weakest(members)
     if not worst.margins.stable:
         return {}
@@ -219,6 +219,6 @@ def gains_text(case: LoopCaseFile) -> str:
 
 
 def write_loop(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, folder: Path) -> None:
-    """loop.html and loop.json into a folder that is there."""
+    """Write loop.html and loop.json into an existing folder."""
     save_loop_page(case, members, ms_limit, folder / "loop.html")
     write_json(folder / "loop.json", as_json(case, members))

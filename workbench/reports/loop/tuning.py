@@ -1,4 +1,4 @@
-"""What `tune` says: the trade-off as a table, why the winner won, and the controller block for scenarios."""
+"""The output of `tune`: the trade-off as a table, the reasons for the choice, and the controller block."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def rows(tuned: Tuned) -> list[Candidate]:
 
 
 def table(tuned: Tuned) -> Table:
-    """A line a candidate; see `rows`."""
+    """One row for each candidate; see `rows`."""
     return Table(COLUMNS, [_line(tuned, c) for c in rows(tuned)], CAPTION)
 
 
@@ -60,7 +60,7 @@ def _line(tuned: Tuned, c: Candidate) -> list[str]:
 
 
 def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
-    """What was asked, what came out, why it won, what it costs."""
+    """The goal, the result, the reasons for the choice, and its cost."""
     win, start, goal = tuned.winner, tuned.shaped, tuned.goal
     asked = (
         f"Asked for: the best rejection of load steps with Ms at most {goal.ms_limit:g}"
@@ -85,7 +85,7 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
 
 
 def warning(machine: Hoist) -> str | None:
-    """That gains for an ideal drive are for no real machine; None where the drive has a lag, a filter or a delay."""
+    """A warning that gains for an ideal drive suit no machine; None if the drive has lag, filter or delay."""
     d = machine.drive
     if d.torque_lag_s > 0.0 or d.speed_filter_s > 0.0 or d.speed_delay_s > 0.0:
         return None
@@ -107,7 +107,7 @@ def controller_text(settings: PiSettings, comments: Sequence[str] = ()) -> str:
 
 
 def check_new(path: Path) -> None:
-    """InputError where a file cannot be made because one is there, or its folder is not."""
+    """InputError if the file exists already or its folder does not."""
     if os.path.lexists(path):
         raise InputError("is there already; nothing is overwritten, choose another file", file=path)
     if not path.parent.is_dir():
