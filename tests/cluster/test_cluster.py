@@ -285,6 +285,6 @@ def test_a_process_that_dies_at_its_start_is_one_sentence(monkeypatch):
         raise RuntimeError("Nanny failed to start.\nTraceback")
 
     monkeypatch.setattr("distributed.LocalCluster", dies)
-    with pytest.raises(InputError, match=r"^local:2: its processes die at their start: Nanny failed to start\.[^\n]*$"):
-        with spread_on("local:2"):
-            pass
+    wanted = r"^local:2: its processes die at their start: Nanny failed to start\.[^\n]*$"
+    with pytest.raises(InputError, match=wanted), spread_on("local:2"):
+        pass
