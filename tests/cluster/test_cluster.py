@@ -278,3 +278,13 @@ def test_a_cluster_that_has_lost_its_last_worker_is_given_up_in_time(monkeypatch
     with pytest.raises(InputError, match=r"has had no worker for .* what is done is kept"):
         _next_done(client, "tcp://here:1", ["a chunk"])
     assert next(threads, None) is None
+
+
+def test_a_process_that_dies_at_its_start_is_one_sentence(monkeypatch):
+    def dies(**_: object) -> None:
+        raise RuntimeError("Nanny failed to start.\nTraceback")
+
+    monkeypatch.setattr("distributed.LocalCluster", dies)
+    wanted = r"^local:2: its processes die at their start: Nanny failed to start\.[^\n]*$"
+    with pytest.raises(InputError, match=wanted), spread_on("local:2"):
+        pass

@@ -22,6 +22,7 @@ from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
 from workbench.errors import InputError
 from workbench.log_formats import OWN, UPLOADED, Limits, LogFormat, formats, page, process, suffixes
 from workbench.log_formats.declared import Opened
+from workbench.log_formats.kept_waiting import kept_waiting_s, this_thread
 from workbench.log_formats.opening import open_log
 from workbench.logs import read_campaign
 
@@ -119,6 +120,29 @@ def test_a_parser_that_takes_too_much_processor_time_is_ended(tmp_path, add):
 def test_a_parser_that_hangs_is_ended(tmp_path, add):
     said = refusal(tmp_path, add, log_openers.sleep, own=replace(SMALL, seconds=0.2))
     assert said == "takes more than 0.2 s to read; is it damaged?"
+
+
+def test_what_a_busy_computer_keeps_a_parser_waiting_is_not_its_time(tmp_path, add, monkeypatch):
+    begun = time.monotonic()
+    monkeypatch.setattr(process, "kept_waiting_s", lambda pid, thread: min(time.monotonic() - begun, 1.5))
+    said = refusal(tmp_path, add, log_openers.sleep, own=replace(SMALL, seconds=0.1))
+    assert said == "takes more than 0.1 s to read; is it damaged?"
+    assert time.monotonic() - begun > 1.5
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="allowed: only Linux tells it")
+def test_a_process_that_shares_a_core_is_kept_waiting():
+    spin = "import os, time; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\nwhile True: pass"
+    both = [subprocess.Popen([sys.executable, "-c", spin]) for _ in range(2)]
+    try:
+        limit = time.monotonic() + 60.0
+        while min(kept_waiting_s(one.pid, this_thread()) for one in both) < 0.1 and time.monotonic() < limit:
+            time.sleep(0.05)
+        assert time.monotonic() < limit
+    finally:
+        for one in both:
+            one.kill()
+            one.wait()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="allowed: only Linux limits a process's memory")

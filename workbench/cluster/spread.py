@@ -81,15 +81,19 @@ def _local_client(processes: int) -> Any:
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(_ONE_THREAD, 1),
     }
     with dask.config.set(chosen), _deaf_to_ctrl_c():
-        made = distributed.LocalCluster(
-            n_workers=processes,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-            memory_limit=0,
-            silence_logs=logging.CRITICAL,
-        )
+        try:
+            made = distributed.LocalCluster(
+                n_workers=processes,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+                memory_limit=0,
+                silence_logs=logging.CRITICAL,
+            )
+        except Exception as error:  # whatever a process died of at its start, Dask's configuration with it
+            said = f"its processes die at their start: {one_line(str(error), 300) or type(error).__name__}"
+            raise InputError(said, file=f"local:{processes}") from error
     client = distributed.Client(made)
     client.cluster = made
     try:

@@ -22,6 +22,7 @@ import numpy as np
 from workbench.errors import InputError
 from workbench.log_formats import channel
 from workbench.log_formats.declared import Limits, LogFormat, Opened
+from workbench.log_formats.kept_waiting import kept_waiting_s, this_thread
 from workbench.log_formats.worker import IDLE_S
 from workbench.run import Array
 
@@ -29,7 +30,7 @@ from workbench.run import Array
 _CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); import workbench.log_formats.worker as w; w.main()"
 _CALM = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
 _MOST_IDLE = 2
-_WALL = 4.0  # times the limit of processor time: then it is ended whatever it does
+_WALL = 4.0  # times the limit of processor time, less what a busy computer took: then it is ended whatever it does
 _POSIX = os.name == "posix"
 
 _idle: list[Worker] = []
@@ -156,19 +157,27 @@ class Worker:
     def _watched(self) -> Iterator[None]:
         """Ends the worker when it takes too long; an InputError when it dies."""
         assert self.limits is not None
-        timer = threading.Timer(_WALL * self.limits.seconds, self._too_late)
-        timer.daemon = True
-        timer.start()
+        over = threading.Event()
+        watch = threading.Thread(target=self._end_when_late, args=(over, self.limits, this_thread()), daemon=True)
+        watch.start()
         try:
             yield
         except (EOFError, ValueError, KeyError) as error:  # nothing more comes, or nothing that makes sense
             raise InputError(self._obituary(self.limits)) from error
         finally:
-            timer.cancel()
+            over.set()
 
-    def _too_late(self) -> None:
-        self.late = True
-        self._kill()
+    def _end_when_late(self, over: threading.Event, limits: Limits, reader: int) -> None:
+        """Kill it, unless `over` comes first. What it and the thread that reads waited for a core does not count."""
+        most, begun, waited = _WALL * limits.seconds, time.monotonic(), kept_waiting_s(self.process.pid, reader)
+        left = most
+        while not over.wait(max(left, 0.05)):
+            lost = max(0.0, kept_waiting_s(self.process.pid, reader) - waited)
+            left = most - (time.monotonic() - begun - lost)
+            if left <= 0.0:
+                self.late = True
+                self._kill()
+                return
 
     def _obituary(self, limits: Limits) -> str:
         """What the worker died of."""
