@@ -162,24 +162,23 @@ def plain_summary(d: Diagnosis) -> list[str]:
     size = f"{figures(s.before)} {s.unit}"
     if d.verdict.word == "no_gap":
         return [
-            f"The model agrees with the machine: predicted and measured {quantity} differ by {figures(s.after)} {s.unit} "
-            f"on average, and the sensors alone make {figures(s.noise)} {s.unit} of that."
+            f"The model agrees with the machine: predicted and measured {quantity} differ by {figures(s.after)} "
+            f"{s.unit} on average, and the sensors alone make {figures(s.noise)} {s.unit} of that."
         ]
     if d.verdict.word == "unknown" or not all(name in known for name in d.verdict.effects):
         at = f" {_at(d.where.subsystem)}" if d.where is not None else ""
         return [
-            f"Something{at} is missing in the model, and none of the causes that were weighed explains it. Measured and "
-            f"predicted {quantity} differ by {size} on average; the sensors alone make {figures(s.noise)} {s.unit}.",
+            f"Something{at} is missing in the model, and none of the causes that were weighed explains it. Measured "
+            f"and predicted {quantity} differ by {size} on average; the sensors alone make {figures(s.noise)} "
+            f"{s.unit}.",
             "The controller should not be tuned on this model before the cause is found.",
         ]
     kind = plant_of(d.campaign.machine).kind
     causes = [f"{_cause(known[name].meaning)} ({_at(known[name].subsystem(kind))})" for name in d.verdict.effects]
-    sure = d.verdict.probability
     return [
         f"The machine has {' and '.join(causes)}, which the model lacks.",
-        f"That made the predicted {quantity} wrong by {size} on average. With it in the model {figures(s.after)} {s.unit} "
-        f"remain; the sensors alone make {figures(s.noise)} {s.unit}."
-        + (f" In about {100.0 * sure:.0f} of 100 such cases this is the cause." if sure is not None else ""),
+        f"That made the predicted {quantity} wrong by {size} on average. With it in the model {figures(s.after)} "
+        f"{s.unit} remain; the sensors alone make {figures(s.noise)} {s.unit}.",
     ]
 
 
