@@ -398,8 +398,11 @@ def test_kept_runs_stand_side_by_side_in_compare():
     assert not app.exception
     table = app.table[0].value
     assert list(table.columns) == ["", "what-if", "what-if \\(2\\)"]
-    peak = table.iloc[0].tolist()
-    assert peak[0].startswith("Torque peak per motor") and ":red[" in peak[2]
+    machine, limits = table.values.tolist()[:2]
+    assert machine[0] == "machine" and machine[1] == machine[2]
+    assert limits == ["limits", "0.7 m/s, 0.6 m/s², 0.8 m/s³", "0.7 m/s, 0.6 m/s², 2 m/s³"]
+    peak = next(row for row in table.values.tolist() if row[0].startswith("Torque peak per motor"))
+    assert ":red[" in peak[2]
     time = next(row for row in table.values.tolist() if row[0].startswith("Move time"))
     assert ":green[" in time[2]
     app.button(key="compare remove what-if (2)").click().run()
