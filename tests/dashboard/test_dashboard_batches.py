@@ -207,6 +207,13 @@ def test_a_bad_upload_shows_its_one_error_and_no_start(old: str, new: str, sente
     assert "batches start" not in [each.key for each in app.button]
 
 
+def test_an_uploaded_scenario_may_extend_one_that_ships(server: Path):
+    app = uploaded("extends: references_at_their_best.yaml\nname: mine\npayloads_kg: [700]\n")
+    assert errors(app) == [] and not app.exception
+    assert "batches start" in [each.key for each in app.button]
+    assert "24 runs" in words(app)  # eight references, three kinds of feed-forward
+
+
 def test_an_upload_that_is_too_large_is_refused():
     app = uploaded(GOOD + "# " + "x" * 1_000_000)
     assert "1.0 MB, expected at most 1 MB" in errors(app)[0]

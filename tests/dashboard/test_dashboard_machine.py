@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,14 @@ from tests.support.log_campaign import AXIS, axis_columns, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.dashboard import campaigns
 from workbench.dashboard.pages.compare import kept
+from workbench.dashboard.pages.machine.page import LARGE
 from workbench.dashboard.pages.machine.scene import scene_of
 from workbench.figures import arm_parts
-from workbench.figures.arm import MOST_FRAMES, Scene, moving_arm
-from workbench.figures.arm_style import VIRIDIS, colour_at
+from workbench.figures.arm_style import VIRIDIS, look_of
+from workbench.figures.film import HEIGHT, film, film_data
+from workbench.figures.scene import Scene
 from workbench.logs import read_campaign
-from workbench.machine import default_hoist, with_values
+from workbench.machine import default_hoist
 from workbench.reports.loop.case import usual_controller
 from workbench.run import Run
 from workbench.simulate.loop import LoopCase, simulate_loop
@@ -45,128 +47,80 @@ def scene(lift: Run, **changes: Any) -> Scene:
     return Scene(**{**vars(made), **changes})
 
 
-def moment(figure: Any, k: int) -> list[Any]:
-    """All traces as the browser shows them in frame k: the figure's, changed by the frame's."""
-    frame = figure.frames[k]
-    traces = [trace.to_plotly_json() for trace in figure.data]
-    for number, change in zip(frame.traces, frame.data, strict=True):
-        traces[number] = {**traces[number], **change.to_plotly_json()}
-    return traces
-
-
-def at_frame(shown: Scene, k: int) -> float:
-    """The time that frame k shows."""
-    return float(np.linspace(shown.time_s[0], shown.time_s[-1], MOST_FRAMES)[k])
-
-
-def middle(trace: Any) -> float:
-    values = np.array([np.nan if v is None else v for v in trace["y"]], dtype=float)
-    return float(np.nanmean(values))
-
-
-def filled(traces: list[Any], colour: str) -> list[Any]:
-    return [trace for trace in traces if trace.get("fillcolor") == colour]
+def runs(*shown: Scene) -> list[dict[str, Any]]:
+    made: list[dict[str, Any]] = film_data(default_hoist(), shown)["runs"]
+    return made
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_plotly_accepts_the_drawing_as_it_is_built(lift, dark):
-    figure = moving_arm(default_hoist(), scene(lift), dark, most_frames=3, validate=True)
-    assert len(figure.frames) == 3
+def test_the_film_is_one_page_that_fetches_nothing(lift, dark):
+    page_of = film(default_hoist(), [scene(lift, name="</script><b>x"), scene(lift)], dark)
+    assert "http" not in page_of and "@" not in page_of.replace("@media", "")
+    assert page_of.count("</script>") == 1 and page_of.count('class="stage"') == 2
+    assert len(page_of) < 400_000
 
 
-def test_a_long_run_is_thinned_to_its_frames_and_stays_small(lift):
-    figure = moving_arm(default_hoist(), scene(lift))
-    assert len(figure.frames) == MOST_FRAMES
-    assert len(figure.to_json()) < 800_000
-    assert [list(step.args[0]) for step in figure.layout.sliders[0].steps] == [[frame.name] for frame in figure.frames]
+def test_every_part_that_the_script_moves_is_drawn_once_for_each_run(lift):
+    page_of = film(default_hoist(), [scene(lift), scene(lift)])
+    for name in ("carriage", "sheave", "drum", "fall", "dead", "around", "numbers"):
+        for number in (0, 1):
+            assert page_of.count(f'id="{name}{number}"') == 1
 
 
-def test_carriage_and_pipe_rise_by_just_what_the_run_rises(lift):
+def test_the_samples_are_those_of_the_run_fifty_times_a_second(lift):
+    data = film_data(default_hoist(), [scene(lift)])
+    assert data["step_s"] == pytest.approx(0.02, rel=0.01)
+    time = data["start_s"] + data["step_s"] * np.arange(data["samples"])
+    (run,) = data["runs"]
     shown = scene(lift)
-    figure = moving_arm(default_hoist(), shown)
-    first, last = moment(figure, 0), moment(figure, MOST_FRAMES - 1)
-    rise = shown.height_m[-1] - shown.height_m[0]
-    assert rise > 1.5
-    for colour in ("#BFD5EA", "#CDBB92"):  # carriage and gripper, the pipe
-        for before, after in zip(filled(first, colour), filled(last, colour), strict=True):
-            assert middle(after) - middle(before) == pytest.approx(rise, abs=2e-3)
-
-
-def test_wire_leaves_the_drum_at_the_height_of_the_anchor_and_ends_at_the_carriage(lift):
-    shown = scene(lift)
-    machine = default_hoist()
-    figure = moving_arm(machine, shown)
-    s = arm_parts.sizes(machine)
-    for k in (0, 75, 149):
-        falls = [t for t in moment(figure, k) if t.get("line", {}).get("width") == 4.5]
-        height = float(np.interp(at_frame(shown, k), shown.time_s, shown.height_m))
-        right = falls[2]
-        assert right["x"] == pytest.approx([s.r, s.r], abs=1e-3)
-        assert right["y"] == pytest.approx([height, machine.wire.segment_length_m], abs=2e-3)
+    assert run["height_m"] == pytest.approx(np.interp(time, shown.time_s, shown.height_m), abs=1e-4)
+    assert run["tension_kn"] == pytest.approx(np.interp(time, shown.time_s, shown.tension_drum_n) / 1000.0, abs=0.01)
 
 
 def test_drum_and_sheave_turn_as_the_drawn_wire_runs(lift):
-    shown = scene(lift)
-    machine = default_hoist()
-    s = arm_parts.sizes(machine)
-    figure = moving_arm(machine, shown)
-
-    def angles(k: int) -> tuple[float, float]:
-        drum, sheave = [t for t in moment(figure, k) if t.get("line", {}).get("width") in (4.0, 3.4)]
-        of_drum, of_sheave = (np.arctan2(t["y"][1] - t["y"][0], t["x"][1] - t["x"][0]) for t in (drum, sheave))
-        return of_drum, of_sheave
-
-    k, later = 60, 80
-    wound = [float(np.interp(at_frame(shown, number), shown.time_s, shown.wound_m)) for number in (k, later)]
-    taken = wound[1] - wound[0]
+    s, shown = arm_parts.sizes(default_hoist()), scene(lift)
+    (run,) = runs(shown)
+    taken = shown.wound_m[-1] - shown.wound_m[0]
     assert taken > 0.0
-    (drum, sheave), (drum_after, sheave_after) = angles(k), angles(later)
-    turned = np.angle(np.exp(1j * (drum_after - drum))), np.angle(np.exp(1j * (sheave_after - sheave)))
-    assert turned[0] == pytest.approx(taken / s.R, rel=0.01)  # hoisting turns the drum counter-clockwise
-    assert turned[1] == pytest.approx(-taken / (2.0 * s.r), rel=0.01)  # and the sheave backward
+    turned = [math.radians(run[name][-1] - run[name][0]) for name in ("drum_deg", "sheave_deg")]
+    assert turned[0] == pytest.approx(taken / s.R, rel=1e-3)  # hoisting turns the drum counter-clockwise
+    assert turned[1] == pytest.approx(-taken / (2.0 * s.r), rel=1e-3)  # and the sheave backward
 
 
-def test_wire_is_coloured_by_its_tension_and_dashed_where_it_is_slack(lift):
+def test_a_slack_wire_of_one_sample_is_not_lost_between_frames(lift):
     slack = np.zeros(len(lift.time_s), dtype=bool)
-    at = int(np.searchsorted(lift.time_s, 5.0))
-    slack[at] = True  # one sample only, between two frames
-    tension = np.linspace(0.0, 50e3, len(slack))
-    shown = scene(lift, slack=slack, tension_drum_n=tension, tension_dead_line_n=tension)
-    figure = moving_arm(default_hoist(), shown)
-    marked = [k for k in range(MOST_FRAMES) if "SLACK" in str([t.get("text") for t in moment(figure, k)])]
-    assert len(marked) == 1 and abs(at_frame(shown, marked[0]) - 5.0) < 0.1
-    line = next(t for t in moment(figure, marked[0]) if t.get("line", {}).get("width") == 4.5)["line"]
-    assert line["dash"] != "solid"
-    first, last = (next(t for t in moment(figure, k) if t.get("line", {}).get("width") == 4.5) for k in (0, 149))
-    assert first["line"]["color"] == colour_at(0.0, 50e3) and last["line"]["color"] == colour_at(50e3, 50e3)
-    shades = [shape for shape in figure.layout.shapes if shape.yref == "y8 domain"]
-    assert len(shades) == 1 and shades[0].x0 == pytest.approx(5.0, abs=0.02)
+    slack[int(np.searchsorted(lift.time_s, 5.0))] = True
+    assert sum(runs(scene(lift, slack=slack))[0]["slack"]) == 1
 
 
-def test_colours_go_from_one_end_of_the_bar_to_the_other():
-    assert colour_at(-1.0, 10.0) == "rgb({},{},{})".format(*VIRIDIS[0])
-    assert colour_at(99.0, 10.0) == "rgb({},{},{})".format(*VIRIDIS[-1])
+def test_the_torque_is_that_of_the_harder_worked_motor(lift):
+    one, other = np.full(len(lift.time_s), 100.0), np.linspace(-200.0, 50.0, len(lift.time_s))
+    (run,) = runs(scene(lift, torques_nm=(one, other)))
+    assert (run["torque_nm"][0], run["torque_nm"][-1]) == (-200.0, 100.0)
+
+
+def test_runs_of_different_length_share_one_time(lift):
+    shown = scene(lift)
+    half = Scene(**{name: v[:4000] if isinstance(v, np.ndarray) else v for name, v in vars(shown).items()} | {
+        "torques_nm": tuple(t[:4000] for t in shown.torques_nm)
+    })  # fmt: skip
+    one, other = runs(shown, half)
+    assert len(one["height_m"]) == len(other["height_m"])
+    assert other["height_m"][-1] == pytest.approx(float(half.height_m[-1]), abs=1e-4)  # it waits where it ended
+
+
+def test_the_colours_of_tension_grow_lighter_and_are_read_in_black_and_white_too():
     lightness = [0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b in VIRIDIS]
-    assert lightness == sorted(lightness)  # read in black and white too
-
-
-def test_the_torque_bars_and_their_limits_are_the_machines(lift):
-    machine = with_values(default_hoist(), {"drive.overload": 2.0})
-    shown = scene_of(machine, lift)
-    figure = moving_arm(machine, shown)
-    bars = [t for t in moment(figure, 70) if t.get("xaxis") == "x4" and t["mode"] == "lines"]
-    expected = [float(np.interp(at_frame(shown, 70), lift.time_s, lift[f"torque_motor{m}_nm"])) for m in (1, 2)]
-    assert [bar["y"][1] for bar in bars] == pytest.approx(expected)
-    limits = {shape.y0 for shape in figure.layout.shapes if shape.yref == "y4"}
-    assert {480.0, 960.0} <= limits
+    assert lightness == sorted(lightness)
 
 
 def test_an_empty_gripper_holds_nothing_and_a_heavier_pipe_is_thicker(lift):
     s = arm_parts.sizes(default_hoist())
     widths = [arm_parts.half_pipe(s, payload, 8000.0) for payload in (0.0, 1000.0, 4500.0, 9000.0)]
     assert widths[0] == 0.0 and widths == sorted(set(widths))
-    texts = [str(t.get("text")) for t in moment(moving_arm(default_hoist(), scene(lift, payload_kg=0.0)), 0)]
-    assert any("empty" in text for text in texts)
+    pipe = look_of(False).pipe
+    assert pipe in film(default_hoist(), [scene(lift)])
+    assert pipe not in film(default_hoist(), [scene(lift, payload_kg=0.0)])
 
 
 def test_a_measured_run_gets_the_tensions_and_heights_of_the_model(lift, tmp_path):
@@ -182,7 +136,7 @@ def test_a_measured_run_gets_the_tensions_and_heights_of_the_model(lift, tmp_pat
     assert np.ptp(shown.height_m) == pytest.approx(2.0, abs=0.05)
     assert "measured motor speed" in shown.tension_of
     assert not shown.slack.any()
-    moving_arm(default_hoist(), shown, validate=True, most_frames=2)
+    assert 'id="carriage0"' in film(default_hoist(), [shown])
 
 
 def test_logged_heights_and_tensions_are_shown_as_they_were_measured(lift):
@@ -202,20 +156,13 @@ def test_the_simulated_and_the_measured_way_agree_on_a_run(lift):
     assert other.tension_drum_n == pytest.approx(one.tension_drum_n, rel=0.03)
 
 
-def drawing(app: Any) -> dict[str, Any]:
-    (chart,) = app.get("plotly_chart")
-    spec: dict[str, Any] = json.loads(chart.proto.spec)
-    return spec
-
-
-def test_the_page_moves_a_quick_run_in_the_browser():
+def test_the_page_shows_a_quick_run_and_another_reference_beside_it():
     app = page("Machine").run()
     assert not app.exception and errors(app) == []
-    spec = drawing(app)
-    assert 2 < len(spec["frames"]) <= MOST_FRAMES
-    plays = [button["label"] for button in spec["layout"]["updatemenus"][0]["buttons"]]
-    assert plays == ["▶ play", "▶▶ 4×", "❚❚ pause"]
-    assert all(not step["args"][1]["frame"]["redraw"] for step in spec["layout"]["sliders"][0]["steps"])
+    app.selectbox(key="machine beside").set_value("ruckig").run()
+    assert not app.exception and "beside ruckig" in app.markdown[0].value
+    (frame,) = app.get("iframe")
+    assert frame.proto.srcdoc.count('class="stage"') == 2
 
 
 def test_another_payload_is_another_run():
@@ -288,6 +235,6 @@ def test_an_axis_has_no_drawing_and_says_so(chosen, tmp_path):
 
 def test_the_drawing_can_be_made_large():
     app = page("Machine").run()
-    assert drawing(app)["layout"]["height"] == 600
+    assert f"height: {HEIGHT}px" in app.get("iframe")[0].proto.srcdoc
     app.toggle(key="machine large").set_value(True).run()
-    assert drawing(app)["layout"]["height"] == 880
+    assert f"height: {LARGE}px" in app.get("iframe")[0].proto.srcdoc

@@ -25,7 +25,7 @@ from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_in
 from workbench.dashboard import machines, session, shell, widgets
 from workbench.dashboard.options import OPTIONS, flags
 from workbench.dashboard.pages.compare import kept
-from workbench.dashboard.pages.compare.page import difference
+from workbench.dashboard.pages.compare.page import difference, machine_told_apart
 from workbench.dashboard.pages.loop.controls import KI, KP
 from workbench.dashboard.pages.study.address import from_address, in_address
 from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
@@ -33,10 +33,10 @@ from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
 from workbench.errors import InputError
 from workbench.figures.study import peak_torque_over_payload
 from workbench.figures.style import GROUND, INK, for_dark
-from workbench.machine import default_hoist, with_values
+from workbench.machine import Hoist, default_hoist, with_values
 from workbench.metrics import find
 from workbench.study.conclude.side_studies import over_payload, over_ramps
-from workbench.study.execute.run import run_study
+from workbench.study.execute.run import StudyResult, run_study
 from workbench.study.results.signals import signals_csv, signals_mat, signals_parquet
 from workbench.study.scenario.load import load_study, plan_study
 from workbench.study.scenario.record import Scenario
@@ -398,8 +398,11 @@ def test_kept_runs_stand_side_by_side_in_compare():
     assert not app.exception
     table = app.table[0].value
     assert list(table.columns) == ["", "what-if", "what-if \\(2\\)"]
-    peak = table.iloc[0].tolist()
-    assert peak[0].startswith("Torque peak per motor") and ":red[" in peak[2]
+    machine, limits = table.values.tolist()[:2]
+    assert machine[0] == "machine" and machine[1] == machine[2]
+    assert limits == ["limits", "0.7 m/s, 0.6 m/s², 0.8 m/s³", "0.7 m/s, 0.6 m/s², 2 m/s³"]
+    peak = next(row for row in table.values.tolist() if row[0].startswith("Torque peak per motor"))
+    assert ":red[" in peak[2]
     time = next(row for row in table.values.tolist() if row[0].startswith("Move time"))
     assert ":green[" in time[2]
     app.button(key="compare remove what-if (2)").click().run()
@@ -606,3 +609,13 @@ def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp
         assert opened.read_text(encoding="utf-8").strip() == f"http://127.0.0.1:{port}"
     with socket.socket() as after:
         assert after.connect_ex(("127.0.0.1", port)) != 0
+
+
+def test_compare_tells_machines_of_one_name_apart():
+    def study(machine: Hoist) -> kept.Kept:
+        scenario = scenario_of(Desk(Controls(payloads_kg=(700.0,), height_m=1.0)), machine)
+        return kept.Kept("one", scenario, machine, StudyResult(plan_study(scenario, machine), (), {}))
+
+    plain, heavier = study(default_hoist()), study(with_values(default_hoist(), {"carriage.mass_kg": 9000.0}))
+    assert machine_told_apart(plain, [plain, heavier]) == default_hoist().name
+    assert machine_told_apart(heavier, [plain, heavier]).endswith(": carriage.mass kg 9000")

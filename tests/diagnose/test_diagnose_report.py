@@ -8,6 +8,7 @@ import math
 import re
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
@@ -22,7 +23,9 @@ from workbench.diagnose.location.records import Window
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.verdict.records import Candidate, Hypothesis, Verdict
 from workbench.effects import check
+from workbench.effects.declare import SUBSYSTEMS
 from workbench.errors import InputError
+from workbench.figures.place import marked_machine
 from workbench.machine import load_machine
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import page as diagnosis_page
@@ -354,3 +357,29 @@ def test_a_gap_that_stays_is_said_to_stay():
     d = made_diagnosis("unknown")
     d = dataclasses.replace(d, shrink=dataclasses.replace(d.shrink, after=d.shrink.before, factor=1.0))
     assert words.shrink_sentence(d).startswith("It does not shrink: ")
+
+
+@pytest.mark.parametrize("kind", ["named", "unknown", "no_gap"])
+def test_the_plain_summary_names_no_effect_by_its_key_and_gives_the_size(kind: str):
+    d = made_diagnosis(kind)
+    said = " ".join(words.plain_summary(d))
+    assert "_" not in said
+    assert words.figures(d.shrink.after if kind != "unknown" else d.shrink.before) in said
+
+
+@pytest.mark.parametrize("subsystem", SUBSYSTEMS)
+def test_every_place_of_a_gap_is_marked_once_on_the_drawing(subsystem: str):
+    d = made_diagnosis("named")
+    drawn = fromstring(marked_machine(d.campaign.machine, subsystem, d.shrink))
+    named = [text.text for text in drawn.iter() if text.get("font-weight") == "bold"]
+    assert named == [subsystem.removesuffix("_sensor")]
+
+
+def test_the_bars_below_the_drawing_are_as_long_as_the_residuals():
+    d = made_diagnosis("named")
+    drawn = fromstring(marked_machine(d.campaign.machine, "guide", d.shrink))
+    before, after, noise = (float(bar.get("width", "")) for bar in drawn.findall("{*}rect")[-3:])
+    assert before == pytest.approx(170.0)
+    assert [after / before, noise / before] == pytest.approx(
+        [d.shrink.after / d.shrink.before, d.shrink.noise / d.shrink.before], abs=1e-3
+    )

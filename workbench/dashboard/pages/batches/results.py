@@ -14,6 +14,7 @@ from workbench.dashboard.pages.batches.work import CSV, REPORT
 from workbench.dashboard.widgets import Number, chart, numbers, plain, table
 from workbench.study.results.finished import Finished, read_finished
 from workbench.study.results.index import INDEX, read_table
+from workbench.study.variations.varying import run_in_words, swept_axes
 
 if TYPE_CHECKING:
     from workbench.reports.study.figures import Noted
@@ -62,18 +63,18 @@ def _numbers(result: Finished) -> None:
     good = [row for row in result.rows if row.ok]
     if not good:
         return
-    peak = max(each["peak_torque_percent"] for each in good)
-    error = max(each["speed_error_max_rad_s"] for each in good)
-    wire = min(each["min_wire_tension_n"] for each in good) / 1000.0
-    times = [each["move_time_s"] for each in good]
-    numbers(
-        [
-            Number("Largest torque peak", peak, "%", help="Of one motor, in per cent of its nominal torque."),
-            Number("Largest speed error", error, "rad/s", help="Motor speed against its set point."),
-            Number("Least wire tension", wire, "kN", help="Of one fall; 0 is a slack wire."),
-            Number("Shortest move time", min(times), "s", help=f"The longest is {max(times):.2f} s."),
-        ]
-    )
+    axes = swept_axes(good)
+    ends = (
+        ("Largest torque peak", max(good, key=lambda row: row["peak_torque_percent"]), "peak_torque_percent", 1.0, "%"),
+        ("Largest speed error", max(good, key=lambda row: row["speed_error_max_rad_s"]), "speed_error_max_rad_s", 1.0,
+         "rad/s"),
+        ("Least wire tension", min(good, key=lambda row: row["min_wire_tension_n"]), "min_wire_tension_n", 1e-3, "kN"),
+        ("Shortest move time", min(good, key=lambda row: row["move_time_s"]), "move_time_s", 1.0, "s"),
+    )  # fmt: skip
+    numbers([Number(what, scale * row[name], unit) for what, row, name, scale, unit in ends])
+    runs = {what: run_in_words(row, axes) for what, row, *_ in ends}
+    each = "; ".join(f"{what.lower()} in {run}" for what, run in runs.items())
+    st.caption(plain(f"{each[0].upper()}{each[1:]}." if len(set(runs.values())) > 1 else f"All in {runs[ends[0][0]]}."))
 
 
 def _downloads(job: Job, folder: Path, name: str) -> None:

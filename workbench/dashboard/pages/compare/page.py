@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import streamlit as st
 
+from workbench.control import PiSettings
 from workbench.dashboard.pages.compare.kept import Kept, forget, kept
 from workbench.dashboard.widgets import SAME, chart, plain, text
 from workbench.figures.study import MOST_COLUMNS, overview
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.style import label
+from workbench.machine import Hoist
 from workbench.metrics import Metric, View, shown_in
 from workbench.run import Run
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.row import Row
 from workbench.study.scenario.standalone import standalone_text
+
+MOST_SAID = 3  # values by which a machine is told from another of its name
 
 
 def show() -> None:
@@ -67,12 +72,61 @@ def _list(runs: Mapping[str, Kept]) -> None:
 
 
 def _settings(each: Kept) -> str:
-    limits, loop = each.scenario.limits, each.scenario.controller
+    loop = each.scenario.controller
+    gains = f"kp {loop.kp_nm_s_per_rad:g} N m s/rad, ki {loop.ki_nm_per_rad:g} N m/rad"
+    return f"{each.machine.name}: {', '.join(said for said in (limits_text(each), gains) if said)}"
+
+
+def limits_text(each: Kept) -> str:
+    limits = each.scenario.limits
     said = [f"{limits.speed_m_s:g} m/s", f"{limits.acceleration_m_s2:g} m/s²"] if limits.speed_m_s else []
-    if limits.jerk_m_s3:
-        said.append(f"{limits.jerk_m_s3:g} m/s³")
-    said.append(f"kp {loop.kp_nm_s_per_rad:g} N m s/rad, ki {loop.ki_nm_per_rad:g} N m/rad")
-    return f"{each.machine.name}: {', '.join(said)}"
+    return ", ".join([*said, f"{limits.jerk_m_s3:g} m/s³"] if limits.jerk_m_s3 else said)
+
+
+def _settings_rows(columns: Sequence[Kept]) -> list[tuple[str, list[str]]]:
+    """The machine of each study, and limits, gains and model where they differ."""
+    machines = [machine_told_apart(each, columns) for each in columns]
+    rows = [("machine", machines)]
+    for what, say in (
+        ("limits", lambda each: limits_text(each)),
+        ("kp, ki", lambda each: f"{_loop(each).kp_nm_s_per_rad:g}, {_loop(each).ki_nm_per_rad:g}"),
+        ("model", lambda each: each.scenario.plant),
+    ):
+        said = [say(each) for each in columns]
+        if len(set(said)) > 1:
+            rows.append((what, said))
+    return rows
+
+
+def machine_told_apart(each: Kept, columns: Sequence[Kept]) -> str:
+    """The machine's name; of machines of one name, what is other than in the first."""
+    own, first = each.result.study.machine, columns[0].result.study.machine
+    if own == first or own.name != first.name:
+        return own.name
+    mine, others = values_of(own), values_of(first)
+    other = [f"{name.replace('_', ' ')} {value:.4g}" for name, value in mine.items() if others.get(name) != value]
+    effects = [name for name in own.effects if own.effects[name] != first.effects.get(name)]
+    said = ", ".join([*other[:MOST_SAID], *effects[:MOST_SAID]]) or "without effects of the first"
+    return f"{own.name}: {said}"
+
+
+def values_of(machine: Hoist) -> dict[str, float]:
+    """Dotted name -> number, of all but what the machine is identified by."""
+    found: dict[str, float] = {}
+
+    def walk(data: Mapping[str, Any], before: str) -> None:
+        for key, value in data.items():
+            if isinstance(value, Mapping):
+                walk(value, f"{before}{key}.")
+            elif isinstance(value, int | float):
+                found[f"{before}{key}"] = float(value)
+
+    walk(machine.model_dump(exclude={"effects", "identified"}), "")
+    return found
+
+
+def _loop(each: Kept) -> PiSettings:
+    return each.result.study.scenario.controller
 
 
 def _payloads(chosen: Sequence[Kept], kind: str) -> list[float]:
@@ -96,6 +150,10 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
     rows = [_row(each, kind, payload) for each in columns]
     table: dict[str, list[str]] = {"": [], plain(baseline.name): []}
     table |= {plain(each.name): [] for each in columns[1:]}
+    for what, said in _settings_rows(columns):
+        table[""].append(what)
+        for each, words in zip(columns, said, strict=True):
+            table[plain(each.name)].append(plain(words))
     for metric in shown_in(View.COMPARE):
         if not all(row.metrics.get(metric.name) is not None for row in rows):
             continue

@@ -1,37 +1,34 @@
-"""The page Machine: the machine as a drawing that moves with a run."""
+"""The page Machine: the machine as a drawing that moves with a run, or with two beside each other."""
 
 from __future__ import annotations
 
 import streamlit as st
 
-from workbench.dashboard.pages.machine.runs import Shown, chosen_run
+from workbench.dashboard.pages.machine.runs import Shown, chosen_runs
 from workbench.dashboard.pages.machine.scene import scene_of
 from workbench.dashboard.widgets import guarded, is_dark, plain
-from workbench.figures.arm import HEIGHT, moving_arm
+from workbench.figures.film import HEIGHT, film
+
+LARGE = 900
 
 
 def show() -> None:
     """Draws the page."""
     with st.sidebar, guarded():
-        shown = chosen_run()
-        height = 880 if st.toggle("Large", key="machine large", help="For a large screen or a projector.") else HEIGHT
+        shown = chosen_runs()
+        height = LARGE if st.toggle("Large", key="machine large", help="For a large screen or a projector.") else HEIGHT
     with guarded():
         _draw(shown, height)
 
 
-def _draw(shown: Shown, height: int) -> None:
-    machine, run = shown.machine, shown.run
-    scene = scene_of(machine, run)
-    st.markdown(f"#### {plain(machine.name)} · {plain(shown.name)}")
-    figure = moving_arm(machine, scene, is_dark(), height=height)
-    # Not by `chart`: that one knows no frames, and a drawing has nothing to zoom.
-    st.plotly_chart(
-        figure, width="stretch", theme=None, key="machine drawing",
-        config={"displayModeBar": False, "responsive": True, "scrollZoom": False},
-        alt="Gripper arm, winch and wire, moving with the run",
-    )  # fmt: skip
+def _draw(shown: list[Shown], height: int) -> None:
+    machine = shown[0].machine
+    scenes = [scene_of(each.machine, each.run) for each in shown]
+    named = [type(scene)(**{**vars(scene), "name": each.name}) for scene, each in zip(scenes, shown, strict=True)]
+    st.markdown(f"#### {plain(machine.name)} · {plain(' beside '.join(each.name for each in shown))}")
+    st.iframe(film(machine, named, is_dark(), height), height=height + 8)
     st.caption(
         "Heights are to scale; drum, sheave, arm and pipe are drawn larger and turn as the drawn wire runs. "
-        f"Wire coloured by tension at the top of each fall, dashed while slack. Tension: {scene.tension_of}; "
-        f"height: {scene.height_of}. Up and hoisting are positive; torque of each motor at its shaft."
+        f"Wire coloured by tension at the top of each fall, dashed while slack. Tension: {scenes[0].tension_of}; "
+        f"height: {scenes[0].height_of}. Up and hoisting are positive; torque of the harder-worked motor at its shaft."
     )

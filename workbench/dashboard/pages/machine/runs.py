@@ -6,10 +6,13 @@ from dataclasses import dataclass
 
 import streamlit as st
 
+from workbench.control import PiSettings
+from workbench.dashboard import controller
 from workbench.dashboard.campaigns import last_campaign
 from workbench.dashboard.machines import session_machine
 from workbench.dashboard.pages.compare.kept import kept
 from workbench.errors import InputError
+from workbench.figures.style import label
 from workbench.kinds import STUDIED, load_of, of_kind, studied
 from workbench.machine import Hoist
 from workbench.machine.files import machine_text
@@ -25,6 +28,7 @@ from workbench.reports.loop.case import usual_controller
 from workbench.run import Run
 from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
 
+ALONE = "no other"
 QUICK, STUDY, MEASURED = "a quick move", "a run kept from Study", "a run of the campaign"
 
 
@@ -37,8 +41,8 @@ class Shown:
     run: Run
 
 
-def chosen_run() -> Shown:
-    """The side bar's choice. InputError where it cannot be shown."""
+def chosen_runs() -> list[Shown]:
+    """The side bar's choice: one run, or two of one machine beside each other. InputError for what cannot be shown."""
     campaign = last_campaign()
     there = [QUICK, *([STUDY] if kept() else []), *([MEASURED] if campaign is not None else [])]
     what = st.radio("Run", there, key="machine source")
@@ -50,11 +54,11 @@ def chosen_run() -> Shown:
             said = f"is {of_kind(campaign.machine)}; this drawing is of {STUDIED}"
             raise InputError(said, file="machine.yaml", place="kind")
         name = st.selectbox("Run of the campaign", [run.name for run in campaign.runs], key="machine measured")
-        return Shown(f"{campaign.name}, {name}", machine, campaign.run(name))
+        return [Shown(f"{campaign.name}, {name}", machine, campaign.run(name))]
     return _quick()
 
 
-def _of_study() -> Shown:
+def _of_study() -> list[Shown]:
     study = st.selectbox("Study", list(kept()), key="machine study")
     result = kept()[study].result
     names = {f"{row.reference}, {row.payload_kg:g} kg": row.run_id for row in result.rows if row.run_id in result.runs}
@@ -64,22 +68,33 @@ def _of_study() -> Shown:
     if len(names) < len(result.runs):
         names = {run_id: run_id for run_id in result.runs}
     name = st.selectbox("Run of the study", list(names), key="machine study run")
-    return Shown(f"{study}, {name}", result.study.machine, result.runs[names[name]])
+    beside = st.selectbox("Beside it", [ALONE, *(each for each in names if each != name)], key="machine study beside")
+    both = [name] if beside == ALONE else [name, beside]
+    return [Shown(f"{study}, {each}", result.study.machine, result.runs[names[each]]) for each in both]
 
 
-def _quick() -> Shown:
+def _quick() -> list[Shown]:
     machine = session_machine("machine machine")
     payload = st.slider("Payload (kg)", 0, 12000, 4500, 250, key="machine payload")
-    reference = st.radio("Reference", list(planned_kinds()), key="machine reference", horizontal=True)
+    kinds = list(planned_kinds())
+    reference = st.selectbox("Reference", kinds, key="machine reference", format_func=label)
+    beside = st.selectbox(
+        "Beside it", [ALONE, *(kind for kind in kinds if kind != reference)], key="machine beside",
+        format_func=lambda kind: kind if kind == ALONE else label(kind),
+    )  # fmt: skip
     ramp = st.slider("Ramp time (s)", 0.3, 3.0, 1.2, 0.1, key="machine ramp", help="From rest to full speed.")
-    return Shown(
-        f"{reference}, {payload:g} kg", machine, _moved(machine_text(machine), payload, reference, ramp, machine)
-    )
+    settings = controller.present() or usual_controller(machine)
+    said = f"{machine_text(machine)}{settings.model_dump_json()}"
+    both = [reference] if beside == ALONE else [reference, beside]
+    return [
+        Shown(f"{label(kind)}, {payload:g} kg", machine, _moved(said, payload, kind, ramp, machine, settings))
+        for kind in both
+    ]
 
 
 @st.cache_resource(max_entries=50, show_spinner=False)
-def _moved(said: str, payload_kg: float, reference: str, ramp_s: float, _machine: Hoist) -> Run:
-    """Up over half of the rail and down again at nine tenths of nominal speed; `said` is the machine by value."""
+def _moved(said: str, payload_kg: float, reference: str, ramp_s: float, _machine: Hoist, _settings: PiSettings) -> Run:
+    """Up over half of the rail and down again at nine tenths of nominal speed; `said`: machine and controller."""
     low, high = _machine.rail.lowest_position_m, min(_machine.highest_position_m, 0.95 * _machine.wire.segment_length_m)
     ratio, drum = _machine.gearbox.ratio, _machine.winch.drum_diameter_m
     speed = 0.9 * allowed_carriage_speed_m_s(_machine.motor.nominal_speed_rad_s, ratio, drum)
@@ -88,9 +103,8 @@ def _moved(said: str, payload_kg: float, reference: str, ramp_s: float, _machine
     steps = [Step(by_m=way), Step(dwell_s=1.5), Step(by_m=-way)]
     load = load_of(_machine, payload_kg)
     plan = plan_motion(reference, steps, start, limits, (low, high), lead_s=1.0, settle_s=2.0, load=load)
-    controller = usual_controller(_machine)
-    motor = motor_speed_rad_s(plan.sample(controller.sample_time_s, plan.duration_s).speed_m_s, ratio, drum)
-    (result,) = simulate_loop([LoopCase(reference, _machine, payload_kg, start, controller, motor)])
+    motor = motor_speed_rad_s(plan.sample(_settings.sample_time_s, plan.duration_s).speed_m_s, ratio, drum)
+    (result,) = simulate_loop([LoopCase(reference, _machine, payload_kg, start, _settings, motor)])
     if result.outcome is Outcome.DIVERGED:
         raise InputError(f"{result.outcome.value}, {result.at}; try a lighter payload", place="payload")
     return result.run

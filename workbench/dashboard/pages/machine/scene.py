@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from workbench.figures.arm import Scene
+from workbench.figures.scene import Scene
 from workbench.machine import Hoist
 from workbench.plants import HOIST
 from workbench.run import Array, Run

@@ -14,7 +14,7 @@ from workbench.dashboard.pages.compare.kept import is_kept, keep
 from workbench.dashboard.pages.study.address import KEY, from_address, in_address
 from workbench.dashboard.pages.study.controls import Desk, scenario_of
 from workbench.dashboard.pages.study.form import DESK, controls, named
-from workbench.dashboard.pages.study.runs import beside_payloads, beside_ramps, results, told
+from workbench.dashboard.pages.study.runs import beside_payloads, beside_ramps, on_damping, results, told
 from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, problem, table
 from workbench.errors import InputError
 from workbench.figures.pareto import pareto
@@ -67,6 +67,8 @@ def show() -> None:
         said = _ramps(scenario, machine, result)
         if (better := verdict(result.rows, said)) is not None:
             _say(sentence, better)
+        if (hangs := on_damping(scenario, machine)) is not None:
+            st.caption(plain(hangs))
 
 
 def _from_link() -> None:

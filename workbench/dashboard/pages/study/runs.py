@@ -10,7 +10,9 @@ from contextlib import contextmanager
 import streamlit as st
 
 from workbench.machine import Hoist
+from workbench.machine.files import machine_text
 from workbench.metrics import columns
+from workbench.study.conclude.damping import damping_sentence
 from workbench.study.conclude.side_studies import over_payload, over_ramps
 from workbench.study.execute.run import StudyResult, run_study
 from workbench.study.results.row import Row
@@ -53,6 +55,16 @@ def beside_ramps(scenario: Scenario, machine: Hoist) -> Sequence[Row]:
         study = over_ramps(changed(scenario, {"references": kinds} | LUMPED), machine, accelerations, other)
         rows += _run(*_values(study), study).rows
     return rows
+
+
+def on_damping(scenario: Scenario, machine: Hoist) -> str | None:
+    """How far the answer hangs on the damping assumed for the wire; None where that is no question."""
+    return _on_damping(scenario.model_dump_json(), machine_text(machine), scenario, machine)
+
+
+@st.cache_resource(max_entries=200, show_spinner=False)
+def _on_damping(said: str, machine: str, _scenario: Scenario, _machine: Hoist) -> str | None:
+    return damping_sentence(_scenario, _machine)
 
 
 def _values(study: Study) -> tuple[str, str]:

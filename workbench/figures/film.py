@@ -1,0 +1,183 @@
+"""The machine moving with a run, or with two beside each other: one page of HTML that the browser animates itself.
+
+The parts are drawn once, as SVG; a frame only moves groups of them, at the rate of the screen. Everything that moves is
+computed here and handed over as samples: height, angles of the wheels, tensions. The script interpolates.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from workbench.figures import arm_parts as parts
+from workbench.figures.arm_style import VIRIDIS, Look, look_of
+from workbench.figures.scene import Scene
+from workbench.machine import Hoist
+from workbench.run import Array
+
+HEIGHT = 640  # px
+STEP_S, MOST_SAMPLES = 0.02, 4000
+STRIPS = (("speed_m_s", "speed (m/s)"), ("torque_nm", "torque per motor (N m)"), ("tension_kn", "drum tension (kN)"))
+STRIP_WIDTH, STRIP_HEIGHT = 1000.0, 100.0
+COLOURS = ("#D55E00", "#0072B2")
+
+
+def film(machine: Hoist, scenes: Sequence[Scene], dark: bool = False, height: int = HEIGHT) -> str:
+    """A page that needs nothing else. scenes: one run, or two of the same machine."""
+    look = look_of(dark)
+    data = film_data(machine, scenes)
+    columns = "".join(_stage(machine, scene, look, number) for number, scene in enumerate(scenes))
+    page = _page()
+    for name, text in {
+        "INK": look.ink, "GROUND": "#0E1117" if dark else "#FFFFFF", "EDGE": look.edge, "GRID": look.grid,
+        "ALARM": look.alarm, "ACCENT": look.accent, "HEIGHT": str(height), "STAGES": columns,
+        "STRIPS": _strips(data, look),
+        # A name of somebody's must not end the script.
+        "DATA": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
+    }.items():  # fmt: skip
+        page = page.replace(f"@{name}@", text)
+    return page
+
+
+def film_data(machine: Hoist, scenes: Sequence[Scene]) -> dict[str, Any]:
+    """What the script moves the parts by.
+
+    start_s, step_s: of the samples, common to all runs. runs: each with samples of height_m, of the angles of drum and
+    sheave as drawn (degrees, counter-clockwise positive), and of what is written beside it.
+    """
+    begin = min(float(scene.time_s[0]) for scene in scenes)
+    end = max(float(scene.time_s[-1]) for scene in scenes)
+    n = min(MOST_SAMPLES, max(2, math.ceil((end - begin) / STEP_S) + 1))
+    time = np.linspace(begin, end, n)
+    largest = max(float(np.max([s.tension_drum_n, s.tension_dead_line_n])) for s in scenes)
+    s = parts.sizes(machine)
+    return {
+        "start_s": begin,
+        "step_s": float(time[1] - time[0]),
+        "samples": n,
+        "largest_kn": max(largest, 1.0) / 1000.0,
+        "viridis": [list(colour) for colour in VIRIDIS],
+        "top": s.top,
+        "drum": [s.drum_x, s.top],
+        "strip": [STRIP_WIDTH, STRIP_HEIGHT],
+        "runs": [_run(scene.at(time), s) for scene in scenes],
+    }
+
+
+def _run(scene: Scene, s: parts.Sizes) -> dict[str, Any]:
+    torque = scene.torques_nm[0]
+    for other in scene.torques_nm[1:]:
+        torque = np.where(np.abs(other) > np.abs(torque), other, torque)
+    return {
+        "name": scene.name,
+        "height_m": _short(scene.height_m, 4),
+        "drum_deg": _short(np.degrees(scene.wound_m / s.R), 2),
+        "sheave_deg": _short(np.degrees(-scene.wound_m / (2.0 * s.r)), 2),
+        "speed_m_s": _short(scene.speed_m_s, 4),
+        "torque_nm": _short(torque, 1),
+        "tension_kn": _short(scene.tension_drum_n / 1000.0, 2),
+        "dead_kn": _short(scene.tension_dead_line_n / 1000.0, 2),
+        "slack": [int(each) for each in scene.slack],
+    }
+
+
+def _short(values: Array, digits: int) -> list[float]:
+    return [round(float(value), digits) for value in np.nan_to_num(values)]
+
+
+def _stage(machine: Hoist, scene: Scene, look: Look, number: int) -> str:
+    """One machine: what stands still, and groups that the script moves. Up is up: the drawing is flipped as a whole."""
+    s = parts.sizes(machine)
+    half = parts.half_pipe(s, scene.payload_kg, machine.carriage.mass_kg)
+    left, right = s.x_range
+    low, high = s.y_range
+    chords, bracing = parts.mast(s)
+    wheel = parts.joined(parts.circle(s.r), parts.circle(0.2 * s.r, 13))
+    thin, thick = 0.004 * (high - low), 0.009 * (high - low)
+    still = "".join([
+        _path(parts.floor_line(s), look.faint, thin),
+        _path(bracing, look.faint, thin),
+        _path(chords, look.edge, 2.0 * thin),
+        _path(parts.frame(s), look.edge, thin, look.steel),
+        _path(parts.bracket(s), look.edge, thin, look.steel),
+        _path(parts.moved(parts.circle(s.R), s.drum_x, s.top), look.edge, thin, look.wheel),
+    ])  # fmt: skip
+    drum = _path(parts.spokes(s.R, 0.0), look.edge, thin) + _path(_mark(s.R), look.accent, 2.0 * thin)
+    sheave = _path(parts.spokes(s.r, 0.0), look.edge, thin) + _path(_mark(s.r), look.accent, 2.0 * thin)
+    around = _path(parts.circle(s.r, 17, math.pi, 2.0 * math.pi), look.edge, thick, name=f"around{number}")
+    carriage = "".join([
+        _path(parts.arm(s), look.edge, thin, look.steel),
+        _path(parts.pipe(s, half), look.edge, thin, look.pipe) if half else "",
+        _path(parts.gripper(s, half), look.edge, thin, look.arm),
+        _path(parts.carriage(s), look.edge, thin, look.arm),
+        _path(wheel, look.edge, thin, look.wheel),
+        f'<g id="sheave{number}">{sheave}</g>{around}',
+    ])  # fmt: skip
+    falls = "".join(
+        f'<line id="{name}{number}" x1="{x:.4g}" x2="{x:.4g}" y1="{s.top:.4g}" y2="{s.top:.4g}" '
+        f'stroke-width="{thick:.4g}"/>'
+        for name, x in (("fall", -s.r), ("dead", s.r))
+    )
+    return (
+        f'<div class="stage"><h4 style="color:{COLOURS[number % 2]}">{_plain(scene.name)}</h4>'
+        f'<svg viewBox="{left:.4g} {-high:.4g} {right - left:.4g} {high - low:.4g}"><g transform="scale(1,-1)">{still}'
+        f'<g id="drum{number}">{drum}</g>{falls}<g id="carriage{number}">{carriage}</g></g></svg>'
+        f'<div class="numbers" id="numbers{number}"></div></div>'
+    )
+
+
+def _mark(radius: float) -> parts.Outline:
+    return parts.path((0.3 * radius, 0.0), (0.92 * radius, 0.0))
+
+
+def _path(outline: parts.Outline, colour: str, width: float, fill: str = "none", name: str = "") -> str:
+    """An outline; NaN lifts the pen."""
+    said, pen = [], "M"
+    for x, y in zip(*outline, strict=True):
+        if math.isnan(x):
+            pen = "M"
+            continue
+        said.append(f"{pen}{x:.4g} {y:.4g}")
+        pen = "L"
+    known = f' id="{name}"' if name else ""
+    return f'<path{known} d="{"".join(said)}" stroke="{colour}" stroke-width="{width:.4g}" fill="{fill}"/>'
+
+
+def _strips(data: dict[str, Any], look: Look) -> str:
+    """Speed, torque and tension over the whole time, with a line that goes along."""
+    made = []
+    for key, title in STRIPS:
+        values = [run[key] for run in data["runs"]]
+        low, high = (pick(pick(each) for each in values) for pick in (min, max))
+        span = (high - low) or 1.0
+        lines = []
+        for number, each in enumerate(values):
+            kept = range(0, len(each), max(1, len(each) // 1000))
+            points = " ".join(
+                f"{STRIP_WIDTH * k / (len(each) - 1):.1f},{STRIP_HEIGHT * (0.96 - 0.92 * (each[k] - low) / span):.1f}"
+                for k in kept
+            )
+            lines.append(f'<polyline points="{points}" fill="none" stroke="{COLOURS[number % 2]}" stroke-width="1.6" '
+                         'vector-effect="non-scaling-stroke"/>')  # fmt: skip
+        made.append(
+            f'<div class="strip"><span>{title}: {low:.4g} to {high:.4g}</span>'
+            f'<svg viewBox="0 0 {STRIP_WIDTH:g} {STRIP_HEIGHT:g}" preserveAspectRatio="none">{"".join(lines)}'
+            f'<line class="now" x1="0" x2="0" y1="0" y2="{STRIP_HEIGHT:g}" stroke="{look.ink}" '
+            'vector-effect="non-scaling-stroke"/></svg></div>'
+        )
+    return "".join(made)
+
+
+def _plain(name: str) -> str:
+    return name.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+@cache
+def _page() -> str:
+    return Path(__file__).with_name("film.html").read_text(encoding="utf-8")
