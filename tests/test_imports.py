@@ -36,7 +36,7 @@ LAYERS = [
     ("cluster", "export", "testing", "serve"),
     ("consequences",),
     ("diagnose",),
-    ("blind",),
+    ("blind", "watch"),
     ("figures",),
     ("reports",),
     ("face", "dashboard"),

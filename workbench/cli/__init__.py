@@ -35,6 +35,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "schema": ("workbench.cli.schema:command", "Print a JSON Schema, for completion in an editor."),
     "serve": ("workbench.cli.serve:command", "Run a machine's plant in real time, for a controller or PLC."),
     "study": ("workbench.cli.study:command", "Run scenarios in closed loop; tables and figures."),
+    "watch": ("workbench.cli.watch:command", "Watch a machine by its logs; say when it has changed."),
     "tune": ("workbench.cli.tune:command", "Find controller gains for a bandwidth or best rejection."),
 }
 
