@@ -31,7 +31,7 @@ LAYERS = [
     ("logs", "control", "references", "metrics"),
     ("effects",),
     ("simulate",),
-    ("identify", "analysis"),
+    ("identify", "analysis", "imports"),
     ("study",),
     ("cluster", "export", "testing", "serve"),
     ("consequences",),

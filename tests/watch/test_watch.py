@@ -260,9 +260,9 @@ def test_the_command_alarms_by_its_exit_status_and_counts_nothing_twice(
     assert again.status == 0 and "ALARM" not in again.err
     import duckdb
 
-    rows = duckdb.sql(f"SELECT count(*), max(cycle) FROM '{state}/cycles.parquet'").fetchall()
-    assert rows == [(100, 99)]
-    assert duckdb.sql(f"SELECT count(*) FROM '{state}/alarms.parquet' WHERE NOT again").fetchall() == [(1,)]
+    with duckdb.connect() as db:
+        assert db.execute(f"SELECT count(*), max(cycle) FROM '{state}/cycles.parquet'").fetchall() == [(100, 99)]
+        assert db.execute(f"SELECT count(*) FROM '{state}/alarms.parquet' WHERE NOT again").fetchall() == [(1,)]
     page = (state / "watch.html").read_text(encoding="utf-8")
     assert "friction both ways" in page and "Test of a change" in page
 

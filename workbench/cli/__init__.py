@@ -29,6 +29,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "export-fmu": ("workbench.cli.export_fmu:command", "Write a machine as an FMU, for other simulators."),
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign."),
+    "import": ("workbench.cli.import_logs:command", "Make a campaign of logs as drives write them."),
     "loop": ("workbench.cli.loop:command", "Stability margins of the sampled speed loop."),
     "replay": ("workbench.cli.replay:command", "Replay measured torque on the model; compare speeds."),
     "report": ("workbench.cli.report:command", "Write the report of a finished study: one HTML page."),

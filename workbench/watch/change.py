@@ -1,9 +1,10 @@
 """When a series of estimates leaves its baseline: a window-limited generalised likelihood ratio, and its threshold.
 
 Estimates x (m,) of healthy cycles are taken as independent normal; their mean, a straight line over the stated payload,
-and their covariance are learned from the first N of them, and anew from 2 N and 4 N while nothing has alarmed. A payload
-is never quite what is stated, and the more so the heavier it is: along the direction of a load the deviation is taken
-relative to sqrt(v + c payload²), with v and c from the same cycles. With the deviations z whitened by the learned covariance, the statistic after cycle k is
+and their covariance are learned from the first N of them, and anew from 2 N and 4 N while nothing has alarmed. A
+payload is never quite what is stated, and the more so the heavier it is: along the direction of a load the deviation is
+taken relative to sqrt(v + c payload²), with v and c from the same cycles. With the deviations z whitened by the learned
+covariance, the statistic after cycle k is
 
     g = max over n of  n / (1 + n/N) |mean of the last n z|² / 2,      n = 1, 2, 4, ... WINDOW
 
@@ -36,9 +37,10 @@ PATHS, CYCLES, ROUNDS = 300, 1000, 12  # simulated machines, cycles of each, hal
 
 @dataclass(frozen=True)
 class Baseline:
-    """keys: of what is estimated. line: (1 or 2, m), the mean at payload 0 and its slope per kg; whiten: (r, m), so that
-    whiten @ deviation has unit covariance; count: of healthy cycles. load, weigh: (m,), the direction of a load and what measures its amount;
-    spread: (v, c) of that amount's variance v + c payload², and spread_mean its mean over the
+    """keys: of what is estimated. line: (1 or 2, m), the mean at payload 0 and its slope per kg. count: of cycles.
+
+    whiten: (r, m), so that whiten @ deviation has unit covariance. load, weigh: (m,), the direction of a load and what
+    measures its amount. spread: (v, c) of that amount's variance v + c payload²; spread_mean: its mean over the
     baseline. covariance: (m, m), of the deviations.
     """
 
@@ -79,7 +81,7 @@ def learn(
     payloads = np.zeros(n) if payloads_kg is None else np.asarray(payloads_kg, dtype=float)
     varied = float(np.std(payloads)) > SPREAD_KG
     design = np.column_stack([np.ones(n), payloads]) if varied else np.ones((n, 1))
-    line = np.linalg.lstsq(design, healthy, rcond=None)[0]
+    line: Array = np.asarray(np.linalg.lstsq(design, healthy, rcond=None)[0], dtype=float)
     off = healthy - design @ line
     free = n - design.shape[1]
     weigh, spread, mean = np.zeros(m), (0.0, 0.0), 0.0

@@ -266,7 +266,7 @@ class Judge:
 def directions(keys: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
     """Candidate changes: friction both ways alike, and each parameter for itself."""
     friction = tuple(key for key in keys if "coulomb" in key)
-    made = [(words(key), (key,)) for key in keys]
+    made: list[tuple[str, tuple[str, ...]]] = [(words(key), (key,)) for key in keys]
     return [("friction both ways", friction), *made] if len(friction) == 2 else made
 
 
