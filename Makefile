@@ -88,7 +88,7 @@ lint: $(STAMP) ## ruff and mypy, all three whatever the first one says
 lock: ## write requirements.lock anew for what pyproject.toml names; UPGRADE=1 takes the newest of all
 	@$(MAKE) -s $(PY)
 	@[ -x $(VENV)-lock/bin/uv ] || { $(PY) -m venv $(VENV)-lock && $(VENV)-lock/bin/python -m pip install -qq uv; }
-	$(VENV)-lock/bin/uv pip compile pyproject.toml --extra app --extra blind --extra multibody --extra test --extra dev \
+	$(VENV)-lock/bin/uv pip compile pyproject.toml --extra app --extra blind --extra import --extra multibody --extra serve --extra test --extra dev \
 	  --universal --python-version 3.11 --fork-strategy fewest --only-binary :all: \
 	  --no-emit-index-url --no-emit-find-links --no-annotate --custom-compile-command "make lock" \
 	  $(if $(UPGRADE),--upgrade) --quiet -o requirements.lock

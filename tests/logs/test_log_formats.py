@@ -69,7 +69,7 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
 
     (folder / "runs.yaml").write_text(RUNS.replace("lift.csv", "lift.odd"))
     (folder / "runs" / "lift.odd").touch()
-    with pytest.raises(InputError, match=r"save the log as \.csv, \.parquet, \.mat or \.made"):
+    with pytest.raises(InputError, match=r"save the log as \.csv, \.parquet, \.mat, \.mf4, \.tdms or \.made"):
         read_campaign(folder)
 
     assert "- **made-up** (`.made`): arrays that numpy has saved." in page.section()
@@ -79,7 +79,7 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
     from workbench.dashboard.campaigns import TYPES
 
     assert "made" in TYPES
-    assert ".mat or .made" in " ".join(command.get_help(click.Context(command)).split())
+    assert ".tdms or .made" in " ".join(command.get_help(click.Context(command)).split())
 
 
 def test_a_new_format_has_a_limit_in_uploads_without_naming_one(tmp_path, add):

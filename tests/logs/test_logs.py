@@ -231,9 +231,9 @@ def test_mistake_in_the_list_of_runs_is_named_by_place(tmp_path, old, new):
 
 
 def test_formats_to_come_are_named(tmp_path):
-    write_campaign(tmp_path, hoist_columns(), runs=RUNS.replace("lift.csv", "lift.mf4"))
-    (tmp_path / "runs" / "lift.mf4").write_bytes(b"MDF     4.10")
-    assert "MDF4 files are not read by this version; save the log as .csv, .parquet or .mat" in refusal(tmp_path)
+    write_campaign(tmp_path, hoist_columns(), runs=RUNS.replace("lift.csv", "lift.xlsx"))
+    (tmp_path / "runs" / "lift.xlsx").write_bytes(b"PK")
+    assert "Excel files are not read by this version; save the log as .csv, .parquet, .mat, .mf4 or .tdms" in refusal(tmp_path)
 
 
 def test_missing_campaign_gets_the_nearest_name(tmp_path):

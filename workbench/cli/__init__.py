@@ -29,12 +29,14 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "export-fmu": ("workbench.cli.export_fmu:command", "Write a machine as an FMU, for other simulators."),
     "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign."),
+    "import": ("workbench.cli.import_logs:command", "Make a campaign of logs as drives write them."),
     "loop": ("workbench.cli.loop:command", "Compute the stability margins of the speed loop."),
     "replay": ("workbench.cli.replay:command", "Replay measured torque on the model; compare speeds."),
     "report": ("workbench.cli.report:command", "Write the report of a finished study: one HTML page."),
     "schema": ("workbench.cli.schema:command", "Print a JSON Schema, for completion in an editor."),
     "serve": ("workbench.cli.serve:command", "Run a machine's plant in real time, for a PLC."),
     "study": ("workbench.cli.study:command", "Run scenarios in closed loop; tables and figures."),
+    "watch": ("workbench.cli.watch:command", "Watch a machine by its logs; say when it has changed."),
     "tune": ("workbench.cli.tune:command", "Find controller gains for a bandwidth or best rejection."),
 }
 

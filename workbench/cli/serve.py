@@ -38,12 +38,7 @@ from workbench.cli.options import effects_option
     show_default=True,
     help="A client silent for so long, in s, loses its torque.",
 )
-@click.option(
-    "--watchdog-brake/--no-watchdog-brake",
-    default=True,
-    show_default=True,
-    help="Whether the brake closes when the watchdog takes the torque.",
-)
+@click.option("--leave-brake", is_flag=True, help="The brake stays open when the watchdog takes the torque.")
 @click.option("--ready", help="Effects that may be set while the plant runs, separated by commas, or 'all'.")
 @click.option("--send-every", type=click.IntRange(1), default=1, show_default=True, help="A state every so many steps.")
 @click.option("--lock-step", is_flag=True, help="A step for every command instead of a clock (udp); for tests.")
@@ -60,7 +55,7 @@ def command(
     payload: float,
     start_position: float | None,
     watchdog: float,
-    watchdog_brake: bool,
+    leave_brake: bool,
     ready: str | None,
     send_every: int,
     lock_step: bool,
@@ -84,7 +79,7 @@ def command(
 
     read = load_machine(machine, check_effects=check)
     wish = Wish(
-        protocol, rate, address, port, payload, start_position, watchdog, watchdog_brake,  # type: ignore[arg-type]
+        protocol, rate, address, port, payload, start_position, watchdog, not leave_brake,  # type: ignore[arg-type]
         tuple(chosen_ready(ready, read)), send_every, lock_step, priority,
     )  # fmt: skip
     stop = threading.Event()

@@ -8,13 +8,15 @@ from workbench.errors import InputError
 from workbench.log_formats.csv_file import CSV
 from workbench.log_formats.declared import LogFormat
 from workbench.log_formats.mat_file import MAT
+from workbench.log_formats.mdf_file import MDF
 from workbench.log_formats.parquet_file import PARQUET
+from workbench.log_formats.tdms_file import TDMS
 
-FORMATS: list[LogFormat] = [CSV, PARQUET, MAT]
+FORMATS: list[LogFormat] = [CSV, PARQUET, MAT, MDF, TDMS]
 
 # What people also keep logs in. It is not read, and the error says what it is.
 _NOT_YET = {
-    ".mf4": "MDF4", ".mdf": "MDF4", ".dat": "MDF4", ".tdms": "TDMS", ".xlsx": "Excel", ".xls": "Excel", ".gz": "gzip",
+    ".dat": "MDF3", ".xlsx": "Excel", ".xls": "Excel", ".gz": "gzip",
     ".zip": "zip", ".h5": "HDF5", ".hdf5": "HDF5", ".feather": "Feather",
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""MATLAB logs (version 7 and older): one numeric vector per column."""
+"""MATLAB logs: one numeric vector per column."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ def open_mat(file: Path) -> Opened:
     if not start:
         raise InputError("is empty")
     if _HDF5 in start or start.startswith(b"MATLAB 7.3"):
-        raise InputError("is a version 7.3 file (HDF5); save it with: save('log.mat', '-v7')")
+        from workbench.log_formats.mat73_file import open_mat73
+
+        return open_mat73(file)
     if not any(start):
         raise InputError("is not a readable MAT file: it begins with zeros")
     import scipy.io
@@ -59,7 +61,7 @@ MAT = LogFormat(
     suffixes=(".mat",),
     open=open_mat,
     about=(
-        "MATLAB version 7 or older, one real vector per column. Version 7.3 (HDF5) is refused; save with "
+        "MATLAB, one real vector per column; version 7.3 (HDF5) with the extra `import`, else save with "
         "`save('log.mat', '-v7')`. Scalars, matrices, text and structures are no columns."
     ),
     imports=("scipy.io",),

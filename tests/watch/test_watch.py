@@ -1,0 +1,381 @@
+"""The watch: the test's false alarms, what raises an alarm and what does not, and a state that counts a cycle once."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from functools import cache
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.watch import brake_drags, friction_grows, healthy, month, sensor_drifts
+from tests.support.commands import Commands
+from tests.support.log_campaign import csv_text
+from workbench.errors import InputError
+from workbench.machine import default_hoist, save_machine, with_values
+from workbench.run import Run
+from workbench.watch.change import Detector, learn, threshold
+from workbench.watch.estimate import Estimate, estimate, watched_keys
+from workbench.watch.judge import Cycle, Judge, Rules
+from workbench.watch.store import Store, digest_of
+from workbench.watch.trend import trend
+from workbench.watch.watch import Watch
+
+HOIST = default_hoist()
+KEYS = watched_keys(HOIST)
+FEW = Rules(cycles_between=1000.0, healthy=60)
+
+
+@pytest.fixture
+def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+# The estimate.
+
+
+def test_the_estimates_are_the_true_values_within_their_errors_where_the_cycle_shows_them():
+    true = with_values(HOIST, {"guide.coulomb_hoisting_n": 7000.0, "guide.coulomb_lowering_n": 5250.0})
+    made = [estimate(HOIST, run) for run, _ in month(true, 6, healthy, 3)]
+    total = np.mean([e.values[0] + e.values[1] for e in made])
+    assert total == pytest.approx(12_250.0, rel=0.01)
+    assert np.all(np.abs(np.mean([e.values for e in made], axis=0)[2:] - [8000.0, 0.8, 0.0]) < [40.0, 0.01, 3.0])
+    assert made[0].resolution.shape == (5, 5)
+    both = made[0].resolution[:2, :2].sum()
+    assert both == pytest.approx(2.0, abs=0.05)  # friction both ways is seen whole
+
+
+# The test of a change.
+
+
+def test_other_healthy_machines_alarm_at_the_stated_rate():
+    m, n, cycles, cycles_between = 3, 40, 400, 100.0
+    h = threshold(m, n, cycles_between)
+    rng = np.random.default_rng(7)
+    alarms, machines = 0, 60
+    for _ in range(machines):
+        x = rng.normal(size=(n + cycles, m)) @ np.array([[3.0, 1.0, 0.0], [0.0, 0.1, 0.0], [0.0, 5.0, 20.0]])
+        baseline = learn(x[:n])
+        detector = Detector(n, h)
+        for k in range(n, n + cycles):
+            if k in (2 * n, 4 * n):
+                baseline, detector = learn(x[:k]), Detector(k, h)
+            alarms += detector.add(baseline.z(baseline.deviation(x[k], 0.0), 0.0)) is not None
+    expected = machines * cycles / cycles_between
+    # Machines differ by the luck of their baselines: the count scatters more than Poisson's.
+    assert abs(alarms - expected) < 3.0 * np.sqrt(2.5 * expected)
+
+
+def test_a_shift_of_two_sigma_is_found_within_ten_cycles_with_its_beginning():
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(200, 3))
+    x[120:] += [2.0, 0.0, 0.0]
+    baseline, detector = learn(x[:100]), Detector(100, threshold(3, 100, 1000.0))
+    found = [(k, ago) for k in range(100, 200) if (ago := detector.add(baseline.z(x[k] - baseline.line[0], 0.0)))]
+    first, ago = found[0]
+    assert 120 < first < 130 and abs(first - ago + 1 - 120) <= 4
+
+
+def test_a_load_that_scatters_with_its_weight_is_evened_out():
+    rng = np.random.default_rng(2)
+    payload = rng.choice([0.0, 9000.0], size=400)
+    load = np.array([1.0, 0.5])
+    x = rng.normal(size=(400, 2)) * [1.0, 0.3] + np.outer(0.001 * payload * rng.normal(size=400), load)
+    baseline = learn(x, payload, load)
+    z = np.array([baseline.z(baseline.deviation(a, p), p) for a, p in zip(x, payload, strict=True)])
+    light, heavy = (np.mean(np.sum(z[payload == p] ** 2, axis=1)) for p in (0.0, 9000.0))
+    assert light == pytest.approx(2.0, rel=0.2) and heavy == pytest.approx(2.0, rel=0.2)
+
+
+def test_a_line_meets_its_limit_when_it_says():
+    rng = np.random.default_rng(3)
+    goes = trend([2.0 * k + rng.normal() for k in range(50)], 150.0)
+    assert goes is not None and goes.left is not None and goes.left_ci95 is not None
+    assert goes.left == pytest.approx(26.0, abs=1.5) and goes.left_ci95[0] < 26.0 < goes.left_ci95[1]
+    level = trend(list(rng.normal(size=50)), 150.0)
+    assert level is not None and level.left is None
+    assert trend([1.0, 2.0], 5.0) is None
+
+
+# The judge, on estimates made directly: fast, and any change at will.
+
+
+def cycles(
+    count: int, changes: dict[int, np.ndarray] | None = None, payload: float = 4500.0, seed: int = 4
+) -> list[Cycle]:
+    """Cycles whose estimates scatter around zero; changes: added from that cycle on."""
+    rng = np.random.default_rng(seed)
+    sizes = np.array([60.0, 60.0, 5.0, 0.001, 0.5])
+    made, added = [], np.zeros(5)
+    for k in range(count):
+        added = (changes or {}).get(k, added)
+        values = sizes * rng.normal(size=5) + added
+        made.append(Cycle(f"c{k}", payload, 100.0 * k, 20.0, Estimate(KEYS, values, sizes, np.eye(5), 1.0, 1.0)))
+    return made
+
+
+def judged(rules: Rules, given: list[Cycle]) -> Judge:
+    judge = Judge(rules)
+    for cycle in given:
+        judge.add(cycle)
+    return judge
+
+
+def test_a_change_is_named_by_the_parameters_that_explain_it():
+    judge = judged(FEW, cycles(120, {80: np.array([150.0, 150.0, 0.0, 0.0, 0.0])}))
+    alarm = judge.alarms[0]
+    assert 80 <= alarm.cycle < 90 and abs(alarm.onset - 80) <= 4
+    assert alarm.causes[0].name == "friction both ways" and alarm.causes[0].share > 0.7
+    assert alarm.causes[0].amount == pytest.approx(150.0, rel=0.4)
+
+
+def test_a_change_that_goes_on_is_one_alarm():
+    judge = Judge(FEW)
+    made = [judge.add(c) for c in cycles(160, {80: np.array([0.0, 0.0, 0.0, 0.005, 0.0])})]
+    alarms = [each for each in made if each.alarm is not None]
+    assert len(alarms) > 5 and sum(not each.again for each in alarms) == 1
+    assert judge.baseline is not None and judge.baseline.count in (60, 120)  # it does not learn the fault
+
+
+def test_cycles_after_a_long_rest_do_not_count_until_it_is_warm():
+    warm = np.array([400.0, 400.0, 0.0, 0.0, 0.0])
+    given = cycles(120, {80: warm, 85: np.zeros(5)})
+    late = [Cycle(c.name, c.payload_kg, c.start_s + (50_000.0 if i >= 80 else 0.0), 20.0, c.estimate)
+            for i, c in enumerate(given)]  # fmt: skip
+    rules = Rules(cycles_between=1000.0, healthy=60, pause_s=3600.0, warm_up_s=480.0)
+    judge = Judge(rules)
+    events = [event for c in late for event in judge.add(c).events]
+    assert not judge.alarms
+    assert [event.cycle for event in events if event.kind == "warm_up"] == [0, 80]
+    assert judged(FEW, late).alarms  # without the rule it is an alarm
+
+
+def test_a_new_payload_is_an_event_and_friction_is_watched_on():
+    given = cycles(80)
+    heavier = np.array([0.0, 0.0, 60.0, 0.0, 0.0])
+    other = cycles(40, {0: heavier, 20: heavier + np.array([250.0, 250.0, 0.0, 0.0, 0.0])}, payload=7000.0, seed=2)
+    judge = Judge(FEW)
+    events = [event for c in [*given, *other] for event in judge.add(c).events]
+    assert [event.kind for event in events].count("payload") == 1
+    assert judge.alarms and judge.alarms[0].cycle >= 100
+    assert judged(FEW, [*given, *cycles(20, {0: heavier}, seed=2)]).alarms  # the same at a stated old payload alarms
+
+
+def test_one_wild_cycle_is_an_event_two_are_an_alarm():
+    wild = np.array([900.0, 900.0, 0.0, 0.0, 0.0])
+    once, twice = cycles(100, {80: wild, 81: np.zeros(5)}), cycles(100, {80: wild, 82: np.zeros(5)})
+    judge = Judge(FEW)
+    events = [event for c in once for event in judge.add(c).events]
+    assert "single" in [event.kind for event in events] and not judge.alarms
+    assert judged(FEW, twice).alarms
+
+
+def test_a_clock_that_jumps_back_is_said():
+    given = cycles(5)
+    given[3] = Cycle("c3", 4500.0, 10.0, 20.0, given[3].estimate)
+    judge = Judge(FEW)
+    events = [event for c in given for event in judge.add(c).events]
+    assert [(event.cycle, event.kind) for event in events] == [(3, "clock")]
+
+
+# A short month of real logs.
+
+
+@cache
+def logs(kind: str) -> tuple[Run, ...]:
+    change = {
+        "friction": friction_grows(70, 60),
+        "brake": brake_drags(70),
+        "drift": sensor_drifts(70, 0.2),
+        "healthy": healthy,
+    }[kind]
+    return tuple(run for run, _ in month(HOIST, 100, change, 6))
+
+
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [("friction", {"friction both ways"}), ("drift", {"torque offset nm", "mass kg"}), ("brake", None)],
+)
+def test_faults_of_simulated_months_raise_an_alarm_soon(kind: str, names: set[str] | None):
+    judge = Judge(FEW)
+    for k, run in enumerate(logs(kind)):
+        judge.add(Cycle(run.name, run.payload_kg, 69.0 * k, run.duration_s, estimate(HOIST, run)))
+    assert judge.alarms and 70 <= judge.alarms[0].cycle <= 90
+    if names is not None:
+        assert judge.alarms[-1].causes[0].name in names
+
+
+# The folder and the state.
+
+
+def put(folder: Path, run: Run, k: int, *, sidecar: bool = True) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{run.name}.csv"
+    file.write_text(csv_text({"time_s": run.time_s, **run.signals}), encoding="utf-8")
+    if sidecar:
+        said = f"payload_kg: {run.payload_kg}\nstart_position_m: 9.0\nstart_time_s: {69.0 * k}\n"
+        file.with_name(f"{file.name}.yaml").write_text(said, encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def arrived(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A machine and 100 logs of it, friction growing from the seventieth on."""
+    place = tmp_path_factory.mktemp("arrived")
+    save_machine(HOIST, place / "machine.yaml")
+    for k, run in enumerate(logs("friction")):
+        put(place / "logs", run, k)
+    return place
+
+
+def watch_of(place: Path, state: Path, **more: object) -> Watch:
+    return Watch(place / "logs", HOIST, state, FEW, settle_s=0.0, **more)  # type: ignore[arg-type]
+
+
+def words(place: Path, state: Path, *more: object) -> list[object]:
+    files = "--machine", place / "machine.yaml", "--state", state
+    return ["watch", place / "logs", *files, "--once", "--settle", "0.05",
+            "--healthy", "60", "--no-diagnose", *more]  # fmt: skip
+
+
+def test_the_command_alarms_by_its_exit_status_and_counts_nothing_twice(
+    arrived: Path, tmp_path: Path, commands: Commands
+):
+    state = tmp_path / "state"
+    first = commands(*words(arrived, state, "--limit", "guide.coulomb_hoisting_n=9000"))
+    assert first.status == 1, first.err
+    assert "ALARM at cycle_0007" in first.err and "friction both ways" in first.out
+    shutil.copy(arrived / "logs" / "cycle_00003.csv", arrived / "logs" / "again.csv")
+    shutil.copy(arrived / "logs" / "cycle_00003.csv.yaml", arrived / "logs" / "again.csv.yaml")
+    again = commands(*words(arrived, state))
+    assert again.status == 0 and "ALARM" not in again.err
+    import duckdb
+
+    with duckdb.connect() as db:
+        assert db.execute(f"SELECT count(*), max(cycle) FROM '{state}/cycles.parquet'").fetchall() == [(100, 99)]
+        assert db.execute(f"SELECT count(*) FROM '{state}/alarms.parquet' WHERE NOT again").fetchall() == [(1,)]
+    page = (state / "watch.html").read_text(encoding="utf-8")
+    assert "friction both ways" in page and "Test of a change" in page
+
+
+def test_after_kill_9_it_goes_on_where_it_was(arrived: Path, tmp_path: Path):
+    state = tmp_path / "state"
+    line = [sys.executable, "-m", "workbench", *map(str, words(arrived, state))]
+    process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    ends = time.monotonic() + 120.0
+    while time.monotonic() < ends and process.poll() is None and counted(state) < 10:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    begun = counted(state)
+    assert begun >= 10
+    watch = watch_of(arrived, state)
+    assert len(watch.judge.cycles) == begun
+    new, _ = watch.look(0.0)
+    alarms = watch.store.alarms()
+    watch.close()
+    whole = watch_of(arrived, tmp_path / "other")
+    whole.look(0.0)
+    assert begun + new == len(whole.judge.cycles)
+    assert alarms == whole.store.alarms()
+    whole.close()
+
+
+def counted(state: Path) -> int:
+    import sqlite3
+
+    try:
+        with sqlite3.connect(f"file:{state}/watch.sqlite?mode=ro", uri=True) as db:
+            return int(db.execute("SELECT COUNT(*) FROM cycles").fetchone()[0])
+    except sqlite3.Error:
+        return 0
+
+
+def test_a_log_that_is_being_written_is_waited_for_and_a_cut_one_is_said(tmp_path: Path):
+    said: list[str] = []
+    run = logs("healthy")[0]
+    whole = put(tmp_path / "logs", run, 0)
+    text = whole.read_text()
+    whole.write_text(text[: len(text) // 2])
+    watch = Watch(tmp_path / "logs", HOIST, tmp_path / "state", FEW, settle_s=1.0, say=said.append)
+    assert watch.look(0.0) == (0, 1)
+    whole.write_text(text)
+    assert watch.look(1.5) == (0, 1)  # it has changed since
+    assert watch.look(2.6) == (1, 0)
+    cut = put(tmp_path / "logs", logs("healthy")[1], 1)
+    cut.write_text(cut.read_text()[:2000].rpartition(",")[0])
+    bare = put(tmp_path / "logs", logs("healthy")[2], 2, sidecar=False)
+    watch.look(3.0)
+    assert watch.look(4.5) == (0, 1)
+    watch.close()
+    assert any("not counted" in line and cut.name in line for line in said)
+    assert any(f"{bare.name}: waits for its entry in runs.yaml" in line for line in said)
+    assert not watch_of(tmp_path, tmp_path / "state").store.known(digest_of(bare))
+
+
+def test_an_alarm_is_posted_and_posted_later_where_nobody_answered(arrived: Path, tmp_path: Path):
+    got: list[dict[str, object]] = []
+
+    class Hook(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            got.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+            self.send_response(204)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = HTTPServer(("127.0.0.1", 0), Hook)
+    address = f"http://127.0.0.1:{server.server_port}/alarm"
+    said: list[str] = []
+    watch = watch_of(arrived, tmp_path / "state", hook="http://127.0.0.1:9/nobody", say=said.append)
+    watch.look(0.0)
+    watch.close()
+    assert not got and any("it is tried again" in line for line in said)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    for _ in range(2):  # once only
+        watch = watch_of(arrived, tmp_path / "state", hook=address, diagnose=lambda campaign, baseline: {
+            "verdict": "named", "effects": ["friction_coulomb"], "sentence": f"{len(campaign.runs)} runs"})  # fmt: skip
+        watch.look(0.0)
+        watch.close()
+    server.shutdown()
+    server.server_close()
+    assert len(got) == 1 and "friction both ways" in str(got[0]["sentence"])
+    assert "runs" in str(got[0]["diagnosis"]) and got[0]["machine"] == HOIST.name
+
+
+def test_a_state_of_another_machine_or_of_other_rules_is_refused(tmp_path: Path):
+    Store(tmp_path, HOIST, FEW).close()
+    Store(tmp_path, HOIST, Rules(1000.0, 60, limits={"carriage.mass_kg": 9000.0})).close()
+    with pytest.raises(InputError, match="another machine"):
+        Store(tmp_path, with_values(HOIST, {"carriage.mass_kg": 8100.0}), FEW)
+    with pytest.raises(InputError, match="another healthy"):
+        Store(tmp_path, HOIST, Rules(1000.0, 50))
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad" / "watch.sqlite").write_text("no store" * 100)
+    with pytest.raises(InputError, match="is no store of a watch"):
+        Store(tmp_path / "bad", HOIST, FEW)
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (("--limit", "guide.coulomb_hoistin_n=1"), "did you mean 'guide.coulomb_hoisting_n'"),
+        (("--limit", "heavy"), "expected KEY=VALUE"),
+    ],
+)
+def test_a_limit_that_cannot_be_is_one_line(
+    option: tuple[str, str], said: str, arrived: Path, tmp_path: Path, commands: Commands
+):
+    done = commands(*words(arrived, tmp_path / "state", *option))
+    assert done.status == 2 and said in done.err and len(done.err.strip().splitlines()) == 1

@@ -1,0 +1,70 @@
+"""`workbench import`: logs as drives write them, made a campaign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from workbench.cli.options import effects_option
+
+
+@click.command(name="import")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
+@click.option("--machine", required=True, type=click.Path(path_type=Path), help="The machine.yaml of the campaign.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the campaign.")
+@click.option("--payload", "payload", multiple=True, type=float, help="In kg; once for all files, or once for each.")
+@click.option(
+    "--start-position",
+    "start_position",
+    multiple=True,
+    type=float,
+    help="Height at the first sample, in m; as --payload.",
+)
+@click.option(
+    "--map", "mapped", multiple=True, metavar="SIGNAL=COLUMN", help="A column of your choice; may be repeated."
+)
+@click.option("--yes", is_flag=True, help="Take the proposal without asking.")
+@effects_option
+def command(
+    files: tuple[Path, ...],
+    machine: Path,
+    out: Path,
+    payload: tuple[float, ...],
+    start_position: tuple[float, ...],
+    mapped: tuple[str, ...],
+    yes: bool,
+) -> int:
+    """Make a campaign of logs: MDF4, TDMS, MAT 7.3, TwinCAT Scope and other CSV with header lines or decimal commas.
+
+    Columns and units are looked at, a mapping to signals is proposed, drawn, and asked about unless --yes. Channels of
+    several rates are brought to the fastest one's time. MDF4, TDMS and MAT 7.3 need the extra 'import'.
+    """
+    from workbench.cli.show import print_table, print_text
+    from workbench.effects import check
+    from workbench.imports.campaign import Imported, in_si, runs_yaml, write_campaign
+    from workbench.imports.propose import for_all, propose
+    from workbench.imports.source import read_channels
+    from workbench.machine import load_machine
+    from workbench.reports.imports.page import mapping_table, write_page
+    from workbench.whole_folder import check_free
+
+    check_free(out)
+    read = load_machine(machine, check_effects=check)
+    each = [
+        for_all(values, len(files), option)
+        for values, option in ((payload, "payload"), (start_position, "start_position"))
+    ]
+    logs = [Imported(file, tuple(read_channels(file)), p, s) for file, p, s in zip(files, *each, strict=True)]
+    proposed = propose(read, logs[0].channels, mapped)
+    page = out.with_name(f"{out.name}.import.html")
+    write_page([(p.signal, p.column, *in_si(p, logs[0])) for p in proposed.proposals], proposed, logs[0].name, page)
+    print_table(mapping_table(proposed))
+    print_text([f"Columns that are no signal: {', '.join(proposed.unused) or 'none'}.", f"Drawn: {page}"])
+    if not yes:
+        click.echo(f"\nruns.yaml will be:\n\n{runs_yaml(logs, proposed)}")
+        click.confirm("Take it?", abort=True)
+    campaign = write_campaign(machine, logs, proposed, out)
+    print_text([f"{len(campaign.runs)} runs.", *campaign.all_notes])
+    click.echo(f"\nCampaign: {out}")
+    return 0

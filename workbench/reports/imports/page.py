@@ -1,0 +1,41 @@
+"""What an import proposes: the mapping as a table, and as a page with the signals drawn."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from workbench.errors import InputError
+from workbench.figures.imports import proposed as drawn
+from workbench.figures.save import Section, save_page
+from workbench.imports.propose import Proposed
+from workbench.run import Array
+from workbench.tables import Column, Table
+from workbench.tables.table import words
+
+
+def mapping_table(proposed: Proposed) -> Table:
+    rows = []
+    for p in proposed.proposals:
+        remark = "its unit is not said: taken as SI" if p.guessed_unit else ""
+        if p.others:
+            remark = "; ".join(part for part in (remark, f"also fits: {', '.join(p.others)}") if part)
+        rows.append([p.signal, p.column, p.unit or "–", f"{p.factor:.6g}", remark])
+    columns = [words("signal"), words("column"), words("unit"), Column("factor\nto SI"), words("remark")]
+    return Table(columns, rows)
+
+
+def write_page(signals: Sequence[tuple[str, str, Array, Array]], proposed: Proposed, name: str, path: Path) -> None:
+    """Replaces the page. InputError where it cannot be written."""
+    section = Section(
+        sentences=[f"Columns that are no signal: {', '.join(proposed.unused) or 'none'}."],
+        tables=[mapping_table(proposed)],
+        figures=[(drawn(signals), "Each signal in SI, at its own samples; up, hoisting and forward are positive.")],
+    )
+    hidden = path.with_name(f".{path.name}.part")
+    try:
+        save_page([section], hidden, f"Import of {name}")
+        os.replace(hidden, path)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error

@@ -1,0 +1,119 @@
+"""Logs in a folder: which are complete, and what is said of them.
+
+A log is described by its entry in the folder's runs.yaml, or by a file of its own beside it (`cycle_7.csv.yaml` for
+`cycle_7.csv`) with `payload_kg`, `start_position_m` and, if it is known, `start_time_s`. `columns` of runs.yaml map
+columns to signals for all of them. A log that is not described yet is waited for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from workbench.errors import InputError
+from workbench.kinds import kind_of
+from workbench.log_formats import suffixes
+from workbench.logs.reading import read_run
+from workbench.logs.runs_file import Column, Entry, read_runs
+from workbench.machine import Axis, Hoist
+from workbench.machine.quantities import Finite, Payload, Position
+from workbench.machine.record import Record
+from workbench.run import Run
+from workbench.yaml_strict import load, validate
+
+RUNS = "runs.yaml"
+UNFINISHED = (".part", ".tmp", ".crdownload")
+
+
+class Beside(Record):
+    """The file beside a log."""
+
+    payload_kg: Payload | None = None
+    start_position_m: Position | None = None
+    start_time_s: Finite | None = None
+    name: Annotated[str, Field(min_length=1)] | None = None
+
+
+@dataclass(frozen=True)
+class Arrived:
+    """A log that is complete. entry: what is said of it; None: nothing yet."""
+
+    file: Path
+    entry: Entry | None
+
+
+class Arrivals:
+    """Looks into a folder again and again. A log is complete when it has not changed for `settle_s`."""
+
+    def __init__(self, folder: Path, machine: Hoist | Axis, settle_s: float) -> None:
+        if not folder.is_dir():
+            raise InputError("is no folder; expected one that logs come into", file=folder)
+        self._folder, self._machine, self._settle_s = folder, machine, settle_s
+        self._seen: dict[Path, tuple[tuple[int, int], float]] = {}
+        self._done: dict[Path, tuple[int, int]] = {}
+        self.columns: Mapping[str, Column] = {}
+
+    def look(self, now: float) -> tuple[list[Arrived], int]:
+        """The logs that are complete and not yet `done`, in order of their names; how many still change.
+
+        InputError where runs.yaml is wrong; it may be complete at the next look.
+        """
+        entries = self._entries()
+        complete, waiting = [], 0
+        for file in sorted(self._folder.iterdir()):
+            if file.name.startswith(".") or file.suffix.lower() not in suffixes() or not file.is_file():
+                continue
+            try:
+                state = file.stat()
+            except OSError:  # gone again
+                continue
+            sign = state.st_size, state.st_mtime_ns
+            if self._done.get(file) == sign:
+                continue
+            if self._seen.get(file, (None, 0.0))[0] != sign:
+                self._seen[file] = sign, now
+            if now - self._seen[file][1] < self._settle_s or state.st_size == 0:
+                waiting += 1
+                continue
+            complete.append(Arrived(file, entries.get(file.name) or self._beside(file)))
+        return complete, waiting
+
+    def done(self, file: Path) -> None:
+        """Not to be looked at again unless it changes."""
+        self._done[file] = self._seen[file][0]
+
+    def _entries(self) -> dict[str, Entry]:
+        runs = self._folder / RUNS
+        if not runs.is_file():
+            return {}
+        described, _ = read_runs(runs, self._machine, kind_of(self._machine).signals.names)
+        self.columns = described.columns
+        return {Path(entry.file).name: entry for entry in described.runs}
+
+    def _beside(self, file: Path) -> Entry | None:
+        kind = kind_of(self._machine)
+        beside = file.with_name(f"{file.name}.yaml")
+        if not beside.is_file():
+            plain = not kind.payload and kind.start is None
+            return Entry(name=file.stem, file=file.name) if plain else None
+        said = validate(Beside, load(beside))
+        if kind.payload and said.payload_kg is None:
+            raise InputError("needs payload_kg, in kg and at least 0", file=beside, place="payload_kg")
+        if kind.start is not None and said.start_position_m is None:
+            raise InputError(f"needs start_position_m, {kind.start.said}", file=beside, place="start_position_m")
+        return Entry(
+            name=said.name or file.stem, file=file.name, payload_kg=said.payload_kg,
+            start_position_m=said.start_position_m, start_time_s=said.start_time_s,
+        )  # fmt: skip
+
+    def read(self, arrived: Arrived) -> Run:
+        """The log, checked and repaired as a campaign's. InputError for what is wrong with it."""
+        assert arrived.entry is not None
+        wanted = kind_of(self._machine).signals
+        runs = self._folder / RUNS
+        run, _ = read_run(arrived.entry, arrived.file, self._machine, wanted, self.columns, None, runs)
+        return run
