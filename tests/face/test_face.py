@@ -241,3 +241,14 @@ def test_a_run_s_columns_are_its_signals():
     columns = view_of(run).columns(run)
     time: Array = np.asarray(columns["time_s"])
     assert np.array_equal(time, run.time_s) and set(columns) == {"time_s", *run.signals}
+
+
+def test_a_motion_is_simulated_on_the_plant_that_is_named():
+    pytest.importorskip("exudyn", reason="the extra multibody is not installed")
+    slow = wb.PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=0.004)
+    lumped, multibody = (wb.simulate(0.5, controller=slow, plant=plant) for plant in ("lumped", "multibody"))
+    assert "force_cylinder_n" in multibody.run and "force_cylinder_n" not in lumped.run
+    name = "peak_torque_motor_nm"
+    assert multibody.metrics[name] == pytest.approx(lumped.metrics[name], rel=5e-3)
+    with pytest.raises(wb.InputError, match="did you mean 'multibody'"):
+        wb.simulate(0.5, plant="multi_body")

@@ -7,6 +7,7 @@ from typing import Any
 
 from workbench.analysis.usual import usual_controller
 from workbench.control import Events, PiSettings
+from workbench.errors import InputError, nearest
 from workbench.face.logs import run_figure
 from workbench.face.view import View
 from workbench.figures.study import overview
@@ -22,11 +23,13 @@ from workbench.references import (
 )  # fmt: skip
 from workbench.reports.numbers import figures
 from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_loop
+from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
 from workbench.study.execute.run import motor_torque_limit_nm
 from workbench.study.results.labels import metric_label
 from workbench.tables import Column, Table, words
 
 LEAD_S, SETTLE_S = 0.5, 2.0
+PLANTS = ("lumped", "multibody")
 
 
 def simulate(
@@ -40,14 +43,18 @@ def simulate(
     controller: PiSettings | None = None,
     events: Events = NO_EVENTS,
     record_every: int = 10,
+    plant: str = "lumped",
 ) -> LoopResult:
     """Move the carriage under the sampled speed loop, from rest to rest.
 
     moves: one distance in m (up positive), or a list of `Step`. Without them: the machine is the default hoist,
     the start a quarter up the rail, the controller `usual_controller`, the limits those of `usual_limits`.
     reference: trapezoid, ruckig or another kind. record_every: of the controller's samples one in so many is kept.
+    plant: lumped or multibody; the second needs the extra 'multibody', takes seconds and gives forces of joints too.
     InputError for a motion that is not possible.
     """
+    if plant not in PLANTS:
+        raise InputError(f"unknown plant '{plant}'; {nearest(plant, PLANTS)}", place="plant")
     machine = default_hoist() if machine is None else machine
     low, high = machine.rail.lowest_position_m, machine.highest_position_m
     start = low + 0.25 * (high - low) if start_position_m is None else start_position_m
@@ -59,6 +66,9 @@ def simulate(
     speed = motor_speed_rad_s(carriage, machine.gearbox.ratio, machine.winch.drum_diameter_m)
     name = f"{payload_kg:g} kg, {reference}"
     case = LoopCase(name, machine, payload_kg, start, controller, speed, events)
+    if plant == "multibody":
+        check_multibody(machine)
+        return simulate_multibody_loop(case, record_every=record_every)
     return simulate_loop([case], record_every=record_every)[0]
 
 

@@ -65,7 +65,8 @@ def show() -> None:
     with guarded():
         _over_payload(beside_payloads(scenario, machine))
         said = _ramps(scenario, machine, result)
-        if (better := verdict(result.rows, said)) is not None:
+        # The ramps' runs are the lumped model's: a verdict over both would lay two models side by side.
+        if scenario.plant == "lumped" and (better := verdict(result.rows, said)) is not None:
             _say(sentence, better)
         if (hangs := on_damping(scenario, machine)) is not None:
             st.caption(plain(hangs))
