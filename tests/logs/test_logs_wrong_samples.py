@@ -70,7 +70,7 @@ def test_speed_that_falls_to_zero_and_back_within_a_tenth_of_a_second_is_left_ou
 
 
 def test_brief_equal_samples_of_a_coarse_channel_are_no_dropout():
-    time, noise = 0.01 * np.arange(4000), np.random.default_rng(3).normal(size=4000)
+    time, noise = 0.01 * np.arange(4000, dtype=np.float64), np.random.default_rng(3).normal(size=4000)
     coarse = np.round(noise / 8.0)  # steps of eight standard deviations: nearly all are equal
     assert Channel(time, coarse).brief_freezes() == []
     noise[100:112] = 0.0
