@@ -61,7 +61,7 @@ def test_every_part_of_the_effects_predicts_what_the_whole_does(runs):
     active = searchable(MACHINE, runs)
     whole = Bench(MACHINE, runs, 1.7, active)
     by_parts = Bench(MACHINE, runs, 1.7, active, parts(MACHINE, runs))
-    at_work = [{}]
+    at_work: list[dict[str, float]] = [{}]
     for effect in effects_for("hoist").values():
         if not effect.on_sensor:
             at_work.append({r.symbol: r.start for r in ranges_of(effect, MACHINE, runs)})
