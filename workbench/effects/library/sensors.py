@@ -6,7 +6,6 @@ speed loop live on the true signals.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -88,16 +87,12 @@ def torque_filter(s: Any, e: Any, p: Any) -> Array:
 
 
 def _recursion(left: Array, added: Array) -> Array:
-    """d[0] = 0, d[k + 1] = left[k] d[k] + added[k]; as a convolution where `left` is one number."""
-    n = len(left)
-    a = float(np.median(left))
-    if a > 0.0 and np.ptp(left) <= 1e-6 * a:
-        length = min(n, max(1, math.ceil(-40.0 / math.log(a)))) if a < 1.0 else n
-        return np.concatenate([[0.0], np.convolve(added, a ** np.arange(length))[:n]])
-    d = np.zeros(n + 1)
-    for k in range(n):
-        d[k + 1] = left[k] * d[k] + added[k]
-    return d
+    """d[0] = 0, d[k + 1] = left[k] d[k] + added[k]: forward substitution in a matrix of two diagonals."""
+    from scipy.linalg.lapack import dtbtrs
+
+    diagonals = np.vstack([np.ones(len(left) + 1), np.append(-left, 0.0)])
+    d, _ = dtbtrs(diagonals, np.concatenate([[0.0], added])[:, None], uplo="L", diag="U")
+    return np.asarray(d[:, 0])
 
 
 def _early(s: Any, e: Any, p: Any) -> Array:
