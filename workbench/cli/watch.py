@@ -29,7 +29,7 @@ EXIT_ALARM = 1
               help="So long after such a rest, in s, cycles do not count.")  # fmt: skip
 @click.option("--limit", "limits", multiple=True, metavar="KEY=VALUE",
               help="What a value must not reach. Default: 1.5 times the friction levels. May be repeated.")  # fmt: skip
-@click.option("--diagnose/--no-diagnose", default=True, show_default=True, help="Diagnose each new alarm.")
+@click.option("--skip-diagnosis", is_flag=True, help="Do not diagnose new alarms.")
 @click.option("--webhook", help="Address that each new alarm is posted to as JSON.")
 @effects_option
 def command(
@@ -44,7 +44,7 @@ def command(
     pause: float,
     warm_up: float,
     limits: tuple[str, ...],
-    diagnose: bool,
+    skip_diagnosis: bool,
     webhook: str | None,
 ) -> int:
     """Watch the logs that come into FOLDER: each cycle's friction, mass, inertia and offset, and when they change.
@@ -71,7 +71,7 @@ def command(
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda *_: stop.set())
     watch = Watch(
-        folder, read, state, rules, settle_s=settle, diagnose=diagnosed if diagnose else None, hook=webhook,
+        folder, read, state, rules, settle_s=settle, diagnose=None if skip_diagnosis else diagnosed, hook=webhook,
         say=lambda line: click.echo(line, err=True),
     )  # fmt: skip
     try:

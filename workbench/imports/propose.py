@@ -102,7 +102,8 @@ def for_all(values: Sequence[float], files: int, place: str) -> list[float | Non
     """What is said once for all files, or once for each; None where nothing is said."""
     if len(values) not in (0, 1, files):
         raise InputError(f"is given {len(values)} times for {files} files, expected once or for each", place=place)
-    return [None] * files if not values else list(values) * (files if len(values) == 1 else 1)
+    said: list[float | None] = [*values] if values else [None]
+    return said if len(said) == files else said * files
 
 
 def score(signal: str, channel: Channel) -> float:

@@ -26,7 +26,7 @@ def open_mdf(file: Path) -> Opened:
     from workbench.log_formats.rates import TIME, distinct, titled
 
     _without_temporary_files()
-    mdf = MDF(str(file))
+    mdf: Any = MDF(str(file))
     places: list[tuple[int, int]] = []
     titles: list[str] = []
     for g, group in enumerate(mdf.groups):
@@ -58,7 +58,7 @@ def _without_temporary_files() -> None:
         from asammdf.blocks import mdf_v3, mdf_v4
 
         for module in (mdf_v3, mdf_v4):
-            module.NamedTemporaryFile = lambda *_, **__: _Nowhere()
+            setattr(module, "NamedTemporaryFile", lambda *_, **__: _Nowhere())  # noqa: B010
 
 
 def _unit(channel: Any) -> str:
