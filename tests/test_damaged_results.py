@@ -104,7 +104,9 @@ def test_a_loop_that_swings_from_limit_to_limit_is_pointed_out():
 
 def hunting(swings: float) -> Row:
     row = at_the_limit(400.0)
-    return replace(row, metrics=row.metrics | {"torque_swings": swings, "move_time_s": 7.0, "peak_speed_percent": 50.0})
+    return replace(
+        row, metrics={**row.metrics, "torque_swings": swings, "move_time_s": 7.0, "peak_speed_percent": 50.0}
+    )
 
 
 def test_a_loop_that_hunts_below_its_limits_is_pointed_out_where_runs_are_judged():

@@ -15,6 +15,7 @@ from workbench.blind.sources.simulator.campaign import built
 from workbench.blind.sources.simulator.content import Content, draw
 from workbench.blind.sources.simulator.size import input_change
 from workbench.logs import read_campaign
+from workbench.machine import Hoist
 
 
 def short(*names: str) -> Content:
@@ -65,6 +66,7 @@ def test_an_identified_machine_is_that_of_the_well_one(tmp_path: Path, monkeypat
     _, label = make.made(tmp_path, None, order)
     assert label.identified
     machine, nominal = read_campaign(tmp_path / "001").machine, short().machine
+    assert isinstance(machine, Hoist) and isinstance(nominal, Hoist)
     assert machine.identified["campaign"] == "plain"
     truth = built(short(), order.seed).truth
     more_n = label.parameters["friction_coulomb"]["level_n"]

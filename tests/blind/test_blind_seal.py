@@ -42,7 +42,8 @@ def fake(folder: Path, rig: object, order: Order) -> tuple[Order, Label]:
     effects = (name,) if name else ()
     label = Label(
         effects, (), {}, tuple({"subsystem": "guide", "regime": "speed"} for _ in effects), (), "", {}, "singles",
-        "hoist", order.family, "a hoist", order.seed, {"B_up": 1.0}, order.source, 5.0 if effects else 0.0,
+        "hoist", order.family, "a hoist", order.seed, {"B_up": 1.0}, order.source,
+        torque_change_rms_nm=5.0 if effects else 0.0,
     )  # fmt: skip
     return order, label
 

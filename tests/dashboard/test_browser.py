@@ -168,10 +168,10 @@ def batches(visit: Visit, tmp_path: Path) -> None:
     page = visit.page
     visit.turn_to("Batches")
     page.get_by_test_id("stSidebar").get_by_role("button", name="Start").click()
-    page.get_by_text("Largest torque peak").wait_for(timeout=browser.DRAWN_WITHIN_MS)
+    page.get_by_text("Largest torque peak", exact=True).wait_for(timeout=browser.DRAWN_WITHIN_MS)
     address = page.url
     page.reload()
-    page.get_by_text("Largest torque peak").wait_for(timeout=browser.DRAWN_WITHIN_MS)
+    page.get_by_text("Largest torque peak", exact=True).wait_for(timeout=browser.DRAWN_WITHIN_MS)
     assert page.url == address
     visit.drawn()
     visit.shot("9 batches")

@@ -98,7 +98,7 @@ def test_loading_ahead_of_time_waits_for_pandas_that_another_thread_imports():
     assert done.stderr == ""
 
 
-def test_the_documented_proxies_forbid_frames_and_foreign_scripts_and_know_streamlits_own_one():
+def test_the_documented_proxies_forbid_frames_and_foreign_scripts_and_know_streamlits_and_our_own():
     import streamlit
 
     headers = documented_headers()["nginx"]
@@ -108,6 +108,7 @@ def test_the_documented_proxies_forbid_frames_and_foreign_scripts_and_know_strea
     policy = dict(part.split(maxsplit=1) for part in headers["Content-Security-Policy"].split("; "))
     assert (policy["default-src"], policy["frame-ancestors"]) == ("'self'", "'none'")
     page = (Path(streamlit.__file__).parent / "static" / "index.html").read_text(encoding="utf-8")
+    page += (ROOT / "workbench" / "figures" / "film.html").read_text(encoding="utf-8")
     inline = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
               for script in re.findall(r"<script>(.*?)</script>", page, re.DOTALL)]  # fmt: skip
     assert policy["script-src"].split() == ["'self'", *(f"'sha256-{digest}'" for digest in inline)]

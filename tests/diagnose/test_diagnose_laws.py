@@ -224,7 +224,7 @@ def test_a_cause_taken_out_of_the_library_is_unknown(kind: str):
 
 def test_a_third_cause_is_found_by_going_on_from_two():
     truth = {"friction_viscous": {"viscous_n_s_per_m": 3000.0}, "drum_eccentricity": {"amplitude_m": 0.004}}
-    runs = hoist_runs(with_effects(nominal("hoist"), {**truth, "torque_scale": {"gain": 0.95}}))
+    runs = hoist_runs(with_effects(default_hoist(), {**truth, "torque_scale": {"gain": 0.95}}))
     asked = (*truth, "torque_scale", "friction_coulomb", "torque_offset")
     campaign = Campaign("made", Path("made"), nominal("hoist"), runs)
     d = diagnose(campaign, candidates=asked, most_effects=3, study=False)

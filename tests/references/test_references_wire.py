@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -170,7 +171,7 @@ def test_the_pair_of_least_peak_leaves_the_trapezoid_only_where_the_load_outweig
 
 
 def test_a_loop_whose_feed_forward_knows_the_wire_comes_within_a_few_per_cent_of_the_least_peak():
-    study = {
+    study: dict[str, Any] = {
         "name": "near-the-bound", "payloads_kg": [9000.0], "moves": [{"by_m": 4.0}],
         "limits": {"speed_m_s": 0.7, "acceleration_m_s2": 0.6, "jerk_m_s3": 0.8}, "references": ["optimal"],
         "start_position_m": 4.0, "outputs": {"signals": "none"},

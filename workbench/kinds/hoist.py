@@ -202,6 +202,14 @@ KIND = Kind(
         "sensors.torque_gain",
         "sensors.torque_offset_nm",
     ),
+    # Friction both ways, mass, inertia and offset: what wear, load and sensors change.
+    watched=(
+        "guide.coulomb_hoisting_n",
+        "guide.coulomb_lowering_n",
+        "carriage.mass_kg",
+        "motor.rotor_inertia_kg_m2",
+        "sensors.torque_offset_nm",
+    ),
     sizes=_sizes,
     transmitted=_transmitted,
     rigid=_rigid,

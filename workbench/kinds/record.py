@@ -255,7 +255,8 @@ class Kind:
     coordinate; None where the two are one. nominal_speed: what speeds are judged against; None: the largest
     measured. motor_torque: one motor's nominal torque, N m. weight(machine, payload_kg): of what hangs, N.
     speed_scale: (in words, in one word). sensor: keys of the input's gain and offset.
-    base: what may be off. free: what `identify` frees unless told; roles of one fit. sized_by_runs: keys whose scale
+    base: what may be off. free: what `identify` frees unless told; roles of one fit. watched: what `watch` estimates of
+    each cycle, () for all that is free. sized_by_runs: keys whose scale
     the runs tell rather than the nominal value: "input" or "input/speed", or a number.
     ties: ((two keys), third): what runs show of the three is two sums only, so the two are held alike in a fit.
     floor: what a machine without a gap leaves: its sensors' noise, or ripple and resonances of its own. traces,
@@ -296,6 +297,7 @@ class Kind:
     lever: Callable[[Any], float] | None = None
     nominal_speed: Callable[[Any], float] | None = None
     motor_torque: Callable[[Any], float] | None = None
+    watched: tuple[str, ...] = ()
     sized_by_runs: Mapping[str, str | float] = field(default_factory=dict)
     ties: tuple[tuple[tuple[str, str], str], ...] = ()
     log_timing: bool = True

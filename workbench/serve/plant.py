@@ -71,9 +71,10 @@ class LivePlant:
         start_position_m: float | None = None,
         ready: Sequence[str] = (),
     ) -> None:
-        if studied(machine) is None or not isinstance(machine, Hoist):
+        hoist = studied(machine)
+        if hoist is None:
             raise InputError(f"is {of_kind(machine)}; {STUDIED} is served", place="kind")
-        self.machine = machine
+        self.machine = machine = hoist
         low, high = machine.rail.lowest_position_m, machine.highest_position_m
         at = 0.5 * (low + high) if start_position_m is None else start_position_m
         if not low <= at <= high:

@@ -15,15 +15,6 @@ from workbench.machine import Axis, Hoist
 from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 
-# Friction both ways, mass, inertia and offset: what wear, load and sensors change.
-HOIST_KEYS = (
-    "guide.coulomb_hoisting_n",
-    "guide.coulomb_lowering_n",
-    "carriage.mass_kg",
-    "motor.rotor_inertia_kg_m2",
-    "sensors.torque_offset_nm",
-)
-
 
 @dataclass(frozen=True)
 class Estimate:
@@ -44,7 +35,8 @@ class Estimate:
 
 def watched_keys(machine: Hoist | Axis) -> tuple[str, ...]:
     """What is estimated of each cycle."""
-    return HOIST_KEYS if isinstance(machine, Hoist) else tuple(kind_of(machine).free)
+    kind = kind_of(machine)
+    return kind.watched or kind.free
 
 
 def estimate(machine: Hoist | Axis, run: Run, keys: Sequence[str] | None = None) -> Estimate:
