@@ -102,6 +102,12 @@ def test_a_loop_that_swings_from_limit_to_limit_is_pointed_out():
     assert not any("swings" in said for said in sentences([at_the_limit(400.0)], 800.0))
 
 
+def test_a_safety_factor_of_zero_in_a_damaged_index_is_left_out():
+    row = at_the_limit(400.0)
+    damaged = replace(row, metrics={**row.metrics, "wire_safety_factor": 0.0})
+    assert "wire" not in [use.what for use in utilisation([damaged], default_hoist())]
+
+
 def hunting(swings: float) -> Row:
     row = at_the_limit(400.0)
     return replace(

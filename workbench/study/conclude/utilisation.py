@@ -57,7 +57,7 @@ def utilisation(rows: Sequence[Row], machine: Hoist) -> list[Use]:
         worst = max(hunting, key=swings_per_s)
         bound = f"{SWINGS_PER_S:g} a second of motion, each by more than nominal torque: the loop hunts"
         uses.append(Use("torque swings", 100.0 * swings_per_s(worst) / SWINGS_PER_S, bound, run_in_words(worst, axes)))
-    factors = [row for row in good if row.metrics.get("wire_safety_factor") is not None]
+    factors = [row for row in good if (row.metrics.get("wire_safety_factor") or 0.0) > 0.0]
     if factors:
         worst = min(factors, key=lambda row: row["wire_safety_factor"])
         bound = f"a safety factor of {WIRE_SAFETY:g} (ISO 4308-1, M5)"
