@@ -5,9 +5,7 @@ from __future__ import annotations
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.location.records import Gap
 from workbench.diagnose.shrink import Shrink
-from workbench.diagnose.verdict.judge import Judged
-
-SAME = 0.5  # merit between two effects that are one and the same in these runs
+from workbench.diagnose.verdict.judge import Judged, twins
 
 
 def listed(names: Names) -> str:
@@ -57,12 +55,6 @@ def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: b
     if others := [name for name in also if name not in same]:
         text += f"; these runs cannot tell it from {', '.join(others)}"
     return text + "."
-
-
-def twins(judged: Judged, also: Names) -> Names:
-    """Of what these runs cannot tell from the answer, what differs from it in name only."""
-    merits = {w.names: w.merit for w in judged.weighed}
-    return tuple(name for name in also if abs(merits[(name,)] - merits[judged.names]) < SAME)
 
 
 def _percent(share: float) -> str:

@@ -96,7 +96,7 @@ def arm_svg(machine: Hoist) -> str:
     for y in (0.0, arm.dolly_distance_m):
         d.length((0, y - half), (0, y + half), "roller_spacing_m", off=0.3)
     _below(d, machine, low)
-    width = _LEFT + _SCALE * (joint["gripper"][0] + 1.2)
+    width = _LEFT + _SCALE * (joint["gripper"][0] + 1.6)
     return d.svg(int(width), int(_SCALE * (top + 0.45 - low + 1.3)))
 
 

@@ -17,7 +17,7 @@ from typing import Any
 from workbench.errors import InputError
 from workbench.serve.pace import stepping
 from workbench.serve.points import Point
-from workbench.serve.ports import free_tcp
+from workbench.serve.server import AsyncServer
 from workbench.serve.session import Session
 
 READS_COILS, READS_INPUTS, READS_HOLDING, READS_REGISTERS = 1, 2, 3, 4
@@ -50,24 +50,15 @@ def number_of(words: Sequence[int]) -> float:
     return float(struct.unpack(">f", struct.pack(">HH", *words))[0])
 
 
-class ModbusServer:
-    """The TCP server of one session. InputError where pymodbus is missing or the port is taken."""
+class ModbusServer(AsyncServer):
+    """The server of one session."""
+
+    protocol = "modbus"
+    package = "pymodbus"
 
     def __init__(self, session: Session, address: str, port: int) -> None:
-        try:
-            import pymodbus  # noqa: F401
-        except ImportError as error:
-            raise InputError("the protocol modbus needs the extra 'serve': pip install '.[serve]'") from error
-        self._session, self._address = session, address
+        super().__init__(session, address, port)
         self._map = map_of(session.inputs, session.outputs)
-        self.port = free_tcp(address, port)
-
-    def close(self) -> None:
-        pass
-
-    def run(self, until: Callable[[float], bool], listening: Callable[[], None]) -> None:
-        """In real time until `until(now)`: the plant in a thread of its own, the lines of the clients here."""
-        asyncio.run(self._serve(until, listening))
 
     async def _serve(self, until: Callable[[float], bool], listening: Callable[[], None]) -> None:
         from pymodbus.server import ModbusTcpServer
@@ -87,7 +78,7 @@ class ModbusServer:
         try:
             await server.serve_forever(background=True)
         except (RuntimeError, OSError) as error:
-            raise InputError(f"port {self.port} of {self._address} is taken; choose another", place="port") from error
+            raise self._taken() from error
         plant = stepping(self._session.pace, self._session.step, until)
         listening()
         try:

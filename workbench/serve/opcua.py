@@ -16,30 +16,17 @@ from typing import Any
 from workbench.errors import InputError
 from workbench.serve.pace import stepping
 from workbench.serve.points import Point
-from workbench.serve.ports import free_tcp
-from workbench.serve.session import Session
+from workbench.serve.server import AsyncServer
 
 NAMESPACE = "urn:workbench:plant"
 REFRESH_S = 0.05  # how often values are written for clients that subscribe; who reads gets the value of now
 
 
-class OpcUaServer:
-    """The server of one session. InputError where asyncua is missing or the port is taken."""
+class OpcUaServer(AsyncServer):
+    """The server of one session."""
 
-    def __init__(self, session: Session, address: str, port: int) -> None:
-        try:
-            import asyncua  # noqa: F401
-        except ImportError as error:
-            raise InputError("the protocol opcua needs the extra 'serve': pip install '.[serve]'") from error
-        self._session, self._address = session, address
-        self.port = free_tcp(address, port)
-
-    def close(self) -> None:
-        pass
-
-    def run(self, until: Callable[[float], bool], listening: Callable[[], None]) -> None:
-        """In real time until `until(now)`: the plant in a thread of its own, the clients here."""
-        asyncio.run(self._serve(until, listening))
+    protocol = "opcua"
+    package = "asyncua"
 
     async def _serve(self, until: Callable[[float], bool], listening: Callable[[], None]) -> None:
         from asyncua import Server, ua
@@ -62,7 +49,7 @@ class OpcUaServer:
         try:
             await server.start()
         except OSError as error:
-            raise InputError(f"port {self.port} of {self._address} is taken; choose another", place="port") from error
+            raise self._taken() from error
         steps = stepping(self._session.pace, self._session.step, until)
         listening()
         try:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, takewhile
 
 import numpy as np
 
@@ -36,7 +36,7 @@ FIRST_ROUND = 6  # evaluations each, before the field is narrowed
 LAST_ROUND = 40
 ALWAYS = 2  # effects refitted whatever they promise
 HOPELESS = -10.0  # merit, linearly
-PAIRS_REFITTED = 6
+EXTENDED_REFITTED = 6
 LEADS = 0.4  # of the best single effect's gain
 TOLERANCES = 3.0  # within which signatures are taken
 TURNED = 1.5  # the same, of the logarithm of what nobody knows: how friction turns over
@@ -124,7 +124,7 @@ def searched(
 
 @dataclass(frozen=True)
 class _Way:
-    """To a pair: by adding an effect to a leading one. worth: the pair's merit; gain: what it takes off; linearly."""
+    """To a hypothesis: an effect more beside a leading one. worth: merit of all; gain: what they take off; linearly."""
 
     worth: float
     gain: float
@@ -185,16 +185,16 @@ class Search:
             self._joint(found.base, near, [atom for atom in found.atoms if atom.effect.id in self.effects])
         self._finish(found.base, [names for names in self.fits if len(names) == 2], PAIR_IN_REACH)
         self._drop(found.base)
-        return self._settled(found)
+        return self._result(found)
 
     def more(self, found: Found) -> Found:
         """What was found so far, and the leading hypotheses with one more effect each."""
         size = max(len(names) for names in self.fits)
         self._extend(found.base, found.near, size)
         self._finish(found.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
-        return self._settled(found)
+        return self._result(found)
 
-    def _settled(self, found: Found) -> Found:
+    def _result(self, found: Found) -> Found:
         self._offer_standstill(found.base)
         return self._found(found.base, found.near, found.atoms)
 
@@ -261,14 +261,17 @@ class Search:
 
     def _strained(self, base: Fitted) -> set[str]:
         """The effects whose trace in every machine has been taken far beyond its tolerance: it may be one of them."""
-        found, start = set[str](), sum(len(knob.lowest) for knob in self.base.values())
-        for key, knob in self.traces.items():
-            width = len(knob.lowest)
-            own = base.z[start : start + width] / np.array(knob.prior_std)
-            if not getattr(knob, "logarithmic", False) and np.any(np.abs(own) > STRAINED):
-                found.add(key.partition(".")[0])
-            start += width
-        return found
+        return {
+            key.partition(".")[0]
+            for key, knob in self.traces.items()
+            if not getattr(knob, "logarithmic", False)
+            and np.any(np.abs(base.z[self._place_of(knob)]) > STRAINED * np.array(knob.prior_std))
+        }
+
+    def _place_of(self, wanted: Knob) -> slice:
+        """Where a base parameter's or a trace's z stand in every fit."""
+        before = [len(knob.lowest) for knob in takewhile(lambda knob: knob is not wanted, self.held)]
+        return slice(sum(before), sum(before) + len(wanted.lowest))
 
     def _from_base(self, base: Fitted, names: Sequence[str]) -> None:
         """From the stretched base too, where that promises more than was found: a fit may be stuck on the way."""
@@ -285,19 +288,18 @@ class Search:
         late = next((e for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late), None)
         if late is None or late.id in at.effects or LOG_TIMING not in self.base:
             return
-        timing, start = self.base[LOG_TIMING], 0
-        for knob in self.held:
-            if knob is timing:
-                break
-            start += len(knob.lowest)
-        if at.z[start] <= TOLERANCES:
+        timing = self.base[LOG_TIMING]
+        own = self._place_of(timing)
+        taken = float(at.z[own][0])
+        if taken <= TOLERANCES:
             return
-        more, amount = effect_knobs(late, self._ranges(late), {self.problem.late: at.z[start] * timing.scale})
+        more, amount = effect_knobs(late, self._ranges(late), {self.problem.late: taken * timing.scale})
         z = np.concatenate([at.z, amount])
-        z[start] = 0.0
+        z[own] = 0.0
         names = (*at.effects, late.id)
-        known: Names = tuple(sorted(names))
-        self._try(known, lambda: fit_knobs(self.problem, names, [*at.knobs, *more], z, LAST_ROUND, self.count))
+        self._try(
+            tuple(sorted(names)), lambda: fit_knobs(self.problem, names, [*at.knobs, *more], z, LAST_ROUND, self.count)
+        )
 
     def _ranges(self, effect: Effect) -> tuple[Ranged, ...]:
         return ranges_of(effect, self.problem.machine, self.problem.runs)
@@ -335,10 +337,8 @@ class Search:
         known = [names for names in self.fits if len(names) == size and set(names) <= set(self.effects)]
         if not known:
             return
-        none, scores = (
-            score_of(self.problem, base),
-            {names: score_of(self.problem, self.fits[names]) for names in known},
-        )
+        none = score_of(self.problem, base)
+        scores = {names: score_of(self.problem, self.fits[names]) for names in known}
         worth = {names: self._worth(base, self.fits[names], none.value - scores[names].value) for names in known}
         known.sort(key=lambda names: -worth[names])
         leaders = [n for n in known[:LEADERS] if worth[n] > 0.0 and worth[n] >= LEADS * worth[known[0]]]
@@ -349,19 +349,17 @@ class Search:
             self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders), names))
             again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
             least = inexact(self.problem, near, leader, scores[names])
-            added = {
-                name: self._worth_beside(leader, promise, least)
-                for name, promise in self._promised(leader, again).items()
-                if promise.merit > 0.0
-            }
+            partners = {name: each for name, each in self._promised(leader, again).items() if each.merit > 0.0}
+            added = {name: self._worth_beside(leader, each, least) for name, each in partners.items()}
             gained = base.objective - leader.objective
-            for rank, name in enumerate(sorted(added, key=lambda name: -added[name][0])):
-                more, promise = added[name]
+            for rank, name in enumerate(sorted(added, key=lambda name: -added[name])):
+                promise = partners[name]
                 together: Names = tuple(sorted((*names, name)))
                 if rank < PARTNERS:
                     leading.add(together)
-                ways.setdefault(together, []).append(_Way(worth[names] + more, gained + promise.gain, leader, promise))
-        for names in sorted(leading, key=lambda names: -max(way.worth for way in ways[names]))[:PAIRS_REFITTED]:
+                way = _Way(worth[names] + added[name], gained + promise.gain, leader, promise)
+                ways.setdefault(together, []).append(way)
+        for names in sorted(leading, key=lambda names: -max(way.worth for way in ways[names]))[:EXTENDED_REFITTED]:
             self.linear[names] = max(way.gain for way in ways[names])
             # A promise is linear, and may not be kept: the way from the better hypothesis is tried first.
             for way in sorted(ways[names], key=lambda way: way.leader.objective):
@@ -375,7 +373,7 @@ class Search:
         """A single effect's merit, without what the machine's own discrepancy could be worth. gain: of its score."""
         return beyond_discrepancy(self.problem, base, fit, gain) - cost(self.problem, len(fit.z) - len(base.z))
 
-    def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> tuple[float, Promise]:
+    def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> float:
         """What a second effect's promise adds to a leader's merit. least: what the leader's inexact law could be
         worth."""
         taken = promise.atom.columns @ promise.amounts
@@ -383,7 +381,7 @@ class Search:
         left = leader.residual - taken + leader.jacobian @ (z - leader.z)
         data = discounted(self.problem, (promise.atom.effect.id,), promise.data, leader.residual, left)
         paid = promise.gain - promise.merit
-        return promise.gain - promise.data + beyond(data, least) - paid, promise
+        return promise.gain - promise.data + beyond(data, least) - paid
 
     def _drop(self, base: Fitted) -> None:
         """Each effect of the leading pairs alone, from where the pair left it: a pair is worth what both earn."""

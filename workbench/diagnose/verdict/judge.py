@@ -40,6 +40,7 @@ TRACE = 3.0  # standard deviations of an effect's trace, by chance
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
+SAME = 0.5  # merit between two effects that are one and the same in these runs
 FREER = 5.0  # merit by which a law of more freedom has to be better than a simpler one
 OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
 OWN_AGAIN = 0.007  # of that, what comes again with place or speed; the EMPS axis leaves 0.005
@@ -285,9 +286,8 @@ def unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> fl
     """How much what is left speaks for a cause: the logarithm of the discrepancy's excess, as far as it matters.
 
     An axis has ripple and resonances of its own, and near standstill its own friction. There only what is beyond OWN of
-    the largest input at speed counts, or what
-    comes again with place or speed, or to stay, beyond OWN_AGAIN, or in a few moments beyond OWN_BLOW, which no random
-    discrepancy does.
+    the largest input at speed counts, or what comes again with place or speed, or to stay, beyond OWN_AGAIN, or in a
+    few moments beyond OWN_BLOW, which no random discrepancy does.
     """
     many = max(math.log(excess), 0.0)
     if kind_of(problem.machine).floor == "sensors":
@@ -351,6 +351,12 @@ def alike(judged: Judged, kind: str, within: float = 12.0) -> tuple[str, ...]:
             or (same_but_freer(best.names[0], w.names[0], kind) and w.merit > (1.0 - SIMPLER) * best.merit)
         )
     )
+
+
+def twins(judged: Judged, also: Names) -> Names:
+    """Of what these runs cannot tell from the answer, what differs from it in name only."""
+    merits = {w.names: w.merit for w in judged.weighed}
+    return tuple(name for name in also if abs(merits[(name,)] - merits[judged.names]) < SAME)
 
 
 def steps(judged: Judged, inputs: int) -> tuple[Step, ...]:

@@ -71,9 +71,6 @@ class Hypothesis:
     probability: float
 
 
-TWIN = 0.1  # of a probability: nearer are two names of one cause
-
-
 @dataclass(frozen=True)
 class Step:
     """One effect more on the way to an answer. merit: of these effects; left_rms: what they leave, in the input's
@@ -87,7 +84,7 @@ class Step:
 @dataclass(frozen=True)
 class Verdict:
     """The answer. alike: what this campaign cannot tell from it. sentence: the answer in one sentence. steps: how an
-    answer was come to, one effect after the other."""
+    answer was come to, one effect after the other. twins: of alike, what differs from the answer in name only."""
 
     word: VerdictWord
     effects: Names
@@ -98,12 +95,10 @@ class Verdict:
     explained: float = 0.0
     left: Left = Left(0.0, 0.0, False)
     steps: tuple[Step, ...] = ()
+    twins: Names = ()
 
     @property
-    def probability(self) -> float | None:
-        """Of the answer, with its exact twins; None where it was not ranked."""
-        answer = next((row.probability for row in self.ranking if row.effects == self.effects), None)
-        if answer is None:
-            return None
-        twins = (row for row in self.ranking if len(row.effects) == 1 and row.effects[0] in self.alike)
-        return answer + sum(row.probability for row in twins if abs(row.probability - answer) < TWIN * answer)
+    def probability(self) -> float:
+        """Of the answer, with its exact twins."""
+        answers = {self.effects, *((name,) for name in self.twins)}
+        return sum(row.probability for row in self.ranking if row.verdict == self.word and row.effects in answers)

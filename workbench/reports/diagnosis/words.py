@@ -180,7 +180,7 @@ def plain_summary(d: Diagnosis) -> list[str]:
         f"The machine has {' and '.join(causes)}, which the model lacks.",
         f"That made the predicted {quantity} wrong by {size} on average. With it in the model {figures(s.after)} "
         f"{s.unit} remain; the sensors alone make {figures(s.noise)} {s.unit}."
-        + (f" In about {100.0 * sure:.0f} of 100 such cases this is the cause." if sure is not None else ""),
+        f" In about {100.0 * sure:.0f} of 100 such cases this is the cause.",
     ]
 
 
