@@ -17,7 +17,7 @@ PACKAGE = ROOT / "workbench"
 
 # Each row may import the rows above it. Neighbours in one row do not know each other.
 LAYERS = [
-    ("errors", "verb"),
+    ("errors", "names", "verb"),
     ("tables", "json_records"),
     ("shown",),
     ("yaml_strict", "whole_folder"),

@@ -202,7 +202,7 @@ def logs(kind: str) -> tuple[Run, ...]:
 
 @pytest.mark.parametrize(
     ("kind", "names"),
-    [("friction", {"friction both ways"}), ("drift", {"torque offset nm", "mass kg"})],
+    [("friction", {"friction both ways"}), ("drift", {"torque offset", "mass"})],
 )
 def test_faults_of_simulated_months_raise_an_alarm_soon(kind: str, names: set[str]):
     judge = Judge(FEW)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from workbench.errors import InputError, nearest
+from workbench.names import unit_of
 from workbench.plants import HOIST
 
 if TYPE_CHECKING:
@@ -53,16 +54,6 @@ class Point:
         if self.fits is not None:
             self.fits(value)
         return float(value)
-
-
-_UNITS = {
-    "rad_s": "rad/s", "m_s2": "m/s²", "m_s": "m/s", "rad": "rad", "nm": "N m", "kg": "kg", "m": "m", "n": "N", "s": "s",
-}  # fmt: skip
-
-
-def unit_of(name: str) -> str:
-    """The unit at the end of a name; "" where it is none of these."""
-    return next((text for ending, text in _UNITS.items() if name.endswith(f"_{ending}")), "")
 
 
 def _signal(name: str) -> Callable[[Session], float]:

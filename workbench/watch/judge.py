@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from workbench.names import words_of
 from workbench.run import Array
 from workbench.watch.change import GROWTH, HEALTHY, Baseline, Detector, learn, threshold
 from workbench.watch.estimate import Estimate
@@ -266,12 +267,8 @@ class Judge:
 def directions(keys: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
     """Candidate changes: friction both ways alike, and each parameter for itself."""
     friction = tuple(key for key in keys if "coulomb" in key)
-    made: list[tuple[str, tuple[str, ...]]] = [(words(key), (key,)) for key in keys]
+    made: list[tuple[str, tuple[str, ...]]] = [(words_of(key), (key,)) for key in keys]
     return [("friction both ways", friction), *made] if len(friction) == 2 else made
-
-
-def words(key: str) -> str:
-    return key.rpartition(".")[2].replace("_", " ")
 
 
 def _cosine(a: Array, b: Array) -> float:

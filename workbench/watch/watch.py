@@ -13,6 +13,7 @@ from workbench.errors import InputError, nearest
 from workbench.logs import Campaign
 from workbench.logs.runs_file import Entry
 from workbench.machine import Axis, Hoist, get_value
+from workbench.names import unit_of
 from workbench.run import Run
 from workbench.watch.arrivals import Arrivals, Arrived
 from workbench.watch.change import Baseline
@@ -165,7 +166,8 @@ class Watch:
         raised = next(each for each in self.judge.alarms if each.cycle == alarm.cycle)
         goes = self.judge.trend_of(raised, nominal)
         cause = alarm.causes[0]
-        amount = f"{cause['amount']:+.4g} ({cause['name']}, {100.0 * cause['share']:.0f} % of the change)"
+        amount = f"{cause['amount']:+.3g} {unit_of(cause['keys'][0])} "
+        amount += f"({cause['name']}, {100.0 * cause['share']:.0f} % of the change)"
         left = None if goes is None else goes.left
         until = f"; at this rate its limit is {left:.0f} cycles away" if left is not None else ""
         sentence = f"at {name}: the machine has left its identified self since {onset}: {amount}{until}."

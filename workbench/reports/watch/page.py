@@ -10,14 +10,13 @@ import numpy as np
 
 from workbench.figures.save import Section, save_page
 from workbench.figures.watch import parameters, statistic
+from workbench.names import unit_of, words_of
 from workbench.tables import Column, Table
 from workbench.tables.table import words as word_column
-from workbench.watch.judge import words
 from workbench.watch.store import KeptAlarm
 from workbench.watch.watch import Told, Watch
 
 MOST_EVENTS = 50
-UNITS = {"_nm": "N m", "_n": "N", "_kg": "kg", "_kg_m2": "kg m²"}
 
 
 def answer(watch: Watch) -> str:
@@ -42,7 +41,7 @@ def write_page(watch: Watch, path: Path) -> None:
     if kept:
         keys = kept[0].cycle.estimate.keys
         values = np.array([k.cycle.estimate.values for k in kept])
-        names = [(words(key), unit_of(key)) for key in keys]
+        names = [(words_of(key), unit_of(key)) for key in keys]
         marks = [alarm.cycle for alarm in first]
         learned = watch.rules.healthy if judge.baseline is not None else len(kept)
         thresholds = [detector.threshold for detector in judge.detectors.values()]
@@ -83,13 +82,10 @@ def alarm_table(told: Sequence[Told], kept: Sequence[KeptAlarm]) -> Table:
             left += " ({:.0f} to {:.0f})".format(*alarm.cycles_left_ci95)
         said = "not asked" if alarm.diagnosis is None else str(alarm.diagnosis["sentence"])
         rows.append(
-            [alarm.name, str(alarm.cycle), str(alarm.onset), f"{cause['name']} {cause['amount']:+.4g}",
+            [alarm.name, str(alarm.cycle), str(alarm.onset),
+             f"{cause['name']} {cause['amount']:+.3g} {unit_of(cause['keys'][0])}",
              f"{100.0 * cause['share']:.0f}", left, said]
         )  # fmt: skip
     repeated = sum(alarm.again for alarm in kept)
     note = f"The test alarmed again {repeated} times for the same change." if repeated else ""
     return Table(columns, rows, note)
-
-
-def unit_of(key: str) -> str:
-    return next((unit for ending, unit in sorted(UNITS.items(), key=lambda e: -len(e[0])) if key.endswith(ending)), "")

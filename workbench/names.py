@@ -1,0 +1,21 @@
+"""What a name of a value says: its words, and the unit at its end."""
+
+from __future__ import annotations
+
+# Longer endings stand before those that they end with.
+UNITS = {
+    "kg_m2": "kg m²", "rad_s": "rad/s", "m_s2": "m/s²", "m_s": "m/s", "rad": "rad", "nm": "N m", "kg": "kg", "m": "m",
+    "n": "N", "s": "s",
+}  # fmt: skip
+
+
+def unit_of(name: str) -> str:
+    """The unit at the end of a name; "" where it is none of UNITS."""
+    return next((unit for ending, unit in UNITS.items() if name.endswith(f"_{ending}")), "")
+
+
+def words_of(name: str) -> str:
+    """`guide.coulomb_hoisting_n` as `coulomb hoisting`."""
+    last = name.rpartition(".")[2]
+    ending = next((ending for ending in UNITS if last.endswith(f"_{ending}")), "")
+    return last.removesuffix(f"_{ending}").replace("_", " ")
