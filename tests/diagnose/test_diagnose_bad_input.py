@@ -51,8 +51,8 @@ def scaled(campaign: Campaign, which: Collection[str], **factors: float) -> Camp
     def change(run: Run) -> Run:
         signals = dict(run.signals)
         for name, factor in factors.items():
-            parts = [each for each in signals if each.startswith("torque_motor")] if "torque" in name else [name]
-            signals |= {each: factor * signals[each] for each in parts}
+            parts = [signal for signal in signals if signal.startswith("torque_motor")] if "torque" in name else [name]
+            signals |= {signal: factor * signals[signal] for signal in parts}
         return replace(run, signals=signals)
 
     return changed(campaign, which, change)
@@ -81,9 +81,11 @@ ALL = ("empty", "half", "full")
 
 
 def test_every_recorded_campaign_passes_without_a_word(campaigns: Path):
-    folders = sorted(each for each in campaigns.iterdir() if (each / "machine.yaml").is_file())
+    folders = sorted(folder for folder in campaigns.iterdir() if (folder / "machine.yaml").is_file())
     assert len(folders) >= 33
-    assert {each.name: check_runs(read_campaign(each)) for each in folders} == {each.name: () for each in folders}
+    assert {folder.name: check_runs(read_campaign(folder)) for folder in folders} == {
+        folder.name: () for folder in folders
+    }
 
 
 def test_a_speed_upside_down_is_said_with_the_runs(hoist: Campaign):

@@ -46,8 +46,8 @@ def trapezoid(time: Array) -> Array:
 def test_a_delay_is_found_to_a_fraction_of_a_sample(rate_hz: float, late_s: float):
     time = np.arange(int(20.0 * rate_hz)) / rate_hz
     noise = np.random.default_rng(4).normal(scale=0.01, size=len(time))
-    found = lateness(time, trapezoid(time), 0.97 * trapezoid(time - late_s) + 0.05 + noise)
-    assert found == pytest.approx(late_s, abs=0.001)
+    delay_s = lateness(time, trapezoid(time), 0.97 * trapezoid(time - late_s) + 0.05 + noise)
+    assert delay_s == pytest.approx(late_s, abs=0.001)
 
 
 def test_a_reference_that_rests_gives_no_delay():
@@ -131,13 +131,13 @@ def test_a_rounded_channel_is_as_noisy_as_its_rounding():
 
 
 def test_the_motions_noise_is_small_on_a_hoist_and_grows_with_the_sensor(campaign: Campaign, problem: Problem):
-    found = motion_noise(problem, 1)
-    assert found == motion_noise(problem, 1)
-    assert 0.0 < found < 0.3 * problem.noise
+    noise = motion_noise(problem, 1)
+    assert noise == motion_noise(problem, 1)
+    assert 0.0 < noise < 0.3 * problem.noise
     random, loud = np.random.default_rng(9), campaign.runs
     for _ in range(3):  # each time doubles the variance
         loud = tuple(noisier(run, ("speed_motor_rad_s",), random) for run in loud)
-    assert motion_noise(Problem(campaign.machine, loud), 1) == pytest.approx(math.sqrt(8.0) * found, rel=0.2)
+    assert motion_noise(Problem(campaign.machine, loud), 1) == pytest.approx(math.sqrt(8.0) * noise, rel=0.2)
 
 
 def test_the_motion_of_a_real_axis_is_noisier_than_its_force(shared_data: Path, tmp_path: Path):

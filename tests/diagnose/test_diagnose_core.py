@@ -86,19 +86,19 @@ def test_the_bounds_of_a_value_are_where_z_says(logarithmic: bool):
 @given(st.floats(0.01, 5.0), st.floats(0.0, 6.28))
 def test_a_wave_starts_at_its_amplitude_and_phase(amplitude: float, phase: float):
     knob = Wave("A", "phi", phase, 0.5, 5.0)
-    found = knob.values([amplitude / 0.5, 0.0])
-    assert found["A"] == pytest.approx(amplitude)
-    assert found["phi"] == pytest.approx(phase)
+    values = knob.values([amplitude / 0.5, 0.0])
+    assert values["A"] == pytest.approx(amplitude)
+    assert values["phi"] == pytest.approx(phase)
 
 
 @given(st.floats(0.0, 6.28), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 def test_the_quadratures_of_a_wave_add_up(origin: float, a: float, b: float):
     """A sin(x + phi) is linear in z, whatever angle the fit began at."""
-    found = Wave("A", "phi", origin, 0.5, 9.0).values([a, b])
+    values = Wave("A", "phi", origin, 0.5, 9.0).values([a, b])
     x = np.linspace(0.0, TURN, 7)
-    wave = float_of(found["A"]) * np.sin(x + float_of(found["phi"]))
+    wave = float_of(values["A"]) * np.sin(x + float_of(values["phi"]))
     assert wave == pytest.approx(0.5 * (a * np.sin(x + origin) + b * np.cos(x + origin)), abs=1e-9)
-    assert 0.0 <= float_of(found["phi"]) <= TURN
+    assert 0.0 <= float_of(values["phi"]) <= TURN
 
 
 def test_each_run_has_a_phase_of_its_own():
@@ -111,9 +111,9 @@ def test_each_run_has_a_phase_of_its_own():
 
 
 EVERY = [
-    pytest.param(machine, each, id=f"{kind}-{each.id}")
+    pytest.param(machine, effect, id=f"{kind}-{effect.id}")
     for kind, machine in MACHINES.items()
-    for each in effects_for(kind).values()
+    for effect in effects_for(kind).values()
 ]
 
 
@@ -135,11 +135,11 @@ def test_the_knobs_of_every_effect_give_back_the_point_they_start_from(machine: 
         lowest, highest, _ = bounds_of(knobs)
         assert len(lowest) == len(start)
         assert np.all(np.array(start) >= lowest - 1e-12) and np.all(np.array(start) <= highest + 1e-12)
-        found = setting_of(knobs, np.array(start))
+        setting = setting_of(knobs, np.array(start))
         turned = {r.symbol for r in ranges if len(r.tries) != 1 or r.vanishes_at is not None}
-        assert set(found) == turned
+        assert set(setting) == turned
         for symbol in turned:
-            assert found[symbol] == pytest.approx(at[symbol], rel=1e-9), symbol
+            assert setting[symbol] == pytest.approx(at[symbol], rel=1e-9), symbol
 
 
 @pytest.mark.parametrize(("machine", "effect"), EVERY)
@@ -288,15 +288,15 @@ SOME = (
 @pytest.mark.parametrize("name", SOME)
 def test_a_signature_is_what_the_prediction_gains_by_that_much(hoist: Problem, name: str):
     effect = find(name, "hoist")
-    found = atoms(hoist, [effect], {})
-    atom = found[len(found) // 2]
+    signatures = atoms(hoist, [effect], {})
+    atom = signatures[len(signatures) // 2]
     for k, r in enumerate(atom.amounts):
         point = dict(atom.at)
-        for each in atom.amounts:
-            assert each.vanishes_at is not None
-            point[each.symbol] = each.start if each is r else each.vanishes_at
-        values = {each.name: float(point[each.symbol]) for each in ranges_of(effect, hoist.machine, hoist.runs)
-                  if each.symbol in point}  # fmt: skip
+        for amount in atom.amounts:
+            assert amount.vanishes_at is not None
+            point[amount.symbol] = amount.start if amount is r else amount.vanishes_at
+        values = {amount.name: float(point[amount.symbol]) for amount in ranges_of(effect, hoist.machine, hoist.runs)
+                  if amount.symbol in point}  # fmt: skip
         gained = signature_by_file(hoist, effect, values)
         column = atom.columns[: hoist.inputs, k]
         assert rms(column) > 0.05 * hoist.noise
@@ -413,15 +413,15 @@ def test_a_fit_ends_at_the_least_of_data_and_tolerances_within_bounds(seed: int,
     knobs = [Value(f"x{k}", 0.0, 1.0, -0.3, 0.4, std=(0.5 if k < 2 else math.inf)) for k in range(4)]
     problem = Straight(random.normal(size=(30, 4)), random.normal(size=30))
     weight = 1.0 / problem.errors.white[0]
-    found = fit_knobs(problem, ("made",), knobs, np.full(4, 0.1), base=base)  # type: ignore[arg-type]
+    fit = fit_knobs(problem, ("made",), knobs, np.full(4, 0.1), base=base)  # type: ignore[arg-type]
     rows = np.vstack([weight * problem.columns, np.diag([2.0, 2.0, 0.0, 0.0])])
     exact = lsq_linear(rows, np.concatenate([weight * problem.measured, np.zeros(4)]), (-0.3, 0.4), method="bvls")
-    assert found.settled
-    assert found.objective == pytest.approx(2.0 * exact.cost, abs=0.06)
-    assert found.z == pytest.approx(exact.x, abs=0.05)
-    assert found.chi2 == pytest.approx(weight**2 * float(found.residual @ found.residual))
-    assert found.prior == pytest.approx(4.0 * float(found.z[:2] @ found.z[:2]))
-    assert found.evaluations == problem.calls or base  # a fit says what it cost
+    assert fit.settled
+    assert fit.objective == pytest.approx(2.0 * exact.cost, abs=0.06)
+    assert fit.z == pytest.approx(exact.x, abs=0.05)
+    assert fit.chi2 == pytest.approx(weight**2 * float(fit.residual @ fit.residual))
+    assert fit.prior == pytest.approx(4.0 * float(fit.z[:2] @ fit.z[:2]))
+    assert fit.evaluations == problem.calls or base  # a fit says what it cost
 
 
 def test_a_fit_finds_what_made_the_torque(hoist: Problem):
@@ -438,11 +438,11 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     begin = dict(zip([r.symbol for r in ranges], (2500.0, 8.6, 0.7), strict=True))
     more, start = effect_knobs(effect, ranges, begin)
     z = np.concatenate([np.zeros(len(knobs)), start])
-    found = fit_knobs(problem, (effect.id,), [*knobs, *more], z, 60, base=len(knobs))
-    assert found.rms(problem.inputs) < 0.005 * rms(problem.residuals([{}])[0])
+    fit = fit_knobs(problem, (effect.id,), [*knobs, *more], z, 60, base=len(knobs))
+    assert fit.rms(problem.inputs) < 0.005 * rms(problem.residuals([{}])[0])
     for symbol, value in true.items():
-        assert found.setting[symbol] == pytest.approx(value, rel=0.002), symbol
-    assert found.effects == (effect.id,)
+        assert fit.setting[symbol] == pytest.approx(value, rel=0.002), symbol
+    assert fit.effects == (effect.id,)
 
 
 @pytest.mark.parametrize("name", ["friction_viscous_asymmetric", "drum_eccentricity", "heave", "torque_scale"])

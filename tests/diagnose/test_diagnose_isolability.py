@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.found_campaign import simulated_found
 from workbench.diagnose.hypotheses.fits import Projection
-from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.isolability import angle_between, groups, isolability, separations, smallest_amount
 from workbench.diagnose.isolation.isolability import best_signatures as signatures
 
@@ -20,7 +20,7 @@ TRIED = (
 
 
 @pytest.fixture(scope="module")
-def heavier(tmp_path_factory: pytest.TempPathFactory) -> Found:
+def heavier(tmp_path_factory: pytest.TempPathFactory) -> SearchResult:
     """A carriage 500 kg heavier than stated: in motor signals alone, much like an offset of the torque."""
     truth = {"carriage_mass_error": {"mass_kg": 500.0}}
     return simulated_found(tmp_path_factory.mktemp("isolability") / "heavier", truth, TRIED)[1]
@@ -62,31 +62,31 @@ def test_groups_hold_only_what_is_mutually_near():
     assert groups(apart, 0.5) == []
 
 
-def test_the_matrix_is_symmetric_with_zeros_on_its_diagonal(heavier: Found):
-    found = isolability(heavier.problem, heavier)
-    assert set(found.names) == set(TRIED)
-    assert np.array_equal(found.angle, found.angle.T)
-    assert np.all(np.diag(found.angle) == 0.0)
-    assert np.all((found.angle >= 0.0) & (found.angle <= 90.0))
+def test_the_matrix_is_symmetric_with_zeros_on_its_diagonal(heavier: SearchResult):
+    answer = isolability(heavier.problem, heavier)
+    assert set(answer.names) == set(TRIED)
+    assert np.array_equal(answer.angle, answer.angle.T)
+    assert np.all(np.diag(answer.angle) == 0.0)
+    assert np.all((answer.angle >= 0.0) & (answer.angle <= 90.0))
 
 
-def test_an_offset_and_an_error_of_mass_are_alike_and_a_bump_is_like_neither(heavier: Found):
-    found = isolability(heavier.problem, heavier)
-    at = {name: k for k, name in enumerate(found.names)}
-    mass = found.angle[at["torque_offset"], at["carriage_mass_error"]]
-    place = found.angle[at["torque_offset"], at["friction_position_dependent"]]
+def test_an_offset_and_an_error_of_mass_are_alike_and_a_bump_is_like_neither(heavier: SearchResult):
+    answer = isolability(heavier.problem, heavier)
+    at = {name: k for k, name in enumerate(answer.names)}
+    mass = answer.angle[at["torque_offset"], at["carriage_mass_error"]]
+    place = answer.angle[at["torque_offset"], at["friction_position_dependent"]]
     assert mass < 0.6 * place
-    text = " ".join(found.sentences)
+    text = " ".join(answer.sentences)
     assert "torque_offset" in text and "carriage_mass_error" in text
     assert "friction_position_dependent" not in text
 
 
-def test_a_special_case_is_no_fault_of_the_campaign(heavier: Found):
-    found = isolability(heavier.problem, heavier)
-    at = {name: k for k, name in enumerate(found.names)}
-    assert found.angle[at["friction_viscous"], at["friction_viscous_asymmetric"]] < 1.0
-    assert "friction_viscous" not in " ".join(found.sentences)
-    projection = Projection.of(heavier.problem, heavier.near)
+def test_a_special_case_is_no_fault_of_the_campaign(heavier: SearchResult):
+    answer = isolability(heavier.problem, heavier)
+    at = {name: k for k, name in enumerate(answer.names)}
+    assert answer.angle[at["friction_viscous"], at["friction_viscous_asymmetric"]] < 1.0
+    assert "friction_viscous" not in " ".join(answer.sentences)
+    projection = Projection.of(heavier.problem, heavier.within_tolerances)
     scale = heavier.problem.share * heavier.problem.inputs
     best = signatures(projection, heavier.atoms, scale)
     apart = separations(best, projection.priors, scale)
@@ -94,13 +94,13 @@ def test_a_special_case_is_no_fault_of_the_campaign(heavier: Found):
     assert apart[i, j] == math.inf
 
 
-def test_visible_amounts_are_in_the_first_parameters_unit_and_below_what_was_put_in(heavier: Found):
-    found = isolability(heavier.problem, heavier)
-    name, amount = found.visible["torque_offset"]
+def test_visible_amounts_are_in_the_first_parameters_unit_and_below_what_was_put_in(heavier: SearchResult):
+    answer = isolability(heavier.problem, heavier)
+    name, amount = answer.visible["torque_offset"]
     assert name == "offset_nm"
     assert 0.5 < amount < 40.0
     least = 0.02 * heavier.problem.noise  # of some hundred independent samples a tenth of the noise shows
-    name, amount = found.visible["friction_position_dependent"]
+    name, amount = answer.visible["friction_position_dependent"]
     machine = heavier.problem.machine
     assert name == "peak_n"
     assert amount > least / machine.lift_m_per_rad

@@ -142,7 +142,7 @@ def diagnosed(kind: str, runs: tuple[Run, ...], seed: int = 0) -> Diagnosis:
 
 @pytest.mark.parametrize("kind", TRUTHS)
 def test_every_listed_effect_has_its_law(kind: str):
-    assert set(TRUTHS[kind]) == {each.id for each in effects_for(kind).values() if each.listed}
+    assert set(TRUTHS[kind]) == {effect.id for effect in effects_for(kind).values() if effect.listed}
 
 
 @pytest.mark.parametrize(("kind", "name"), LAWS)
@@ -156,18 +156,18 @@ def test_an_effect_is_found_again(kind: str, name: str):
     assert d.shrink.after <= min(d.shrink.before, 2.0 * d.shrink.noise)
     if d.verdict.effects == (name,):
         assert set(d.corrected.effects) == {name}
-        for each in d.candidates[0].parameters[name]:
-            assert met(each, truth, find(name, kind), kind), each
+        for estimate in d.candidates[0].parameters[name]:
+            assert met(estimate, truth, find(name, kind), kind), estimate
 
 
-def met(found: Estimate, truth: Values, effect: Effect, kind: str) -> bool:
+def met(estimate: Estimate, truth: Values, effect: Effect, kind: str) -> bool:
     """Whether an amount is within 10 % of the true one, or within four standard errors. Shapes: not asked."""
-    (r,) = (r for r in ranges_of(effect, nominal(kind)) if r.name == found.name)
+    (r,) = (r for r in ranges_of(effect, nominal(kind)) if r.name == estimate.name)
     if r.vanishes_at is None:
         return True
-    assert isinstance(found.value, float) and isinstance(found.std_error, float)
-    off = abs(found.value - truth[found.name])
-    return off < max(0.1 * abs(truth[found.name] - r.vanishes_at), 4.0 * found.std_error)
+    assert isinstance(estimate.value, float) and isinstance(estimate.std_error, float)
+    off = abs(estimate.value - truth[estimate.name])
+    return off < max(0.1 * abs(truth[estimate.name] - r.vanishes_at), 4.0 * estimate.std_error)
 
 
 @pytest.mark.parametrize("name", SILENT)
@@ -214,7 +214,7 @@ def test_a_machine_within_its_tolerances_has_no_gap(kind: str, seed: int):
 def test_a_cause_taken_out_of_the_library_is_unknown(kind: str):
     name = "friction_position_dependent"
     runs = runs_of(with_effects(nominal(kind), {name: TRUTHS[kind][name]}))
-    others = [each.id for each in effects_for(kind).values() if each.listed and each.id != name]
+    others = [effect.id for effect in effects_for(kind).values() if effect.listed and effect.id != name]
     campaign = Campaign("made", Path("made"), nominal(kind), runs)
     d = diagnose(campaign, candidates=others, most_effects=1, study=False)
     assert d.verdict.word == "unknown", d.verdict.sentence
@@ -294,7 +294,7 @@ def test_a_users_effect_from_a_file_takes_part_and_one_that_breaks_down_is_a_row
     (broken,) = (row for row in d.candidates if row.effects == ("beyond_the_travel",))
     assert "breaks down" in broken.failure
     assert not broken.fitted
-    known = {each.id for each in effects_for("axis-linear").values()} | {"cable_chain", "beyond_the_travel"}
+    known = {effect.id for effect in effects_for("axis-linear").values()} | {"cable_chain", "beyond_the_travel"}
     assert {row.effects[0] for row in d.candidates} == known
     assert all(math.isfinite(row.gain) for row in d.candidates)
 
@@ -329,7 +329,7 @@ def test_a_signature_that_raises_takes_no_other_with_it(monkeypatch: pytest.Monk
         return np.asarray(s.value)
 
     monkeypatch.setitem(vars(wanted[0]), "function", late)
-    found = search.Search(problem, wanted).singles()
-    assert found.failures == {("torque_filter",): "ValueError: not of this axis"}
-    assert set(found.linear) == {("inertia_error",), ("friction_viscous",)}
-    assert ("inertia_error",) in found.fits
+    result = search.Search(problem, wanted).singles()
+    assert result.failures == {("torque_filter",): "ValueError: not of this axis"}
+    assert set(result.linear) == {("inertia_error",), ("friction_viscous",)}
+    assert ("inertia_error",) in result.fits

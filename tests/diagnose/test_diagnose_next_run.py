@@ -10,7 +10,7 @@ import pytest
 from tests.support.found_campaign import simulated_found
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Value
-from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.lines import Line
 from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, choose, next_run, separation
 from workbench.diagnose.isolation.planned import Planned, menu, seen_in
@@ -21,7 +21,7 @@ ROWS = 200
 
 
 @pytest.fixture(scope="module")
-def heavier(tmp_path_factory: pytest.TempPathFactory) -> Found:
+def heavier(tmp_path_factory: pytest.TempPathFactory) -> SearchResult:
     """A carriage 500 kg heavier than stated: in motor signals alone, much like an offset of the torque."""
     truth = {"carriage_mass_error": {"mass_kg": 500.0}}
     return simulated_found(tmp_path_factory.mktemp("next") / "heavier", truth, TRIED)[1]
@@ -87,12 +87,12 @@ def test_a_run_that_adds_nothing_does_not_decide():
     assert choose(offers, APART + 1.0) is offers[1]
 
 
-def test_nothing_open_asks_for_no_run(heavier: Found):
+def test_nothing_open_asks_for_no_run(heavier: SearchResult):
     assert next_run(heavier.problem, heavier, []) is None
     assert next_run(heavier.problem, heavier, ["torque_offset"]) is None
 
 
-def test_the_menu_stays_within_what_the_logs_show(heavier: Found):
+def test_the_menu_stays_within_what_the_logs_show(heavier: SearchResult):
     problem = heavier.problem
     seen = seen_in(problem)
     assert seen.speed == pytest.approx(0.5, rel=0.05)
@@ -107,24 +107,24 @@ def test_the_menu_stays_within_what_the_logs_show(heavier: Found):
     assert {planned.payload_kg for planned in menu(problem)} == {0.0, 4500.0, 9000.0}
 
 
-def test_the_dead_lines_tension_decides_between_an_offset_and_a_mass(heavier: Found):
-    found = next_run(heavier.problem, heavier, ["torque_offset", "carriage_mass_error"])
-    assert found is not None
-    assert found.signals == ("tension_dead_line_n",)
-    assert found.now < APART < found.separation
-    assert "torque_offset" in found.why and "carriage_mass_error" in found.why
-    assert f"by {found.separation:.1f} standard deviations" in found.why
-    assert "both ways" in found.profile
+def test_the_dead_lines_tension_decides_between_an_offset_and_a_mass(heavier: SearchResult):
+    advice = next_run(heavier.problem, heavier, ["torque_offset", "carriage_mass_error"])
+    assert advice is not None
+    assert advice.signals == ("tension_dead_line_n",)
+    assert advice.now < APART < advice.separation
+    assert "torque_offset" in advice.why and "carriage_mass_error" in advice.why
+    assert f"by {advice.separation:.1f} standard deviations" in advice.why
+    assert "both ways" in advice.profile
 
 
-def test_the_same_question_has_the_same_answer(heavier: Found):
+def test_the_same_question_has_the_same_answer(heavier: SearchResult):
     first, second = (next_run(heavier.problem, heavier, ["torque_offset", "carriage_mass_error"]) for _ in range(2))
     assert first == second
 
 
-def test_what_was_not_refitted_is_taken_from_its_signature(heavier: Found):
+def test_what_was_not_refitted_is_taken_from_its_signature(heavier: SearchResult):
     fits = {names: fit for names, fit in heavier.fits.items() if names != ("carriage_mass_error",)}
-    bare = Found(heavier.problem, heavier.base, heavier.near, fits, heavier.linear, heavier.atoms)
-    found = next_run(heavier.problem, bare, ["torque_offset", "carriage_mass_error"])
-    assert found is not None
-    assert found.separation > found.now
+    bare = SearchResult(heavier.problem, heavier.base, heavier.within_tolerances, fits, heavier.linear, heavier.atoms)
+    advice = next_run(heavier.problem, bare, ["torque_offset", "carriage_mass_error"])
+    assert advice is not None
+    assert advice.separation > advice.now

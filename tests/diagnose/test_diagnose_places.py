@@ -78,10 +78,12 @@ FORCES: dict[str, tuple[str, str, Callable[[Course], Array]]] = {
 @pytest.mark.parametrize("name", FORCES)
 def test_a_force_is_given_to_the_part_it_acts_on(even: Survey, name: str):
     subsystem, regime, force = FORCES[name]
-    found = weighed(with_force(even, force))
-    assert (found.places[0].subsystem, found.port.regime) == (subsystem, regime)
-    assert sum(each.probability for each in found.places) == pytest.approx(1.0)
-    assert [each.probability for each in found.places] == sorted((p.probability for p in found.places), reverse=True)
+    most_likely = weighed(with_force(even, force))
+    assert (most_likely.places[0].subsystem, most_likely.port.regime) == (subsystem, regime)
+    assert sum(place.probability for place in most_likely.places) == pytest.approx(1.0)
+    assert [place.probability for place in most_likely.places] == sorted(
+        (p.probability for p in most_likely.places), reverse=True
+    )
 
 
 @pytest.fixture(scope="module")
@@ -140,10 +142,10 @@ def bumped(problem: Problem, begin_s: float, size_nm: float) -> Problem:
 
 def test_a_bump_of_the_torque_that_the_loop_did_not_ask_for_is_the_sensors(followed: Problem):
     at = float(np.median(followed.runs[-1].time_s[followed.rows[-1]]))
-    found = weighed(looked_at(bumped(followed, at, 60.0)))
-    assert (found.places[0].subsystem, found.port.regime) == ("torque_sensor", "event")
-    assert found.places[0].probability > 0.9
-    (pulse,) = found.pulses
+    most_likely = weighed(looked_at(bumped(followed, at, 60.0)))
+    assert (most_likely.places[0].subsystem, most_likely.port.regime) == ("torque_sensor", "event")
+    assert most_likely.places[0].probability > 0.9
+    (pulse,) = most_likely.pulses
     assert pulse.from_s < at + 0.75 < pulse.to_s
 
 
@@ -152,7 +154,7 @@ def test_a_force_that_the_loop_answered_is_not_the_sensors(followed: Problem):
     rows = at_rows(survey, [pulse_at(c, begin_of(survey), 1.5)[:, None] * (c is survey.runs[2]) for c in survey.runs])
     struck = weighed(replace(survey, residual=survey.residual + 60.0 * survey.shown(rows, 0.0, False)[:, 0]))
     assert struck.port.regime == "event"
-    assert "torque_sensor" not in [each.subsystem for each in struck.places]
+    assert "torque_sensor" not in [place.subsystem for place in struck.places]
 
 
 def test_what_comes_back_with_the_same_state_is_no_event():

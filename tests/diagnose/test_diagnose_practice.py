@@ -28,65 +28,67 @@ def answer(shared_data: Path, name: str) -> tuple[Diagnosis, dict[str, float]]:
 # 25 is of the smaller machine; 01 sticks, and its search is long.
 @pytest.mark.parametrize("number", ["25", pytest.param("01", marks=pytest.mark.proof)])
 def test_a_machine_within_its_tolerances_has_no_gap(shared_data: Path, number: str):
-    found, _ = answer(shared_data, number)
-    assert (found.verdict.word, found.verdict.effects) == ("no_gap", ())
+    diagnosis, _ = answer(shared_data, number)
+    assert (diagnosis.verdict.word, diagnosis.verdict.effects) == ("no_gap", ())
 
 
 def test_a_tight_stretch_is_named_with_its_place_and_size(shared_data: Path):
-    found, told = answer(shared_data, "05")
-    assert found.verdict.effects == ("friction_position_dependent",)
-    peak, centre, width = (each.value for each in found.candidates[0].parameters["friction_position_dependent"])
+    diagnosis, told = answer(shared_data, "05")
+    assert diagnosis.verdict.effects == ("friction_position_dependent",)
+    peak, centre, width = (
+        estimate.value for estimate in diagnosis.candidates[0].parameters["friction_position_dependent"]
+    )
     assert (peak, centre, width) == pytest.approx((told["bump_A"], told["bump_x"], told["bump_w"]), rel=0.1)
-    assert found.shrink.after < 1.5 * found.shrink.noise < 0.2 * found.shrink.before
-    assert found.where is not None
-    assert (found.where.subsystem, found.where.regime) == ("guide", "position")
+    assert diagnosis.shrink.after < 1.5 * diagnosis.shrink.noise < 0.2 * diagnosis.shrink.before
+    assert diagnosis.where is not None
+    assert (diagnosis.where.subsystem, diagnosis.where.regime) == ("guide", "position")
 
 
 @pytest.mark.proof
 def test_a_rail_that_changes_its_friction_at_one_height_is_unknown_and_in_the_machine_as_a_table(shared_data: Path):
-    found, _ = answer(shared_data, "33")
-    assert (found.verdict.word, found.verdict.effects) == ("unknown", ())
-    assert "no listed effect explains" in found.verdict.sentence
-    assert found.verdict.reasons[0] == Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, ("friction_step",))
-    assert found.corrected.measured_correction is not None
-    assert found.shrink.after < 1.3 * found.shrink.noise
+    diagnosis, _ = answer(shared_data, "33")
+    assert (diagnosis.verdict.word, diagnosis.verdict.effects) == ("unknown", ())
+    assert "no listed effect explains" in diagnosis.verdict.sentence
+    assert diagnosis.verdict.reasons[0] == Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, ("friction_step",))
+    assert diagnosis.corrected.measured_correction is not None
+    assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise
 
 
-def values(found: Diagnosis) -> dict[str, tuple[float, float]]:
+def values(diagnosis: Diagnosis) -> dict[str, tuple[float, float]]:
     """name -> value and standard error, of the best candidate."""
-    rows = [each for rows in found.candidates[0].parameters.values() for each in rows]
-    assert all(isinstance(each.value, float) and isinstance(each.std_error, float) for each in rows)
-    return {each.name: (each.value, each.std_error) for each in rows}  # type: ignore[misc]
+    rows = [estimate for rows in diagnosis.candidates[0].parameters.values() for estimate in rows]
+    assert all(isinstance(estimate.value, float) and isinstance(estimate.std_error, float) for estimate in rows)
+    return {estimate.name: (estimate.value, estimate.std_error) for estimate in rows}  # type: ignore[misc]
 
 
 @pytest.mark.proof
 def test_an_offset_of_the_torque_is_named_or_what_is_alike_by_nature(shared_data: Path):
-    found, told = answer(shared_data, "16")
-    assert found.verdict.word == "named"
+    diagnosis, told = answer(shared_data, "16")
+    assert diagnosis.verdict.word == "named"
     alike = {"torque_offset", "carriage_mass_error", "friction_coulomb_asymmetric"}
-    assert "torque_offset" in {*found.verdict.effects, *found.verdict.alike} <= alike
-    assert found.shrink.after < 1.3 * found.shrink.noise
-    if found.verdict.effects == ("torque_offset",):  # no better than friction and mass are known
-        value, error = values(found)["offset_nm"]
+    assert "torque_offset" in {*diagnosis.verdict.effects, *diagnosis.verdict.alike} <= alike
+    assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise
+    if diagnosis.verdict.effects == ("torque_offset",):  # no better than friction and mass are known
+        value, error = values(diagnosis)["offset_nm"]
         assert abs(value - told["t_off"]) < 2.0 * error
         assert error < 0.4 * told["t_off"]
 
 
 def test_two_effects_are_named_together_each_with_its_size(shared_data: Path):
-    found, told = answer(shared_data, "23")
-    assert set(found.verdict.effects) == {"friction_viscous", "torque_scale"}
-    assert values(found)["viscous_n_s_per_m"][0] == pytest.approx(told["B_visc"], rel=0.1)
-    assert values(found)["gain"][0] - 1.0 == pytest.approx(told["t_gain"] - 1.0, rel=0.1)
-    assert found.shrink.after < 1.3 * found.shrink.noise < 0.1 * found.shrink.before
+    diagnosis, told = answer(shared_data, "23")
+    assert set(diagnosis.verdict.effects) == {"friction_viscous", "torque_scale"}
+    assert values(diagnosis)["viscous_n_s_per_m"][0] == pytest.approx(told["B_visc"], rel=0.1)
+    assert values(diagnosis)["gain"][0] - 1.0 == pytest.approx(told["t_gain"] - 1.0, rel=0.1)
+    assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise < 0.1 * diagnosis.shrink.before
 
 
 @pytest.mark.proof
 def test_a_late_speed_of_a_small_machine_is_named(shared_data: Path):
-    found, told = answer(shared_data, "31")
-    assert found.verdict.effects == ("speed_delay",)
-    assert values(found)["delay_s"][0] == pytest.approx(told["w_delay"], rel=0.1)
+    diagnosis, told = answer(shared_data, "31")
+    assert diagnosis.verdict.effects == ("speed_delay",)
+    assert values(diagnosis)["delay_s"][0] == pytest.approx(told["w_delay"], rel=0.1)
     # Three sampling steps of the delay are within what a log's timing may be off, so they are no part of the gap.
-    assert found.shrink.after < 1.3 * found.shrink.noise < 0.25 * found.shrink.before
+    assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise < 0.25 * diagnosis.shrink.before
 
 
 # A real ball-screw axis whose values are published; see test_emps.py.
@@ -116,35 +118,35 @@ def emps(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Emps:
 
 
 def test_friction_taken_out_of_a_real_axis_comes_back(emps: Emps):
-    found = emps(coulomb=0.0)
-    assert found.verdict.effects == ("friction_coulomb",)
-    assert values(found)["level_n"][0] == pytest.approx(20.3935, rel=0.05)
-    claimed = {*found.verdict.effects, *found.verdict.alike}
+    diagnosis = emps(coulomb=0.0)
+    assert diagnosis.verdict.effects == ("friction_coulomb",)
+    assert values(diagnosis)["level_n"][0] == pytest.approx(20.3935, rel=0.05)
+    claimed = {*diagnosis.verdict.effects, *diagnosis.verdict.alike}
     assert not claimed & {"friction_stribeck", "friction_position_dependent"}
-    assert found.shrink.after < 0.25 * found.shrink.before
+    assert diagnosis.shrink.after < 0.25 * diagnosis.shrink.before
 
 
 def test_a_fully_known_real_axis_has_no_gap(emps: Emps):
-    found = emps()
-    assert (found.verdict.word, found.verdict.effects) == ("no_gap", ()), found.verdict.sentence
+    diagnosis = emps()
+    assert (diagnosis.verdict.word, diagnosis.verdict.effects) == ("no_gap", ()), diagnosis.verdict.sentence
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize("more", ["", "tolerances: {force_offset_n: 0.3, coulomb: 0.02}\n"], ids=["default", "tight"])
 def test_an_offset_withheld_from_a_real_axis_comes_back(emps: Emps, more: str):
-    found = emps(offset=0.0, more=more)
-    assert found.verdict.effects == ("torque_offset",)
-    value, error = values(found)["offset_n"]
+    diagnosis = emps(offset=0.0, more=more)
+    assert diagnosis.verdict.effects == ("torque_offset",)
+    value, error = values(diagnosis)["offset_n"]
     assert abs(value + 3.1648) < 2.0 * error
     assert error < 0.8 * 3.1648
-    assert "friction_coulomb_asymmetric" in found.verdict.alike  # by nature
+    assert "friction_coulomb_asymmetric" in diagnosis.verdict.alike  # by nature
 
 
 def test_what_a_real_axis_leaves_itself_moves_no_base_parameter_off(emps: Emps):
-    found = emps()
+    diagnosis = emps()
     far = [
         abs(z)
-        for z, knob in zip(found.found.base.z, found.found.base.knobs, strict=True)
+        for z, knob in zip(diagnosis.search.base.z, diagnosis.search.base.knobs, strict=True)
         if not getattr(knob, "logarithmic", False)
     ]
     assert max(far) < 1.0

@@ -101,7 +101,7 @@ def test_a_rotary_axis_says_torque():
 
 def test_what_is_no_finite_number_is_null():
     d = made_diagnosis("named")
-    heave = next(each for each in to_json(d)["candidates"] if each["effects"] == ["heave"])
+    heave = next(candidate for candidate in to_json(d)["candidates"] if candidate["effects"] == ["heave"])
     assert heave["parameters"]["heave"]["phase_rad"] == {"value": [0.1, 2.2, 1.4], "std_error": [0.2, 0.2, None]}
     endless = dataclasses.replace(d, shrink=dataclasses.replace(d.shrink, factor=math.inf, ci95=(1.0, math.inf)))
     said = strict_json(to_json(endless))["shrink"]
@@ -327,7 +327,7 @@ def test_only_what_was_fitted_or_broke_down_is_in_the_table():
     d = made_diagnosis("named")
     assert [row[0] for row in hypotheses.candidates_table(d).rows] == ["friction_viscous", "heave", "backlash"]
     assert [row[0] for row in hypotheses.candidates_table(d, brief=True).rows] == ["friction_viscous", "heave"]
-    assert [each["effects"] for each in to_json(d)["candidates"]][2] == ["friction_stribeck"]
+    assert [candidate["effects"] for candidate in to_json(d)["candidates"]][2] == ["friction_stribeck"]
 
 
 def test_the_next_run_is_a_row_with_its_signals():

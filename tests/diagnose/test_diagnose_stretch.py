@@ -48,9 +48,9 @@ def linear(random: np.random.Generator, off: float = 1.0) -> Fitted:
 
 def test_honest_tolerances_are_stretched_by_chance_alone_however_few_of_them_the_data_determine():
     random = np.random.default_rng(4)
-    found = [stretch(LINEAR, linear(random)) for _ in range(400)]
-    assert np.mean(found) == pytest.approx(0.0, abs=0.2)
-    assert np.std(found) == pytest.approx(1.0, abs=0.15)
+    stretches = [stretch(LINEAR, linear(random)) for _ in range(400)]
+    assert np.mean(stretches) == pytest.approx(0.0, abs=0.2)
+    assert np.std(stretches) == pytest.approx(1.0, abs=0.15)
 
 
 def test_tolerances_that_are_not_kept_are_stretched():
@@ -74,10 +74,10 @@ def test_without_tolerances_nothing_is_stretched():
 
 def test_what_an_inexact_effect_may_bend_is_no_stretch():
     fit = linear(np.random.default_rng(8), off=4.0)
-    found = [stretch(LINEAR, fit, allowed) for allowed in (0.0, 1.0, 10.0, 100.0, 1e6)]
-    assert found[0] == stretch(LINEAR, fit) > 3.0
-    assert all(a > b for a, b in itertools.pairwise(found))
-    assert found[-1] < 0.0
+    stretches = [stretch(LINEAR, fit, allowed) for allowed in (0.0, 1.0, 10.0, 100.0, 1e6)]
+    assert stretches[0] == stretch(LINEAR, fit) > 3.0
+    assert all(a > b for a, b in itertools.pairwise(stretches))
+    assert stretches[-1] < 0.0
 
 
 @pytest.mark.parametrize("allowed", [0.5, 20.0, 300.0])

@@ -56,8 +56,8 @@ def rail(campaigns: Path) -> Case:
 
 
 def test_a_fans_drag_is_a_curve_over_the_motors_speed(fan: Case):
-    problem, _, found = fan
-    best = found.curves[0]
+    problem, _, explanation = fan
+    best = explanation.curves[0]
     assert (best.over, best.acts_on) == ("speed_motor_rad_s", "motor")
     # Beside a level that friction may share, the curve is the fan's parabola.
     for levels in (best.forward, best.backward):
@@ -65,29 +65,29 @@ def test_a_fans_drag_is_a_curve_over_the_motors_speed(fan: Case):
         (drag, _), left, *_ = np.linalg.lstsq(square, levels, rcond=None)
         assert drag == pytest.approx(FAN_NM_S2, rel=0.1)
         assert float(np.sqrt(left[0] / len(best.at))) < 0.05 * FAN_NM_S2 * best.at[-1] ** 2
-    assert found.before > 4.0
-    assert found.after < 1.2 * problem.noise
-    assert found.held_out.rms(problem.inputs) < 0.25 * found.before
+    assert explanation.before > 4.0
+    assert explanation.after < 1.2 * problem.noise
+    assert explanation.held_out.rms(problem.inputs) < 0.25 * explanation.before
 
 
 def test_a_step_in_the_rails_is_a_curve_over_the_height(rail: Case):
-    problem, _, found = rail
-    best = found.curves[0]
+    problem, _, explanation = rail
+    best = explanation.curves[0]
     assert (best.over, best.acts_on) == ("position_carriage_m", "guide")
     for levels in (best.forward, best.backward):
         below, above = (float(np.median(levels[rows])) for rows in (best.at < 6.8, best.at > 7.3))
         assert above - below == pytest.approx(STEP_N, rel=0.1)
         half = best.at[1:][np.argmax(np.diff(levels))], best.at[:-1][np.argmax(np.diff(levels))]
         assert float(np.mean(half)) == pytest.approx(STEP_AT_M, abs=0.1)
-    assert found.after < 1.2 * problem.noise
-    assert found.held_out.rms(problem.inputs) < 1.3 * problem.noise
+    assert explanation.after < 1.2 * problem.noise
+    assert explanation.held_out.rms(problem.inputs) < 1.3 * problem.noise
     assert best.explains > 0.98
-    assert all(curve.explains < 0.5 for curve in found.curves[1:])
+    assert all(curve.explains < 0.5 for curve in explanation.curves[1:])
 
 
 def test_the_table_lies_within_what_was_visited(rail: Case):
-    problem, _, found = rail
-    at = found.curves[0].at
+    problem, _, explanation = rail
+    at = explanation.curves[0].at
     low = min(run.start_position_m for run in problem.runs) - 8.0
     assert 9 <= len(at) <= 17
     assert low < at[0] < at[-1] < 11.0
@@ -95,65 +95,65 @@ def test_the_table_lies_within_what_was_visited(rail: Case):
 
 def test_the_base_parameters_go_back_to_where_they_belong(rail: Case):
     """Alone they bend to cover the step, as far as ten tolerances; beside the table they need not."""
-    _, base, found = rail
+    _, base, explanation = rail
     assert np.max(np.abs(base.z)) > 6.0
-    assert np.max(np.abs(found.fitted.z)) < 3.0
+    assert np.max(np.abs(explanation.fitted.z)) < 3.0
 
 
 def test_the_corrected_machine_is_a_file_that_replay_takes(rail: Case, tmp_path: Path):
-    problem, base, found = rail
-    save_machine(explained_machine(problem, found), tmp_path / "machine.yaml")
+    problem, base, explanation = rail
+    save_machine(explained_machine(problem, explanation), tmp_path / "machine.yaml")
     machine = load_machine(tmp_path / "machine.yaml")
     assert isinstance(machine, Hoist) and machine.measured_correction is not None
     assert machine.measured_correction.over == "position_carriage_m"
     replayed = replay_runs(machine, problem.runs, problem.band_hz)
     keys = base_knobs(problem.machine, problem.runs)
     plain = replay_runs(refitted_machine(problem, keys, base), problem.runs, problem.band_hz)
-    beside = in_no_file(problem, found.fitted.setting)
+    beside = in_no_file(problem, explanation.fitted.setting)
     (left,) = Problem(machine, problem.runs, problem.band_hz).residuals([beside])
-    assert float(np.sqrt(np.mean(left**2))) == pytest.approx(found.after, rel=1e-6)
+    assert float(np.sqrt(np.mean(left**2))) == pytest.approx(explanation.after, rel=1e-6)
     assert replayed.speed_rmse_percent < 0.5 * plain.speed_rmse_percent
 
 
 def test_a_diagnosis_of_the_corrected_machine_starts_at_the_noise(rail: Case):
-    problem, _, found = rail
-    again = Problem(explained_machine(problem, found), problem.runs)
+    problem, _, explanation = rail
+    again = Problem(explained_machine(problem, explanation), problem.runs)
     (residual,) = again.residuals([{}])
-    assert float(np.sqrt(np.mean(residual**2))) == pytest.approx(found.after, rel=0.02)
+    assert float(np.sqrt(np.mean(residual**2))) == pytest.approx(explanation.after, rel=0.02)
 
 
 def test_each_fold_has_a_machine_that_has_not_seen_it(rail: Case):
-    problem, _, found = rail
-    assert len(found.machines) == len(problem.runs)
-    beside = in_no_file(problem, found.held_out.settings[2])
-    (left,) = Problem(found.machines[2], problem.runs, problem.band_hz).residuals([beside])
+    problem, _, explanation = rail
+    assert len(explanation.machines) == len(problem.runs)
+    beside = in_no_file(problem, explanation.held_out.settings[2])
+    (left,) = Problem(explanation.machines[2], problem.runs, problem.band_hz).residuals([beside])
     rows = np.flatnonzero(problem.run_of_row[: problem.inputs] == 2)
-    assert found.held_out.residual[rows] == pytest.approx(left[rows], abs=1e-9)
-    assert np.any(found.held_out.residual[rows] != found.fitted.residual[rows])
+    assert explanation.held_out.residual[rows] == pytest.approx(left[rows], abs=1e-9)
+    assert np.any(explanation.held_out.residual[rows] != explanation.fitted.residual[rows])
 
 
 def test_the_same_campaign_is_explained_the_same_again(rail: Case):
-    problem, base, found = rail
+    problem, base, explanation = rail
     again = explain(problem, base)
-    assert [c.over for c in again.curves] == [c.over for c in found.curves]
-    assert np.array_equal(again.curves[0].forward, found.curves[0].forward)
-    assert again.sentences == found.sentences
+    assert [c.over for c in again.curves] == [c.over for c in explanation.curves]
+    assert np.array_equal(again.curves[0].forward, explanation.curves[0].forward)
+    assert again.sentences == explanation.sentences
 
 
 def test_where_nothing_is_missing_no_table_is_made(campaigns: Path):
-    problem, base, found = explained(campaigns / "01")
-    assert with_unknown(problem.machine, found) is problem.machine
-    assert found.fitted is base
-    assert found.after == found.before
-    assert "The corrected machine holds no table." in found.sentences[0]
+    problem, base, explanation = explained(campaigns / "01")
+    assert with_unknown(problem.machine, explanation) is problem.machine
+    assert explanation.fitted is base
+    assert explanation.after == explanation.before
+    assert "The corrected machine holds no table." in explanation.sentences[0]
 
 
 def test_a_table_that_the_driven_machine_does_not_keep_is_dropped(campaigns: Path):
     """A late speed sensor is no force over anything, though a stiff machine's table promises a little."""
-    problem, base, found = explained(campaigns / "18")
-    assert with_unknown(problem.machine, found) is problem.machine
-    assert found.fitted is base
-    assert found.after == found.before
+    problem, base, explanation = explained(campaigns / "18")
+    assert with_unknown(problem.machine, explanation) is problem.machine
+    assert explanation.fitted is base
+    assert explanation.after == explanation.before
 
 
 def test_a_fit_with_effects_is_refused(rail: Case):
@@ -204,9 +204,9 @@ def test_hats_of_a_turn_close():
 def test_telling_points_stand_around_a_step():
     at = np.linspace(0.0, 10.0, 41)
     step = np.where(at < 6.1, 0.0, 5.0)
-    found = telling_points(at, np.concatenate([step, -step]), 6)
-    assert {6.0, 6.25} <= set(found)
-    assert (found[0], found[-1]) == (0.0, 10.0)
+    points = telling_points(at, np.concatenate([step, -step]), 6)
+    assert {6.0, 6.25} <= set(points)
+    assert (points[0], points[-1]) == (0.0, 10.0)
 
 
 AXIS = {
@@ -239,26 +239,26 @@ def test_an_axis_is_explained_over_its_position_by_one_run_too(names: tuple[str,
         return np.asarray(15.0 * np.sign(speed) * np.exp(-(((position - 0.08) / 0.03) ** 2)))
 
     problem = Problem(machine, axis_runs(rough, names))
-    found = explain(problem, base_fit(problem))
-    best = found.curves[0]
+    explanation = explain(problem, base_fit(problem))
+    best = explanation.curves[0]
     assert (best.over, best.acts_on) == ("position_m", "axis")
     assert best.at[np.argmax(best.forward)] == pytest.approx(0.08, abs=0.03)
     assert np.max(best.forward) - np.median(best.forward) == pytest.approx(15.0, rel=0.15 if len(names) > 1 else 0.3)
-    assert found.after < 0.3 * found.before
-    corrected = explained_machine(problem, found)
+    assert explanation.after < 0.3 * explanation.before
+    corrected = explained_machine(problem, explanation)
     assert corrected.measured_correction is not None
 
 
 def test_tables_skip_what_the_runs_do_not_vary(rail: Case):
     problem = rail[0]
     alone = Problem(problem.machine, [problem.runs[0]])
-    assert {"payload_kg", "campaign_time_s"} <= {each.over for each in variables_of(problem)}
-    assert not {"payload_kg", "campaign_time_s"} & {each.over for each in variables_of(alone)}
+    assert {"payload_kg", "campaign_time_s"} <= {variable.over for variable in variables_of(problem)}
+    assert not {"payload_kg", "campaign_time_s"} & {variable.over for variable in variables_of(alone)}
 
 
 def test_the_curve_is_said_in_words_with_units(rail: Case):
-    _, _, found = rail
-    said = " ".join(found.sentences)
+    _, _, explanation = rail
+    said = " ".join(explanation.sentences)
     assert "A force at the guide that depends on the height of the carriage explains it best: 100 % of" in said
     assert re.search(r"It lies between −0\.\d and 2\.\d kN against the motion", said)
     assert re.search(r"where the runs have been, 2\.\d to 9\.\d m, and", said)

@@ -23,7 +23,7 @@ from workbench.diagnose.hypotheses.knobs import Knob, effect_knobs, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import MOST, cost, score_of
-from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.verdict.judge import calibration, rank
 from workbench.effects import find, ranges_of
@@ -67,8 +67,8 @@ def alone(problem: Problem, effects: Names, knobs: Sequence[Knob], z: Array, fol
     """The residual of run `fold` by a real refit to all the others."""
     others = [run for j, run in enumerate(problem.runs) if j != fold]
     rest = Problem(problem.machine, others, problem.band_hz)
-    found = fit_knobs(rest, effects, knobs, z, 60)
-    (residual,) = problem.residuals([found.setting])
+    alone_fit = fit_knobs(rest, effects, knobs, z, 60)
+    (residual,) = problem.residuals([alone_fit.setting])
     return residual[problem.run_of_row == fold]
 
 
@@ -92,8 +92,8 @@ def test_a_fold_taken_out_by_one_step_is_what_a_refit_without_it_predicts(tight:
 
 def test_what_was_not_seen_is_met_no_better_than_what_was(tight: tuple[Problem, Fitted]):
     problem, fit = tight
-    found = held_out(problem, fit, folds_by_run(problem))
-    assert fit.rms(problem.inputs) <= found.rms(problem.inputs) < 1.3 * problem.noise
+    unseen = held_out(problem, fit, folds_by_run(problem))
+    assert fit.rms(problem.inputs) <= unseen.rms(problem.inputs) < 1.3 * problem.noise
 
 
 def test_runs_of_one_payload_are_left_out_together(tight: tuple[Problem, Fitted]):
@@ -117,14 +117,14 @@ def test_a_phase_that_is_a_runs_own_is_taken_from_that_run():
     problem, fit = fitted_to(truth, {"amplitude_m": 0.15, "frequency_rad_s": 0.88, "phase_rad": (0.7, 1.2, 1.0)})
     (phases,) = [v for k, v in fit.setting.items() if k.endswith("phase_rad")]
     assert phases == pytest.approx((1.0, 1.0, 1.0), abs=0.15)
-    found = held_out(problem, fit, folds_by_run(problem))
-    assert found.rms(problem.inputs) < 1.3 * problem.noise
-    for j, setting in enumerate(found.settings):
+    unseen = held_out(problem, fit, folds_by_run(problem))
+    assert unseen.rms(problem.inputs) < 1.3 * problem.noise
+    for j, setting in enumerate(unseen.settings):
         (held,) = [v for k, v in setting.items() if k.endswith("phase_rad")]
         assert held[j] == pytest.approx(1.0, abs=0.25)  # type: ignore[index]
     rounding = 1e-12 * np.random.default_rng(1).normal(size=fit.jacobian.shape) * np.max(np.abs(fit.jacobian), axis=0)
     rounded = held_out(problem, replace(fit, jacobian=fit.jacobian + rounding), folds_by_run(problem))
-    assert rounded.rms(problem.inputs) == pytest.approx(found.rms(problem.inputs), rel=1e-3)
+    assert rounded.rms(problem.inputs) == pytest.approx(unseen.rms(problem.inputs), rel=1e-3)
 
 
 # Standard errors
@@ -139,7 +139,7 @@ def test_standard_errors_are_the_scatter_of_many_campaigns():
     more, start = effect_knobs(effect, (r,), {r.symbol: 3000.0})
     knobs: list[Knob] = [*base, *more]
     held = np.array([not knob.logarithmic for knob in base])
-    random, found, said = np.random.default_rng(8), [], []
+    random, values, said = np.random.default_rng(8), [], []
     for _ in range(50):
         truth = np.concatenate([random.normal(size=len(base)) * held, start])
         clean = made_by(hoist, setting_of(knobs, truth))
@@ -152,12 +152,12 @@ def test_standard_errors_are_the_scatter_of_many_campaigns():
         problem.errors = replace(problem.errors, moving=none, standstill=none)  # these runs have no discrepancy
         z = np.concatenate([np.zeros(len(base)), start])
         fit = fit_knobs(problem, (effect.id,), knobs, z, 30)
-        (each,) = estimates(problem, fit, interval=1.0)[effect.id]
-        assert isinstance(each.value, float) and isinstance(each.std_error, float)
-        found.append(each.value)
-        said.append(each.std_error)
-    assert np.mean(found) == pytest.approx(3000.0, abs=4.0 * float(np.std(found)) / math.sqrt(50))
-    assert np.mean(said) == pytest.approx(np.std(found), rel=0.3)
+        (estimate,) = estimates(problem, fit, interval=1.0)[effect.id]
+        assert isinstance(estimate.value, float) and isinstance(estimate.std_error, float)
+        values.append(estimate.value)
+        said.append(estimate.std_error)
+    assert np.mean(values) == pytest.approx(3000.0, abs=4.0 * float(np.std(values)) / math.sqrt(50))
+    assert np.mean(said) == pytest.approx(np.std(values), rel=0.3)
 
 
 def test_half_the_noise_halves_the_error_of_what_no_tolerance_holds(tight: tuple[Problem, Fitted]):
@@ -247,18 +247,18 @@ def test_what_may_not_be_named_speaks_for_an_unknown_cause():
 
 
 @pytest.fixture(scope="module")
-def found(tight: tuple[Problem, Fitted]) -> Found:
+def tight_search(tight: tuple[Problem, Fitted]) -> SearchResult:
     problem, fit = tight
     knobs = list(base_knobs(problem.machine, problem.runs).values())
     base = fit_knobs(problem, (), knobs, np.zeros(len(knobs)))
-    return Found(problem, base, base, {fit.effects: fit}, {}, ())
+    return SearchResult(problem, base, base, {fit.effects: fit}, {}, ())
 
 
-def test_the_interval_of_the_shrink_holds_its_factor_and_is_the_same_for_one_seed(found: Found):
-    problem, names = found.problem, ("friction_position_dependent",)
+def test_the_interval_of_the_shrink_holds_its_factor_and_is_the_same_for_one_seed(tight_search: SearchResult):
+    problem, names = tight_search.problem, ("friction_position_dependent",)
     keys = base_knobs(problem.machine, problem.runs)
-    folds = folds_of(found, names)
-    first, again, other = (shrink_of(found, keys, names, folds, seed) for seed in (7, 7, 8))
+    folds = folds_of(tight_search, names)
+    first, again, other = (shrink_of(tight_search, keys, names, folds, seed) for seed in (7, 7, 8))
     assert first == again
     assert first.ci95[0] <= first.factor <= first.ci95[1]
     assert first.ci95[0] < first.ci95[1]
@@ -271,9 +271,9 @@ def test_the_interval_of_the_shrink_holds_its_factor_and_is_the_same_for_one_see
     assert first.speed_rmse_percent_after < first.speed_rmse_percent_before
 
 
-def test_without_a_cause_nothing_shrinks(found: Found):
-    keys = base_knobs(found.problem.machine, found.problem.runs)
-    shrink = shrink_of(found, keys, (), folds_of(found, ()), 0)
+def test_without_a_cause_nothing_shrinks(tight_search: SearchResult):
+    keys = base_knobs(tight_search.problem.machine, tight_search.problem.runs)
+    shrink = shrink_of(tight_search, keys, (), folds_of(tight_search, ()), 0)
     assert shrink.factor == 1.0 and shrink.ci95 == (1.0, 1.0)
     assert shrink.before == shrink.after
     assert shrink.speed_rmse_percent_before == shrink.speed_rmse_percent_after

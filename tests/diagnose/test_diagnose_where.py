@@ -15,7 +15,7 @@ from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
 from workbench.diagnose.hypotheses.knobs import LOG_TIMING
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.location.gap import gap_of
 from workbench.diagnose.location.places import Placed, weighed
 from workbench.diagnose.location.profiles import Free, best_of, explain, held_out, share_of
@@ -36,13 +36,13 @@ TRIED = ("friction_position_dependent", "friction_viscous", "heave")
 
 
 @pytest.fixture(scope="module")
-def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Found]:
+def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, SearchResult]:
     """A tight stretch of rail at 9.6 m."""
     return simulated_found(tmp_path_factory.mktemp("where") / "bump", BUMP, TRIED)
 
 
 @pytest.fixture(scope="module")
-def even(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Found]:
+def even(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, SearchResult]:
     """A machine within its tolerances."""
     return simulated_found(tmp_path_factory.mktemp("where") / "even", {}, TRIED)
 
@@ -55,9 +55,9 @@ def noise_of(problem: Problem) -> Array:
     return np.random.default_rng(5).normal(scale=problem.noise, size=problem.inputs)
 
 
-def placed_in(campaign: tuple[Campaign, Found], gap: Array) -> Placed:
+def placed_in(campaign: tuple[Campaign, SearchResult], gap: Array) -> Placed:
     """Where a gap would lie in a campaign that has none."""
-    survey = survey_of(campaign[1].problem, campaign[1].near)
+    survey = survey_of(campaign[1].problem, campaign[1].within_tolerances)
     return weighed(replace(survey, residual=gap))
 
 
@@ -73,39 +73,42 @@ MADE: dict[str, Callable[[Variable, Array], Array]] = {
 
 @pytest.mark.parametrize("name", MADE)
 def test_a_gap_made_of_one_variable_is_explained_by_it_on_runs_that_were_held_out(
-    even: tuple[Campaign, Found], name: str
+    even: tuple[Campaign, SearchResult], name: str
 ):
     problem = even[1].problem
     way = np.where(forward(problem), 1.0, -1.0)
     made = next(v for v in variables(problem) if v.name == name)
     gap = MADE[name](made, way)
     gap = 10.0 * problem.noise * gap / np.sqrt(np.mean(gap**2)) + noise_of(problem)
-    found = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem)]
-    assert best_of(found).variable.name == name
-    best = next(each for each in found if each.variable.name == name)
+    shares = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem)]
+    assert best_of(shares).variable.name == name
+    best = next(share for share in shares if share.variable.name == name)
     assert best.share > 0.85
     assert best.interval[0] <= best.share <= best.interval[1]
 
 
-def test_a_sensor_that_saturates_is_found_by_the_torque_that_the_motion_takes(even: tuple[Campaign, Found]):
+def test_a_sensor_that_saturates_is_found_by_the_torque_that_the_motion_takes(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
     plain = next(v for v in variables(problem, np.zeros(problem.inputs)) if v.name == "input").at
     square = plain**2 / np.max(np.abs(plain)) - 0.6 * plain
     gap = 10.0 * problem.noise * square / np.sqrt(np.mean(square**2)) + noise_of(problem)
-    found = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem, even[1].near.residual)]
-    best = best_of(found)
+    shares = [
+        explain(problem, gap, v, nothing_free(problem), 0)
+        for v in variables(problem, even[1].within_tolerances.residual)
+    ]
+    best = best_of(shares)
     assert best.variable.name == "input"
     assert placed_in(even, gap).places[0].subsystem == "torque_sensor"
 
 
-def test_noise_alone_is_explained_by_nothing_however_many_bins_there_are(even: tuple[Campaign, Found]):
+def test_noise_alone_is_explained_by_nothing_however_many_bins_there_are(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
     gap = 3.0 * noise_of(problem)
-    found = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem)]
-    assert max(each.share for each in found) < 0.1
+    shares = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem)]
+    assert max(share.share for share in shares) < 0.1
 
 
-def test_a_wave_in_time_with_a_phase_of_each_run_is_found_at_its_frequency(even: tuple[Campaign, Found]):
+def test_a_wave_in_time_with_a_phase_of_each_run_is_found_at_its_frequency(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
     phase = problem.run_of_row[: problem.inputs] * 2.0
     gap = 8.0 * problem.noise * np.sin(2.0 * np.pi * 0.31 * times(problem) + phase) + noise_of(problem)
@@ -128,15 +131,15 @@ def test_a_wave_takes_what_a_fit_of_sine_and_cosine_takes():
         assert taken[k] == pytest.approx(float(gap @ gap - left @ left), abs=0.02 * float(gap @ gap))
 
 
-def test_a_wave_along_the_way_is_found_at_its_length(even: tuple[Campaign, Found]):
+def test_a_wave_along_the_way_is_found_at_its_length(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
     assert isinstance(problem.machine, Hoist)
     turns = way(problem) / problem.machine.lift_m_per_rad / (2.0 * np.pi)
     phase = problem.run_of_row[: problem.inputs] * 2.0
     gap = 8.0 * problem.noise * np.sin(2.0 * np.pi * 1.0 * turns + phase) + noise_of(problem)
-    found = wave_along_the_way(problem, gap, 0)
-    assert found is not None
-    wave, profile = found
+    wave_and_profile = wave_along_the_way(problem, gap, 0)
+    assert wave_and_profile is not None
+    wave, profile = wave_and_profile
     assert wave.variable.at[0] == pytest.approx(1.0 / (2.0 * np.pi * problem.machine.lift_m_per_rad), rel=0.01)
     assert wave.share > 0.8
     assert profile.regime == "periodic"
@@ -161,7 +164,7 @@ def test_the_base_parameters_help_a_profile_within_their_bounds_only():
     assert held_out(gap, nothing, np.zeros((0, 0)), held, np.arange(40) % 2) == pytest.approx(2.0)
 
 
-def test_a_share_is_what_is_gone_of_the_energy_beyond_noise(even: tuple[Campaign, Found]):
+def test_a_share_is_what_is_gone_of_the_energy_beyond_noise(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
     gap = np.full(problem.inputs, 5.0 * problem.noise)
     share, (low, high) = share_of(problem, gap, 0.6 * gap, 0)
@@ -169,27 +172,29 @@ def test_a_share_is_what_is_gone_of_the_energy_beyond_noise(even: tuple[Campaign
     assert low == pytest.approx(share) == high
 
 
-def test_windows_lie_where_the_energy_is_and_hold_most_of_it_in_little_time(even: tuple[Campaign, Found]):
+def test_windows_lie_where_the_energy_is_and_hold_most_of_it_in_little_time(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
     t, run = times(problem), problem.run_of_row[: problem.inputs]
     burst = (run == 1) & (t > 4.0) & (t < 6.0)
-    found = windows_of(problem, np.where(burst, 1.0, 0.0))
-    assert [w.run for w in found.windows] == [problem.runs[1].name]
-    assert 3.0 < found.windows[0].from_s < found.windows[0].to_s < 7.0
-    assert found.windows[0].to_s - found.windows[0].from_s >= 2.0 / problem.band_hz - 0.1
-    assert found.held >= HELD
-    assert found.time < 0.15
+    loudest = windows_of(problem, np.where(burst, 1.0, 0.0))
+    assert [w.run for w in loudest.windows] == [problem.runs[1].name]
+    assert 3.0 < loudest.windows[0].from_s < loudest.windows[0].to_s < 7.0
+    assert loudest.windows[0].to_s - loudest.windows[0].from_s >= 2.0 / problem.band_hz - 0.1
+    assert loudest.held >= HELD
+    assert loudest.time < 0.15
 
 
-def test_windows_of_an_even_gap_take_their_share_of_the_time(even: tuple[Campaign, Found]):
+def test_windows_of_an_even_gap_take_their_share_of_the_time(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
-    found = windows_of(problem, np.ones(problem.inputs))
-    assert found.held == pytest.approx(found.time)
-    assert found.held >= HELD
+    loudest = windows_of(problem, np.ones(problem.inputs))
+    assert loudest.held == pytest.approx(loudest.time)
+    assert loudest.held >= HELD
 
 
-def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_candidate(bump: tuple[Campaign, Found]):
-    problem, near = bump[1].problem, bump[1].near
+def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_candidate(
+    bump: tuple[Campaign, SearchResult],
+):
+    problem, near = bump[1].problem, bump[1].within_tolerances
     where = where_of(problem, near)
     assert (where.subsystem, where.regime) == ("guide", "position")
     assert where.profiles[0].variable == "position"
@@ -198,10 +203,10 @@ def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_cand
     assert sum(where.energy_by_run.values()) == pytest.approx(1.0)
 
 
-def test_windows_of_a_named_bump_are_its_passages(bump: tuple[Campaign, Found]):
-    problem, found = bump[1].problem, bump[1]
-    fit = found.fits[("friction_position_dependent",)]
-    where = where_of(problem, found.near, fit, [find("friction_position_dependent", "hoist")])
+def test_windows_of_a_named_bump_are_its_passages(bump: tuple[Campaign, SearchResult]):
+    problem, search = bump[1].problem, bump[1]
+    fit = search.fits[("friction_position_dependent",)]
+    where = where_of(problem, search.within_tolerances, fit, [find("friction_position_dependent", "hoist")])
     assert (where.subsystem, where.regime) == ("guide", "position")
     assert where.share > 0.6
     assert where.interval[0] <= where.share <= where.interval[1]
@@ -216,9 +221,9 @@ def test_windows_of_a_named_bump_are_its_passages(bump: tuple[Campaign, Found]):
     assert np.sum(spacing(problem)[inside]) < 0.6 * np.sum(spacing(problem))
 
 
-def test_the_parts_of_effects_are_what_they_add_to_the_prediction(bump: tuple[Campaign, Found]):
-    problem, found = bump[1].problem, bump[1]
-    fit = found.fits[("friction_position_dependent",)]
+def test_the_parts_of_effects_are_what_they_add_to_the_prediction(bump: tuple[Campaign, SearchResult]):
+    problem, search = bump[1].problem, bump[1]
+    fit = search.fits[("friction_position_dependent",)]
     effect = find("friction_position_dependent", "hoist")
     (part,) = parts_of(problem, fit, [effect])
     assert part.rows == pytest.approx(sum_of(problem, fit, [effect]))
@@ -226,14 +231,14 @@ def test_the_parts_of_effects_are_what_they_add_to_the_prediction(bump: tuple[Ca
     assert without == pytest.approx(fit.residual + part.rows, abs=0.02 * problem.noise)
 
 
-def test_the_same_seed_gives_the_same_place(bump: tuple[Campaign, Found]):
-    first, second = (where_of(bump[1].problem, bump[1].near, seed=4) for _ in range(2))
+def test_the_same_seed_gives_the_same_place(bump: tuple[Campaign, SearchResult]):
+    first, second = (where_of(bump[1].problem, bump[1].within_tolerances, seed=4) for _ in range(2))
     assert (first.windows, first.share, first.interval, first.sentences) == (
         second.windows, second.share, second.interval, second.sentences,
     )  # fmt: skip
 
 
-def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Campaign, Found]):
+def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Campaign, SearchResult]):
     gap = gap_of(even[1].problem, even[1], even[0])
     assert not gap.significant
     assert gap.residual_rms < 1.3 * gap.noise_rms
@@ -242,31 +247,35 @@ def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Camp
     assert gap.speed_rmse_percent < 0.2 * gap.nominal_speed_rmse_percent
 
 
-def test_a_gap_is_given_as_torque_as_force_on_the_carriage_and_as_speed(bump: tuple[Campaign, Found]):
-    campaign, found = bump
-    gap = gap_of(found.problem, found, campaign)
-    machine = found.problem.machine
+def test_a_gap_is_given_as_torque_as_force_on_the_carriage_and_as_speed(bump: tuple[Campaign, SearchResult]):
+    campaign, search = bump
+    gap = gap_of(search.problem, search, campaign)
+    machine = search.problem.machine
     assert isinstance(machine, Hoist)
     assert gap.significant
     assert gap.force_rms_n == pytest.approx(gap.residual_rms / machine.lift_m_per_rad)
     assert any(f"{gap.residual_rms:.3g} N m" in sentence for sentence in gap.sentences)
 
 
-def test_the_refitted_machine_leaves_the_residual_of_its_fit(bump: tuple[Campaign, Found]):
-    campaign, found = bump
-    problem = found.problem
-    machine = refitted_machine(problem, base_knobs(problem.machine, problem.runs), found.near)
+def test_the_refitted_machine_leaves_the_residual_of_its_fit(bump: tuple[Campaign, SearchResult]):
+    campaign, search = bump
+    problem = search.problem
+    machine = refitted_machine(problem, base_knobs(problem.machine, problem.runs), search.within_tolerances)
     left = Problem(machine, campaign.runs, problem.band_hz).residuals([{}])[0]
     # The traces that every machine has are no part of machine.yaml, nor is what a log's channels lag one another.
-    base = {symbol: x for symbol, x in found.near.setting.items() if "__" not in symbol and symbol != LOG_TIMING}
+    base = {
+        symbol: x
+        for symbol, x in search.within_tolerances.setting.items()
+        if "__" not in symbol and symbol != LOG_TIMING
+    }
     assert left == pytest.approx(problem.residuals([base])[0], abs=0.02 * problem.noise)
     assert not machine.effects
 
 
-def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign, Found], tmp_path: Path):
-    campaign, found = bump
-    problem = found.problem
-    fit = found.fits[("friction_position_dependent",)]
+def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign, SearchResult], tmp_path: Path):
+    campaign, search = bump
+    problem = search.problem
+    fit = search.fits[("friction_position_dependent",)]
     machine = corrected_machine(problem, base_knobs(problem.machine, problem.runs), fit)
     assert machine.effects["friction_position_dependent"]["peak_n"] == pytest.approx(4000.0, rel=0.1)
     save_machine(machine, tmp_path / "machine.yaml")
@@ -276,15 +285,15 @@ def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign
     assert replayed.residual_rms_moving < 1.3 * problem.noise
 
 
-def test_what_is_each_runs_own_is_said_to_be_the_first_ones(bump: tuple[Campaign, Found]):
-    found = bump[1]
-    fit = found.fits[("heave",)]
-    machine = corrected_machine(found.problem, base_knobs(found.problem.machine, found.problem.runs), fit)
+def test_what_is_each_runs_own_is_said_to_be_the_first_ones(bump: tuple[Campaign, SearchResult]):
+    search = bump[1]
+    fit = search.fits[("heave",)]
+    machine = corrected_machine(search.problem, base_knobs(search.problem.machine, search.problem.runs), fit)
     phases = fit.setting["heave__phase_rad"]
     assert isinstance(phases, tuple)
     assert machine.effects["heave"]["phase_rad"] == pytest.approx(phases[0])
-    (sentence,) = of_first_run(found.problem, fit)
-    assert found.problem.runs[0].name in sentence
+    (sentence,) = of_first_run(search.problem, fit)
+    assert search.problem.runs[0].name in sentence
 
 
 PRACTICE = {
@@ -297,8 +306,8 @@ PRACTICE = {
 @pytest.mark.parametrize("number", ["05", "22", pytest.param("09", marks=pytest.mark.proof)])
 def test_recorded_campaigns_show_where_their_effect_is_without_its_name(campaigns: Path, number: str):
     label = json.loads((campaigns / "labels" / f"{number}.json").read_text(encoding="utf-8"))
-    _, found = found_in(campaigns / number, PRACTICE[number][:1])
-    where = where_of(found.problem, found.near)
+    _, search = found_in(campaigns / number, PRACTICE[number][:1])
+    where = where_of(search.problem, search.within_tolerances)
     assert {"subsystem": where.subsystem, "regime": where.regime} in label["where"]
     assert where.profiles[0].explains > 0.9
     assert where.side == ("carriage" if label["signals"] == "full" else "unsaid")
@@ -325,11 +334,11 @@ def test_an_axis_whose_viscous_friction_was_taken_out_shows_its_gap_over_the_spe
     (tmp_path / "machine.yaml").write_text(EMPS_MACHINE)
     (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
     (tmp_path / "runs").symlink_to(shared_data / "emps")
-    campaign, found = found_in(tmp_path, [])
-    where = where_of(found.problem, found.near)
+    campaign, search = found_in(tmp_path, [])
+    where = where_of(search.problem, search.within_tolerances)
     assert (where.subsystem, where.regime, where.side) == ("axis", "speed", "unsaid")
     assert where.profiles[0].explains > where.profiles[1].explains
-    gap = gap_of(found.problem, found, campaign)
+    gap = gap_of(search.problem, search, campaign)
     assert gap.significant
     assert gap.force_rms_n is None
     assert " N rms" in gap.sentences[0]

@@ -37,12 +37,12 @@ def driven(machine: Hoist | Axis, runs: Sequence[Run], noise: Mapping[str, float
     """The runs with the input that they take on the machine, its effects at work, and white noise on each signal."""
     rng = np.random.default_rng(seed)
     bench = Bench(machine, runs, active=of(machine))
-    found = []
+    driven_runs = []
     for run, (taken, _) in zip(runs, bench.predict([bench.base])[0], strict=True):
         signals = {**run.signals, bench.plant.input: taken}
         noisy = {name: value + noise.get(name, 0.0) * rng.normal(size=len(value)) for name, value in signals.items()}
-        found.append(replace(run, signals=noisy))
-    return found
+        driven_runs.append(replace(run, signals=noisy))
+    return driven_runs
 
 
 def write(folder: Path, nominal: Hoist | Axis, runs: Sequence[Run]) -> Path:

@@ -7,21 +7,21 @@ from pathlib import Path
 
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.search import Found, Search
+from workbench.diagnose.hypotheses.search import Search, SearchResult
 from workbench.effects import find
 from workbench.logs import Campaign, read_campaign
 
 
-def found_in(folder: Path, effects: Sequence[str]) -> tuple[Campaign, Found]:
+def found_in(folder: Path, effects: Sequence[str]) -> tuple[Campaign, SearchResult]:
     campaign = read_campaign(folder)
     problem = Problem(campaign.machine, campaign.runs)
     kind = problem.active.kind
-    return campaign, Search(problem, [find(each, kind) for each in effects]).singles()
+    return campaign, Search(problem, [find(effect, kind) for effect in effects]).singles()
 
 
 def simulated_found(
     folder: Path, truth: Mapping[str, Mapping[str, float]], effects: Sequence[str]
-) -> tuple[Campaign, Found]:
+) -> tuple[Campaign, SearchResult]:
     """Of the simulated campaign with the effects `truth` at work, all else within its tolerances."""
     plain = true_machine({"guide.coulomb_hoisting_n": 6300.0, "guide.coulomb_lowering_n": 4300.0})
     machine = type(plain).model_validate(plain.model_dump() | {"effects": truth})

@@ -85,7 +85,7 @@ def made_diagnosis(kind: str, with_consequences: bool = False) -> Diagnosis:
         unknown=None if curve is None else Unknown((curve,), ("The height explains it best.",)),
         consequences=consequences,
         why_no_consequences=why,
-        found=cast(Any, None),
+        search=cast(Any, None),
         judged=cast(Any, None),
         warnings=("No run logs the dead line's tension.",) if kind == "pair" else (),
     )
@@ -182,13 +182,13 @@ def _variable(balance: Balance, state: int | None) -> Array:
 
 def _candidates(machine: Hoist | Axis, effects: Values, gap: Gap) -> tuple[Candidate, ...]:
     kind = plant_of(machine).kind
-    found = []
+    named = []
     if effects:
         said = {
             name: tuple(Estimate(key, value, 0.03 * abs(value)) for key, value in values.items())
             for name, values in effects.items()
         }
-        found.append(Candidate(tuple(effects), 812.4, 790.1, gap.noise_rms, 1.04 * gap.noise_rms, 0.994, said, True))
+        named.append(Candidate(tuple(effects), 812.4, 790.1, gap.noise_rms, 1.04 * gap.noise_rms, 0.994, said, True))
     wave = {"heave": (Estimate("phase_rad", (0.1, 2.2, 1.4), (0.2, 0.2, float("inf"))),)}
     rows: list[Candidate] = []
     if kind == "hoist":
@@ -202,11 +202,11 @@ def _candidates(machine: Hoist | Axis, effects: Values, gap: Gap) -> tuple[Candi
         Candidate(("friction_stribeck",), 12.0, -3.0, None, None, 0.05, {}, False),
         Candidate(("backlash",), 0.0, 0.0, None, None, None, {}, False, (), "ValueError: the step size fell to zero"),
     ]
-    return (*found, *rows)
+    return (*named, *rows)
 
 
 def _isolability(machine: Hoist | Axis) -> Isolability:
-    names = tuple(name for name, each in effects_for(plant_of(machine).kind).items() if each.listed)
+    names = tuple(name for name, effect in effects_for(plant_of(machine).kind).items() if effect.listed)
     spread = np.random.default_rng(5).uniform(0.0, 2.6, (len(names), 3))
     away = np.linalg.norm(spread[:, None] - spread[None, :], axis=2)
     angle = np.clip(90.0 * away / away.max() * 1.4, 0.0, 90.0)

@@ -41,7 +41,7 @@ def hoist_runs(machine: Hoist, seed: int = 1, noise: float = 1.0) -> tuple[Run, 
     cases = []
     for name, payload, height, start, fastest, moves in MOVES:
         limits = Limits(speed_m_s=fastest, acceleration_m_s2=0.5, jerk_m_s3=2.0)
-        steps = [each for by in moves for each in (Step(by_m=by), Step(dwell_s=0.6))]
+        steps = [step for by in moves for step in (Step(by_m=by), Step(dwell_s=0.6))]
         plan = plan_motion("ruckig", steps, height, limits, (0.0, 25.0), lead_s=1.0)
         wanted = motor_speed_rad_s(
             plan.sample(0.001, DURATION_S).speed_m_s, machine.gearbox.ratio, machine.winch.drum_diameter_m
@@ -88,8 +88,8 @@ def axis_runs(machine: Axis, seed: int = 1, noise: float = 1.0) -> tuple[Run, ..
         taken = bench.predict([bench.base])[0][0][0]
         run = logged(replace(still, signals={**still.signals, names[0]: taken}), of(machine))
         signals = {
-            each: run[each] + noise * size * random.normal(size=len(time))
-            for each, size in zip(names, sizes, strict=True)
+            signal: run[signal] + noise * size * random.normal(size=len(time))
+            for signal, size in zip(names, sizes, strict=True)
         }
         runs.append(replace(run, signals=signals))
     return tuple(runs)

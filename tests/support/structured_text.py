@@ -66,7 +66,7 @@ class Block:
                     self.values[str(target.name)] = self.of(statement.expression)
                 case st.IfStatement():
                     branches = [(statement.if_expression, statement.statements)]
-                    branches += [(each.if_expression, each.statements) for each in statement.else_ifs]
+                    branches += [(branch.if_expression, branch.statements) for branch in statement.else_ifs]
                     for condition, inside in branches:
                         if self.of(condition):
                             self.run(inside)

@@ -90,7 +90,7 @@ def _none_given(folder: Path, word: str, why: str, withheld: tuple[str, ...], sp
 
 
 def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[str, Any]) -> Answer:
-    base = d.found.base
+    base = d.search.base
     return Answer(
         folder=folder.name,
         withheld=withheld,
@@ -117,10 +117,10 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
         events=[(event.run, event.from_s, event.to_s) for event in (d.where.events if d.where else ())],
         explained=d.verdict.explained,
         left=asdict(d.verdict.left),
-        none={"chi2": base.chi2, "prior": base.prior, "samples": d.found.problem.samples},
+        none={"chi2": base.chi2, "prior": base.prior, "samples": d.search.problem.samples},
         visible={name: (parameter, amount) for name, (parameter, amount) in d.isolability.visible.items()},
         next_run=asdict(d.next_run) if d.next_run else None,
-        sparse=sparse_regression(d.found),
+        sparse=sparse_regression(d.search),
         warnings=tuple(map(str, d.warnings)),
         **spent,
     )

@@ -182,7 +182,7 @@ def shows(content: Content, seeds: tuple[int, ...]) -> Mapping[str, float]:
     from workbench.diagnose.diagnose import chosen_effects
     from workbench.diagnose.hypotheses.problem import Problem
     from workbench.diagnose.hypotheses.scan import atoms
-    from workbench.diagnose.hypotheses.search import Found, Search
+    from workbench.diagnose.hypotheses.search import Search, SearchResult
     from workbench.diagnose.isolation.isolability import isolability
     from workbench.logs import read_campaign
 
@@ -193,5 +193,5 @@ def shows(content: Content, seeds: tuple[int, ...]) -> Mapping[str, float]:
         problem = Problem(campaign.machine, campaign.runs)
         effects = chosen_effects(campaign, None)
         base = Search(problem, effects).base_fit()
-        found = Found(problem, base, base, {}, {}, atoms(problem, effects, base.setting))
+        found = SearchResult(problem, base, base, {}, {}, atoms(problem, effects, base.setting))
         return {name: amount for name, (_, amount) in isolability(problem, found).visible.items()}

@@ -12,7 +12,7 @@ from workbench.diagnose.hypotheses.estimates import estimates
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.held_out import folds_by_payload, folds_by_run, held_out
 from workbench.diagnose.hypotheses.knobs import Value
-from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.judge import Judged, Weighed, calibration
 from workbench.diagnose.verdict.records import Candidate
 
@@ -20,11 +20,11 @@ SCORED = 5  # hypotheses whose held-out score is computed
 FAR = 3.0  # tolerances
 
 
-def candidates(found: Found, judged: Judged, keys: Mapping[str, Value]) -> tuple[Candidate, ...]:
+def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Value]) -> tuple[Candidate, ...]:
     """All weighed hypotheses, the best first; then those with a linear fit only, then those whose fit failed."""
-    problem = found.problem
-    gap = max(_energy(found, found.near) - problem.noise**2, 1e-300)
-    rows, folds = [], _folds(found)
+    problem = search.problem
+    gap = max(_energy(search, search.within_tolerances) - problem.noise**2, 1e-300)
+    rows, folds = [], _folds(search)
     for k, hypothesis in enumerate(judged.weighed):
         unseen = (
             [held_out(problem, hypothesis.fit, f.fold_of_row).rms(problem.inputs) for f in folds] if k < SCORED else []
@@ -36,35 +36,43 @@ def candidates(found: Found, judged: Judged, keys: Mapping[str, Value]) -> tuple
                 merit=hypothesis.merit,
                 residual_rms=hypothesis.fit.rms(problem.inputs),
                 held_out_rms=unseen[0] if unseen else None,
-                explained=float(np.clip((_energy(found, found.near) - _energy(found, hypothesis.fit)) / gap, 0.0, 1.0)),
+                explained=float(
+                    np.clip(
+                        (_energy(search, search.within_tolerances) - _energy(search, hypothesis.fit)) / gap, 0.0, 1.0
+                    )
+                ),
                 parameters=estimates(problem, hypothesis.fit, calibration()["interval"]),
                 fitted=True,
-                against=tuple(_against(found, judged, hypothesis, keys, list(zip(folds, unseen, strict=False)))),
+                against=tuple(_against(search, judged, hypothesis, keys, list(zip(folds, unseen, strict=False)))),
             )
         )
     known = {hypothesis.names for hypothesis in judged.weighed}
     rows += [
         Candidate(names, gain, -math.inf, None, None, None, {}, False)
-        for names, gain in sorted(found.linear.items(), key=lambda q: -q[1])
-        if names not in known and names not in found.failures
+        for names, gain in sorted(search.linear.items(), key=lambda q: -q[1])
+        if names not in known and names not in search.failures
     ]
     rows += [
         Candidate(names, 0.0, -math.inf, None, None, None, {}, False, failure=why)
-        for names, why in found.failures.items()
+        for names, why in search.failures.items()
         if names not in known
     ]
     return tuple(rows)
 
 
-def _energy(found: Found, fit: Fitted) -> float:
-    return fit.rms(found.problem.inputs) ** 2
+def _energy(search: SearchResult, fit: Fitted) -> float:
+    return fit.rms(search.problem.inputs) ** 2
 
 
 def _against(
-    found: Found, judged: Judged, hypothesis: Weighed, keys: Mapping[str, Value], unseen: Sequence[tuple[_Folds, float]]
+    search: SearchResult,
+    judged: Judged,
+    hypothesis: Weighed,
+    keys: Mapping[str, Value],
+    unseen: Sequence[tuple[_Folds, float]],
 ) -> list[str]:
     """The objections to a hypothesis, as sentences."""
-    problem, fit = found.problem, hypothesis.fit
+    problem, fit = search.problem, hypothesis.fit
     said = []
     left = fit.rms(problem.inputs) / problem.noise
     if left > 1.5:
@@ -97,11 +105,11 @@ class _Folds:
     without: float
 
 
-def _folds(found: Found) -> list[_Folds]:
-    problem = found.problem
+def _folds(search: SearchResult) -> list[_Folds]:
+    problem = search.problem
     ways = (("run", folds_by_run(problem)), ("payload", folds_by_payload(problem)))
     return [
-        _Folds(what, folds, held_out(problem, found.near, folds).rms(problem.inputs))
+        _Folds(what, folds, held_out(problem, search.within_tolerances, folds).rms(problem.inputs))
         for what, folds in ways
         if folds is not None
     ]

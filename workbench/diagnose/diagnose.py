@@ -9,7 +9,7 @@ from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.search import Found, searched
+from workbench.diagnose.hypotheses.search import SearchResult, searched
 from workbench.diagnose.isolation.isolability import isolability
 from workbench.diagnose.isolation.next_run import next_run
 from workbench.diagnose.location.gap import gap_of
@@ -76,32 +76,32 @@ def diagnose(
     elif baseline != "tolerances":
         raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="baseline")
 
-    found = searched(problem, effects, most_effects, say, rivals, keys)
-    problem = found.problem
+    search = searched(problem, effects, most_effects, say, rivals, keys)
+    problem = search.problem
     say(Progress(Stage.JUDGE))
-    judged = judged_to_help(found)
-    rows = candidate_rows(found, judged, keys)
+    judged = judged_to_help(search)
+    rows = candidate_rows(search, judged, keys)
     say(Progress(Stage.LOCATE))
-    gap = gap_of(problem, found, campaign)
-    fit = found.fits[judged.names] if judged.names else None
+    gap = gap_of(problem, search, campaign)
+    fit = search.fits[judged.names] if judged.names else None
     named = [effect for effect in effects if effect.id in judged.names]
-    where = where_of(problem, found.near, fit, named, seed) if judged.word != "no_gap" else None
+    where = where_of(problem, search.within_tolerances, fit, named, seed) if judged.word != "no_gap" else None
     say(Progress(Stage.SEPARATE))
-    apart = isolability(problem, found)
+    apart = isolability(problem, search)
     also = alike(judged, problem.active.kind)
-    more = next_run(problem, found, _open(judged, also))
+    more = next_run(problem, search, _open(judged, also))
     say(Progress(Stage.SHRINK))
-    unknown = explain(problem, found.near) if judged.word == "unknown" else None
+    unknown = explain(problem, search.within_tolerances) if judged.word == "unknown" else None
     if fit is not None:
         corrected = corrected_machine(problem, keys, fit)
         warnings = (*warnings, *of_first_run(problem, fit))
     elif unknown is not None:
         corrected = explained_machine(problem, unknown)
     else:
-        corrected = refitted_machine(problem, keys, found.near)
-    shrink = shrink_of(found, keys, judged.names, folds_of(found, judged.names, unknown), seed, unknown)
+        corrected = refitted_machine(problem, keys, search.within_tolerances)
+    shrink = shrink_of(search, keys, judged.names, folds_of(search, judged.names, unknown), seed, unknown)
     say(Progress(Stage.CONSEQUENCES))
-    refitted = refitted_machine(problem, keys, found.near)
+    refitted = refitted_machine(problem, keys, search.within_tolerances)
     changes, why_not = _consequences(campaign, refitted, corrected, judged.word) if study else (None, "Not asked for.")
     sentence = sentence_of(judged, gap, shrink, also, corrected.measured_correction is not None)
     verdict = Verdict(
@@ -132,25 +132,25 @@ def diagnose(
         unknown=unknown,
         consequences=changes,
         why_no_consequences=why_not,
-        found=found,
+        search=search,
         judged=judged,
         warnings=tuple(warnings),
     )
 
 
-def judged_to_help(found: Found) -> Judged:
+def judged_to_help(search: SearchResult) -> Judged:
     """The verdict. A cause is not named if its correction makes held-out runs worse."""
     barred: list[Names] = []
     while True:
-        judged = judge(found, barred)
-        if not judged.names or not harmful(found, judged.names):
+        judged = judge(search, barred)
+        if not judged.names or not harmful(search, judged.names):
             return judged
         barred.append(judged.names)
 
 
-def harmful(found: Found, names: Names) -> bool:
+def harmful(search: SearchResult, names: Names) -> bool:
     """Whether the correction increases the held-out residual."""
-    folds, inputs = folds_of(found, names), found.problem.inputs
+    folds, inputs = folds_of(search, names), search.problem.inputs
     return folds.after.rms(inputs) > HARM * folds.before.rms(inputs)
 
 
@@ -184,4 +184,4 @@ def _consequences(
     return consequences_of(refitted, corrected, runs=campaign.runs)
 
 
-__all__ = ["BASELINES", "Found", "chosen_effects", "diagnose"]
+__all__ = ["BASELINES", "SearchResult", "chosen_effects", "diagnose"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from workbench.consequences import Consequences
-from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.records import Isolability, NextRun
 from workbench.diagnose.location.records import Gap, Where
 from workbench.diagnose.readiness.records import Condition
@@ -37,7 +37,7 @@ class Diagnosis(Shown):
     unknown: Unknown | None
     consequences: Consequences | None
     why_no_consequences: str
-    found: Found = field(repr=False, compare=False)
+    search: SearchResult = field(repr=False, compare=False)
     judged: Judged = field(repr=False, compare=False)
     warnings: tuple[str, ...] = ()
 

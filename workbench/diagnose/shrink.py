@@ -12,7 +12,7 @@ from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_o
 from workbench.diagnose.hypotheses.knobs import Setting, Value
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.machines import machine_of
 from workbench.diagnose.unexplained.unknown import Explained
 from workbench.errors import InputError
@@ -51,18 +51,18 @@ class Folds:
     after: HeldOut
 
 
-def folds_of(found: Found, names: Names, unknown: Explained | None = None) -> Folds:
+def folds_of(search: SearchResult, names: Names, unknown: Explained | None = None) -> Folds:
     """unknown: the table that represents an unknown cause, if there is one."""
-    folds = folds_by_run(found.problem)
-    before = held_out(found.problem, found.near, folds)
+    folds = folds_by_run(search.problem)
+    before = held_out(search.problem, search.within_tolerances, folds)
     if unknown is not None:
         return Folds(before, unknown.held_out)
-    after = held_out(found.problem, found.fits[names], folds) if names else before
+    after = held_out(search.problem, search.fits[names], folds) if names else before
     return Folds(before, after)
 
 
 def shrink_of(
-    found: Found,
+    search: SearchResult,
     keys: Mapping[str, Value],
     names: Names,
     folds: Folds,
@@ -70,7 +70,7 @@ def shrink_of(
     unknown: Explained | None = None,
 ) -> Shrink:
     """names: the effects of the verdict; empty without a gap, which then does not shrink."""
-    problem = found.problem
+    problem = search.problem
     before, after = folds.before.rms(problem.inputs), folds.after.rms(problem.inputs)
     plain = _machines(problem, keys, (), folds.before.settings)
     better = unknown.machines if unknown is not None else _machines(problem, keys, names, folds.after.settings)

@@ -1,1 +1,1 @@
-"""What may be turned, the residuals it acts on, fits of hypotheses, and the search through them."""
+"""Parameters, residuals, fits of hypotheses, and the search among the effects."""

@@ -1,4 +1,4 @@
-"""The base parameters: what a nominal machine may honestly be off by, each held by its tolerance."""
+"""The base parameters: the values of the nominal machine that have a tolerance, with the tolerance as prior."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LOAD_CELL_STD = 0.005  # of a dead line's load cell: its gain
 
 
 def base_knobs(machine: Any, runs: Sequence[Run]) -> dict[str, Value]:
-    """Key of machine.yaml -> knob. What has no tolerance at all stays at its nominal value."""
+    """Key of machine.yaml -> knob. Values without a tolerance stay at nominal."""
     kind = kind_of(machine)
     largest = kind.largest_input(runs)
     sensor = dict(zip(kind.sensor, (GAIN, OFFSET), strict=True))
@@ -47,7 +47,7 @@ def base_knobs(machine: Any, runs: Sequence[Run]) -> dict[str, Value]:
 def trace_knobs(machine: Any, runs: Sequence[Run]) -> dict[str, Knob]:
     """Name -> knob of the small amounts of effects that every machine of the kind has (`Kind.traces`).
 
-    An effect is a cause where it is beyond that: a hypothesis that frees it takes its trace's place.
+    An effect counts as a cause only beyond that amount. A hypothesis with the effect replaces its trace.
     """
     kind = kind_of(machine)
     sizes = kind.sizes(machine, runs)

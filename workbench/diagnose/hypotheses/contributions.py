@@ -1,4 +1,4 @@
-"""What each effect of a fit adds to the prediction."""
+"""The part of the prediction that each effect of a fit accounts for."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from workbench.run import Array
 
 @dataclass(frozen=True)
 class Part:
-    """An effect's own part of the gap: (samples,), behind the input's rows those of the tension."""
+    """An effect's part of the gap: rows (samples,), first the input's, then the tension's."""
 
     effect: Effect
     rows: Array
 
 
 def parts_of(problem: Problem, fit: Fitted, effects: Sequence[Effect]) -> list[Part]:
-    """What each effect alone adds to the prediction, at the fit's values."""
+    """The change of the prediction by each effect alone, at the fit's values."""
     settings = [_without(problem, fit, [effect]) for effect in effects]
     _, change = problem.differences(fit.setting, settings)
     return [Part(effect, rows) for effect, rows in zip(effects, change, strict=True)]
 
 
 def sum_of(problem: Problem, fit: Fitted, effects: Sequence[Effect]) -> Array:
-    """What all effects together add to the prediction, (samples,)."""
+    """The change of the prediction by all effects together, (samples,)."""
     return problem.differences(fit.setting, [_without(problem, fit, effects)])[1][0]
 
 

@@ -54,12 +54,12 @@ def _estimate(r: Ranged, setting: Setting, slopes: Array, spread: Array) -> Esti
 def _slopes(fit: Fitted) -> dict[str, Array]:
     """symbol -> (values, m): the derivative of each value by z; angles by their shorter way round."""
     base = {name: np.atleast_1d(np.array(value)) for name, value in fit.setting.items()}
-    found = {name: np.zeros((len(value), len(fit.z))) for name, value in base.items()}
+    slopes = {name: np.zeros((len(value), len(fit.z))) for name, value in base.items()}
     for k, row in enumerate(STEP * np.eye(len(fit.z))):
         moved = setting_of(fit.knobs, fit.z + row)
         for name, value in moved.items():
             change = np.atleast_1d(np.array(value)) - base[name]
             if name.endswith("phase_rad"):
                 change = (change + math.pi) % (2.0 * math.pi) - math.pi
-            found[name][:, k] = change / STEP
-    return found
+            slopes[name][:, k] = change / STEP
+    return slopes

@@ -140,7 +140,7 @@ def _late(knob: Knob) -> bool:
 
 @dataclass(frozen=True)
 class Projection:
-    """The data after the base parameters: residual and any signature with what the base could explain taken out."""
+    """Residual and signatures with the part that the base parameters can explain projected out."""
 
     errors: ErrorModel
     rows: Array  # orthonormal columns of the whitened, augmented base Jacobian
@@ -166,7 +166,7 @@ class Projection:
 
 
 def linear_gain(columns: Array, residual: Array, signs: Sequence[bool], priors: int) -> tuple[float, float, Array]:
-    """What the columns take off |residual|^2 at most: of the data, of the last `priors` rows; and their amounts.
+    """The largest fall of |residual|^2 by the columns: in the data, in the last `priors` rows; and their amounts.
 
     signs: which amounts may be negative.
     """
@@ -189,14 +189,14 @@ def linear_gain(columns: Array, residual: Array, signs: Sequence[bool], priors: 
 
 
 def _normal(gram: Array, pull: Array, scale: Array) -> Array:
-    """Least squares by the normal equations, columns on their own scale; nearly alike columns share."""
+    """Least squares by the normal equations, each column on its own scale; nearly equal columns share the amount."""
     unit = gram / np.outer(scale, scale)
     unit[np.diag_indices_from(unit)] += 1e-9
     return np.asarray(np.linalg.solve(unit, pull / scale) / scale)
 
 
 def start_of(problem: Problem, atom: Atom, amounts: Array) -> tuple[list[Knob], list[float]]:
-    """Knobs and z of an effect, from the amounts a linear fit gave its atom."""
+    """Knobs and z of an effect, from the amounts that a linear fit gave its signature."""
     effect = atom.effect
     ranges = ranges_of(effect, problem.machine, problem.runs)
     at: dict[str, float | tuple[float, ...]] = dict(atom.at)
@@ -219,10 +219,10 @@ def start_of(problem: Problem, atom: Atom, amounts: Array) -> tuple[list[Knob], 
 
 
 def stepped_aside(problem: Problem, at: Fitted, taken: Array, delay: bool = False) -> Array:
-    """z where a fit's own parameters are best, linearly, once an effect takes so much (samples,) off the residual.
+    """z of a fit's own parameters, refitted linearly after an effect has taken `taken` (samples,) off the residual.
 
-    What is far from linear stays where it is: how friction turns over, and the log's timing, for friction jumps between
-    samples. delay: the effect is a delay itself, which has to take the timing's place.
+    Two nonlinear parameters stay fixed: the turn-over of friction, and the log's timing, since friction jumps between
+    samples. delay: the effect is a delay itself, so the timing is refitted too.
     """
     lowest, highest, std = bounds_of(at.knobs)
     held = [_careful(knob) or (_late(knob) and not delay) for knob in at.knobs]

@@ -100,13 +100,13 @@ def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> 
 
 
 def _own(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
-    """What the values of this fold's own runs move by, so that it is met best after `step` of the others."""
+    """The least-squares step of the values that belong to this fold's own runs, after `step` of all the others."""
     own = np.array([isinstance(knob, PhaseOfEachRun) for knob in fitted.knobs for _ in knob.lowest], dtype=bool)
     sizes = np.abs(fitted.jacobian)
     elsewhere, anywhere = np.max(sizes[~fold], axis=0, initial=0.0), np.max(sizes, axis=0, initial=0.0)
     mine = np.flatnonzero(own & (elsewhere <= ROUNDING * anywhere))
-    found = np.zeros(len(step))
+    moved = np.zeros(len(step))
     if len(mine) and np.any(fold):
         left = fitted.residual[fold] + fitted.jacobian[fold] @ step
-        found[mine] = -np.linalg.lstsq(fitted.jacobian[fold][:, mine], left, rcond=1e-8)[0]
-    return found
+        moved[mine] = -np.linalg.lstsq(fitted.jacobian[fold][:, mine], left, rcond=1e-8)[0]
+    return moved

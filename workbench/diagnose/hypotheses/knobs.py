@@ -1,4 +1,4 @@
-"""What a hypothesis may turn: each knob sets one or more values of the model from numbers z of order one."""
+"""The free parameters of a hypothesis: each knob sets one or more values of the model from numbers z of order one."""
 
 from __future__ import annotations
 
@@ -124,13 +124,13 @@ def within(knob: Knob, limit: float) -> Knob:
 
 def setting_of(knobs: Sequence[Knob], z: Array) -> dict[str, float | tuple[float, ...]]:
     """All values at z: (sum of the knobs' sizes,)."""
-    found: dict[str, float | tuple[float, ...]] = {}
+    setting: dict[str, float | tuple[float, ...]] = {}
     at = 0
     for knob in knobs:
         size = len(knob.lowest)
-        found |= knob.values([float(x) for x in z[at : at + size]])
+        setting |= knob.values([float(x) for x in z[at : at + size]])
         at += size
-    return found
+    return setting
 
 
 def bounds_of(knobs: Sequence[Knob]) -> tuple[Array, Array, Array]:
@@ -147,8 +147,8 @@ def effect_knobs(
 ) -> tuple[list[Knob], list[float]]:
     """The knobs of an effect around a point `at` (symbol -> value), and z there.
 
-    What vanishes is linear on its declared scale; shapes are logarithmic where they are
-    positive; an amplitude with a phase of its own is a wave.
+    Amounts are linear on their declared scale. Positive shape parameters are logarithmic. An amplitude with a phase is
+    a wave.
     """
     knobs: list[Knob] = []
     start: list[float] = []
@@ -161,9 +161,9 @@ def effect_knobs(
         if r is wave:
             continue
         if r.per_run:
-            each = value if isinstance(value, tuple) else (float(value),)
-            knobs.append(PhaseOfEachRun(r.symbol, each))
-            start += [0.0] * len(each)
+            of_runs = value if isinstance(value, tuple) else (float(value),)
+            knobs.append(PhaseOfEachRun(r.symbol, of_runs))
+            start += [0.0] * len(of_runs)
             continue
         assert not isinstance(value, tuple)
         if r.vanishes_at is not None and wave is not None:

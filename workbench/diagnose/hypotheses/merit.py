@@ -1,4 +1,4 @@
-"""What a hypothesis is worth, beyond what an imperfect model would be worth too.
+"""Discounts on the merit of a hypothesis, for the gain that an imperfect model would give as well.
 
 A score weighs what a hypothesis explains as if all that is left were noise and a random discrepancy. Two discounts are
 taken off what the data give, none off what the tolerances say: an effect may be of the form of the machine's own
@@ -21,19 +21,18 @@ SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 
 
 def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score) -> float:
-    """What another cause could be worth that only mends the inexact law of this fit: SECOND of what that explains,
-    rms."""
+    """The gain that a further effect could have by correcting the inexact law of this fit: SECOND of what the fit
+    explains, as rms."""
     return SECOND**2 * explained(problem, near, fit, score)
 
 
 def beyond(data: float, least: float) -> float:
-    """What the data are worth beyond a least size; what they cost, they cost."""
+    """The gain from the data above `least`. A loss stays as it is."""
     return max(data - least, 0.0) if data > 0.0 else data
 
 
 def beyond_discrepancy(problem: Problem, before: Fitted, after: Fitted, gain: float) -> float:
-    """By how much the score falls, without what the machine's own discrepancy could be worth, were it of this effect's
-    form.
+    """The fall of the score, less what the machine's own discrepancy could give if it had this effect's form.
 
     The discrepancy is taken for random in the likelihood. It need not be: a law of friction that is not the machine's
     leaves what some effect describes. So of what the data give, the share is taken off that an effect as large as the
@@ -47,7 +46,8 @@ def beyond_discrepancy(problem: Problem, before: Fitted, after: Fitted, gain: fl
 
 
 def discounted(problem: Problem, added: Collection[str], data: float, before: Array, after: Array) -> float:
-    """What the data give for effects, see `beyond_discrepancy`. before, after: residuals (samples,) without and with.
+    """The gain from the data after the discount of `beyond_discrepancy`. before, after: residuals (samples,) without
+    and with the effects.
 
     What acts at speed is compared with the discrepancy at speed: rows count less the more of their discrepancy is that
     near standstill.

@@ -71,7 +71,7 @@ class Problem:
             name = self.line.signal
             self.tension = [lowpass(run.time_s, run[name], self.band_hz) for run in self.runs]
             floor = [noise_rms(run.time_s, run[name], self.band_hz) for run in self.runs]
-            level = float(np.mean([np.mean(each) for each in self.tension]))
+            level = float(np.mean([np.mean(tension) for tension in self.tension]))
             self.tension_noise = float(np.hypot(np.sqrt(np.mean(np.square(floor))), TENSION_TRUST * level))
         self.errors = self._errors()
 

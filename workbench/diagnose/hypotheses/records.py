@@ -1,4 +1,4 @@
-"""What a hypothesis is called, and what its fit says of a parameter."""
+"""The names of a hypothesis, and the estimate of a parameter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The signatures of all effects at one point: what a little of each adds to the residual, for every shape tried."""
+"""The signatures of all effects at one point: the change of the residual by a small amount, for every shape tried."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Atom:
 def _quadrature(
     base: Mapping[str, float | tuple[float, ...]], r: Ranged, wave: Ranged, angle: float
 ) -> dict[str, float]:
-    """One start amount of a wave at an angle, added to what the base holds of it as a nuisance."""
+    """One start amount of a wave at an angle, added to the amount that the base has as its trace."""
     size, phase = _around(base, r), base.get(wave.symbol, 0.0)
     held = size * complex(math.cos(phase), math.sin(phase)) if isinstance(phase, float) else 0.0
     total = held + (r.start - _off(r)) * complex(math.cos(angle), math.sin(angle))
@@ -51,7 +51,7 @@ def _quadrature(
 
 
 def _around(base: Mapping[str, float | tuple[float, ...]], r: Ranged) -> float:
-    """Where an amount stands without its effect: where it vanishes, or at what the base holds of it as a nuisance."""
+    """The value of an amount without its effect: where it vanishes, or the amount that the base has as its trace."""
     value = base.get(r.symbol, _off(r))
     return value if isinstance(value, float) else _off(r)
 
@@ -94,7 +94,7 @@ def atoms(
     if not settings:
         return []
     _, change = problem.differences(base, settings)
-    found, row = [], 0
+    signatures, row = [], 0
     for effect, at, amounts, wave, lanes in planned:
         columns = -change[row : row + len(lanes)].T  # what the prediction gains
         row += len(lanes)
@@ -103,8 +103,8 @@ def atoms(
             columns = np.concatenate(
                 [np.where((problem.run_of_row == j)[:, None], columns, 0.0) for j in range(len(problem.runs))], axis=1
             )
-        found.append(Atom(effect, at, columns, amounts, scale, wave))
-    return found
+        signatures.append(Atom(effect, at, columns, amounts, scale, wave))
+    return signatures
 
 
 def _tried(problem: Problem, r: Ranged) -> Sequence[float]:

@@ -60,7 +60,7 @@ def score_of(problem: Problem, fit: Fitted) -> Score:
 
 
 def explained(problem: Problem, before: Fitted, after: Fitted, score: Score) -> float:
-    """By how much the whitened sum of squares falls from one fit to another, with the discrepancy of that score."""
+    """The fall of the whitened sum of squares from one fit to another, whitened with the discrepancy of `score`."""
     white = problem.errors.sized(score.sizes).whiten(np.column_stack([before.residual, after.residual]))
     return max(float(white[:, 0] @ white[:, 0] - white[:, 1] @ white[:, 1]), 0.0)
 
@@ -85,5 +85,5 @@ def independent(problem: Problem) -> float:
 
 
 def cost(problem: Problem, parameters: int) -> float:
-    """What parameters of effects cost, in the score's unit."""
+    """The cost of so many effect parameters, in the score's unit."""
     return parameters * math.log(min(max(independent(problem), 2.0), MOST))

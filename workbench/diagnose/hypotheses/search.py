@@ -1,6 +1,6 @@
-"""The search: base, then every effect alone, then pairs around the best; each at its best values.
+"""The search: the fit without effects, then every effect alone, then pairs around the best single effects.
 
-Shapes are tried linearly, on signatures; what looks worth it is refitted nonlinearly.
+Every shape of an effect is tried linearly, on its signatures. The most promising effects are fitted nonlinearly.
 """
 
 from __future__ import annotations
@@ -56,16 +56,17 @@ BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one cand
 
 
 @dataclass(frozen=True)
-class Found:
-    """base: no effect; near: the same with every base parameter within TOLERANCES. fits: names -> the best fit.
+class SearchResult:
+    """The fits of one campaign. base: without an effect; within_tolerances: the same with every base parameter at most
+    TOLERANCES standard deviations off nominal. fits: names -> the best fit.
 
     linear: names -> what a linear fit promises, also for what was not refitted. failures: names -> why a fit broke
-    down. atoms: the signatures at `near`. rivals: effects weighed alone that no answer may name.
+    down. atoms: the signatures at `within_tolerances`. rivals: effects weighed alone that no answer may name.
     """
 
     problem: Problem
     base: Fitted
-    near: Fitted
+    within_tolerances: Fitted
     fits: Mapping[Names, Fitted]
     linear: Mapping[Names, float]
     atoms: Sequence[Atom]
@@ -79,8 +80,8 @@ class Found:
 
 @dataclass(frozen=True)
 class Promise:
-    """What one effect takes off the objective at its best shape, linearly, `data` of it off the data; and what that is
-    worth."""
+    """The linear estimate for one effect at its best shape. gain: the fall of the objective, `data` of it in the
+    residual. merit: the gain less the cost of the parameters."""
 
     gain: float
     data: float
@@ -96,27 +97,27 @@ def searched(
     tell: Tell | None = None,
     rivals: Sequence[Effect] = (),
     base: Mapping[str, Value] | None = None,
-) -> Found:
-    """The search, weighed with as much discrepancy as the best hypothesis leaves.
+) -> SearchResult:
+    """The search, with the size of discrepancy that the best hypothesis needs.
 
-    It begins with the default. Where even the best hypothesis leaves more than that, base parameters have been bent to
-    what is no fault of theirs, so all is fitted once more with the sizes that the best one needs.
+    It begins with the default sizes. If the best hypothesis leaves a larger residual, the base parameters have absorbed
+    part of the gap. The search is then repeated with the sizes that the best hypothesis needs.
     """
 
-    def search(problem: Problem) -> Found:
+    def search(problem: Problem) -> SearchResult:
         one = Search(problem, effects, tell, rivals, base)
-        found = one.singles()
+        result = one.singles()
         if most_effects > 1:
-            found = one.pairs(found)
+            result = one.pairs(result)
         for _ in range(2, most_effects):
-            found = one.more(found)
-        return found
+            result = one.more(result)
+        return result
 
-    found = search(problem)
-    scores = (score_of(problem, fit) for fit in (found.base, *found.fits.values()))
+    result = search(problem)
+    scores = (score_of(problem, fit) for fit in (result.base, *result.fits.values()))
     size, standstill = min(scores, key=lambda score: score.value).sizes
     if max(size, standstill) <= TOO_SMALL:
-        return found
+        return result
     if standstill > 1.0:  # a fit has bent itself to what is near standstill, and asks for less than there is
         standstill *= STEP
     return search(problem.with_discrepancy((size, standstill)))
@@ -124,7 +125,8 @@ def searched(
 
 @dataclass(frozen=True)
 class _Way:
-    """To a hypothesis: an effect more beside a leading one. worth: merit of all; gain: what they take off; linearly."""
+    """A leading hypothesis and the effect to add to it. worth: the merit of both; gain: the fall of the objective. Both
+    are linear estimates."""
 
     worth: float
     gain: float
@@ -133,7 +135,7 @@ class _Way:
 
 
 class Search:
-    """One campaign's search; `base` keeps the base parameters' knobs, in the order of every fit."""
+    """One campaign's search. `base` holds the knobs of the base parameters, which every fit has first, in this order."""
 
     def __init__(
         self,
@@ -143,13 +145,13 @@ class Search:
         rivals: Iterable[Effect] = (),
         base: Mapping[str, Value] | None = None,
     ) -> None:
-        """rivals: effects that are weighed alone beside the others, so that no pair passes for one of them.
+        """rivals: unlisted effects that are fitted alone too, so that no pair is named in the place of one of them.
 
         base: the base parameters' knobs, None for all that have a tolerance.
         """
         self.problem = problem
-        self.effects = {each.id: each for each in effects}
-        self.rivals = {each.id: each for each in rivals if each.id not in self.effects}
+        self.effects = {effect.id: effect for effect in effects}
+        self.rivals = {effect.id: effect for effect in rivals if effect.id not in self.effects}
         self.base = dict(base_knobs(problem.machine, problem.runs) if base is None else base)
         self.traces = trace_knobs(problem.machine, problem.runs)
         self.held = [*self.base.values(), *self.traces.values()]
@@ -161,14 +163,14 @@ class Search:
         self.scanned: Sequence[Atom] = ()
 
     def base_fit(self) -> Fitted:
-        """No effect."""
+        """The fit of the base parameters alone, without an effect."""
         self._tell(Progress(Stage.SEARCH, Task.BASE))
         return fit_knobs(self.problem, (), self.held, np.zeros(self.count), LAST_ROUND)
 
-    def singles(self) -> Found:
-        """The base, and every effect alone."""
+    def singles(self) -> SearchResult:
+        """The fit without effects, and the fits of every effect alone."""
         base = self.base_fit()
-        within = self._near(base)
+        within = self._within_tolerances(base)
         near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
         self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
         signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
@@ -177,33 +179,35 @@ class Search:
         self._offer_standstill(base)
         return self._found(base, within, signatures)
 
-    def pairs(self, found: Found) -> Found:
-        """What `singles` found, and the pairs around the best."""
-        near = replace(found.near, knobs=found.base.knobs)
-        self._extend(found.base, found.near, 1)
+    def pairs(self, singles: SearchResult) -> SearchResult:
+        """The result of `singles` with the pairs around the best single effects."""
+        near = replace(singles.within_tolerances, knobs=singles.base.knobs)
+        self._extend(singles.base, singles.within_tolerances, 1)
         if any(len(names) == 1 and names[0] in self.effects for names in self.fits):
-            self._joint(found.base, near, [atom for atom in found.atoms if atom.effect.id in self.effects])
-        self._finish(found.base, [names for names in self.fits if len(names) == 2], PAIR_IN_REACH)
-        self._drop(found.base)
-        return self._result(found)
+            self._joint(singles.base, near, [atom for atom in singles.atoms if atom.effect.id in self.effects])
+        self._finish(singles.base, [names for names in self.fits if len(names) == 2], PAIR_IN_REACH)
+        self._drop(singles.base)
+        return self._result(singles)
 
-    def more(self, found: Found) -> Found:
-        """What was found so far, and the leading hypotheses with one more effect each."""
+    def more(self, result: SearchResult) -> SearchResult:
+        """The result with the leading hypotheses extended by one more effect."""
         size = max(len(names) for names in self.fits)
-        self._extend(found.base, found.near, size)
-        self._finish(found.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
-        return self._result(found)
+        self._extend(result.base, result.within_tolerances, size)
+        self._finish(result.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
+        return self._result(result)
 
-    def _result(self, found: Found) -> Found:
-        self._offer_standstill(found.base)
-        return self._found(found.base, found.near, found.atoms)
+    def _result(self, result: SearchResult) -> SearchResult:
+        self._offer_standstill(result.base)
+        return self._found(result.base, result.within_tolerances, result.atoms)
 
-    def _found(self, base: Fitted, near: Fitted, atoms: Sequence[Atom]) -> Found:
-        return Found(self.problem, base, near, self.fits, self.linear, atoms, self.failures, frozenset(self.rivals))
+    def _found(self, base: Fitted, near: Fitted, atoms: Sequence[Atom]) -> SearchResult:
+        return SearchResult(
+            self.problem, base, near, self.fits, self.linear, atoms, self.failures, frozenset(self.rivals)
+        )
 
-    def _near(self, base: Fitted) -> Fitted:
-        """The base fit within TOLERANCES: where signatures are taken. One that a large effect has torn far off
-        is no place to linearise."""
+    def _within_tolerances(self, base: Fitted) -> Fitted:
+        """The base fit with all parameters within TOLERANCES. Signatures are taken there: a fit that a large effect has
+        pulled far from nominal is a poor point to linearise at."""
         if np.all(np.abs(base.z) <= TOLERANCES):
             return base
         # What happens at standstill must not stand in for the gap either.
@@ -214,36 +218,36 @@ class Search:
         return fit_knobs(self.problem, (), held, z, LAST_ROUND)
 
     def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Atom]:
-        """The signatures of all that can be simulated; what breaks down there is a row in the report.
+        """The signatures of all effects that can be simulated. A failed simulation becomes a row of the report.
 
-        Once all shapes have been tried, those that promise most at the point, as they were there, are tried again.
+        The first call tries every shape of every effect. Later calls try only the most promising shapes of the first.
         """
         try:
-            found = atoms(self.problem, effects, at.setting, self._likely(effects, at))
+            signatures = atoms(self.problem, effects, at.setting, self._likely(effects, at))
         except BREAKDOWNS as error:
             if len(effects) == 1:
                 self.failures[(effects[0].id,)] = f"{type(error).__name__}: {error}"
                 return []
-            found = [atom for each in effects for atom in self._signatures([each], at)]
-        broken = {atom.effect.id for atom in found if not np.all(np.isfinite(atom.columns))}
+            signatures = [atom for effect in effects for atom in self._signatures([effect], at)]
+        broken = {atom.effect.id for atom in signatures if not np.all(np.isfinite(atom.columns))}
         self.failures |= {(name,): "the simulation breaks down at the values tried first" for name in broken}
-        return [atom for atom in found if atom.effect.id not in broken]
+        return [atom for atom in signatures if atom.effect.id not in broken]
 
     def _likely(self, effects: Sequence[Effect], at: Fitted) -> dict[str, list[Mapping[str, float]]] | None:
-        """Effect -> its shapes that promise most at a point, with the signatures that are known. None without any."""
-        wanted = {each.id for each in effects}
+        """Effect -> its most promising shapes at a point, by the signatures already known. None without signatures."""
+        wanted = {effect.id for effect in effects}
         gains: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
         projection = Projection.of(self.problem, at) if self.scanned else None
         for atom in self.scanned:
             if projection is not None and atom.effect.id in wanted:
                 data, prior, _ = projection.gain(atom)
                 gains.setdefault(atom.effect.id, []).append((data + prior, atom.at))
-        best = {name: sorted(each, key=lambda q: -q[0])[:SHAPES_AGAIN] for name, each in gains.items()}
-        return {name: [at for _, at in each] for name, each in best.items()} or None
+        best = {name: sorted(shapes, key=lambda q: -q[0])[:SHAPES_AGAIN] for name, shapes in gains.items()}
+        return {name: [at for _, at in shapes] for name, shapes in best.items()} or None
 
     def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
         promised = self._promised(near, signatures)
-        self.linear |= {(name,): each.gain for name, each in promised.items()}
+        self.linear |= {(name,): promise.gain for name, promise in promised.items()}
         order = sorted(promised, key=lambda name: -promised[name].merit)
         strained = self._strained(base)
         order = [
@@ -253,14 +257,14 @@ class Search:
         ]
         for k, name in enumerate(order):
             self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
-            self._try((name,), lambda each=promised[name]: self._fit_with(near, each))  # type: ignore[misc]
+            self._try((name,), lambda promise=promised[name]: self._fit_with(near, promise))  # type: ignore[misc]
         if np.any(near.z != base.z):
             self._from_base(base, order)
             self._with_delay(base)
         self._finish(base, [(name,) for name in order])
 
     def _strained(self, base: Fitted) -> set[str]:
-        """The effects whose trace in every machine has been taken far beyond its tolerance: it may be one of them."""
+        """The effects whose trace the base fit puts far beyond its tolerance: one of them may be the cause."""
         return {
             key.partition(".")[0]
             for key, knob in self.traces.items()
@@ -269,22 +273,23 @@ class Search:
         }
 
     def _place_of(self, wanted: Knob) -> slice:
-        """Where a base parameter's or a trace's z stand in every fit."""
+        """The slice of z that belongs to a base parameter or a trace, the same in every fit."""
         before = [len(knob.lowest) for knob in takewhile(lambda knob: knob is not wanted, self.held)]
         return slice(sum(before), sum(before) + len(wanted.lowest))
 
     def _from_base(self, base: Fitted, names: Sequence[str]) -> None:
-        """From the stretched base too, where that promises more than was found: a fit may be stuck on the way."""
+        """Fits started from the unrestricted base fit too, where that promises more than the fit so far: the first one
+        may have stopped in a local minimum."""
         known = {**self.effects, **self.rivals}
         signatures = self._signatures([known[name] for name in names], base)
-        for name, each in self._promised(base, signatures).items():
+        for name, promise in self._promised(base, signatures).items():
             fit = self.fits.get((name,))
-            if fit is None or base.objective - fit.objective < 0.8 * each.gain:
-                self._try((name,), lambda e=each: self._fit_with(base, e))  # type: ignore[misc]
+            if fit is None or base.objective - fit.objective < 0.8 * promise.gain:
+                self._try((name,), lambda e=promise: self._fit_with(base, e))  # type: ignore[misc]
 
     def _with_delay(self, at: Fitted) -> None:
-        """Where a fit has taken the log's timing far beyond its tolerance, a delay in its place: too far for a linear
-        promise."""
+        """A delay in place of the log's timing, where a fit has taken the timing far beyond its tolerance. The step is
+        too large for a linear estimate."""
         late = next((e for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late), None)
         if late is None or late.id in at.effects or LOG_TIMING not in self.base:
             return
@@ -305,7 +310,7 @@ class Search:
         return ranges_of(effect, self.problem.machine, self.problem.runs)
 
     def _finish(self, base: Fitted, tried: Sequence[Names], reach: float = IN_REACH) -> None:
-        """Follow to their end the fits that are in reach of the best, or had promised more than it has."""
+        """Continue to convergence the fits close to the best, and those whose linear estimate exceeds it."""
         done = {names: self.fits[names] for names in tried if names in self.fits}
         best = max((base.objective - fit.objective for fit in done.values()), default=0.0)
         for names, fit in done.items():
@@ -314,8 +319,10 @@ class Search:
                 self._try(names, lambda f=fit: self._again(f))  # type: ignore[misc]
 
     def _offer_standstill(self, base: Fitted) -> None:
-        """Friction near standstill has more than one local minimum: what the best fit found there, all others in its
-        reach try as well, for none may win by luck."""
+        """Restart the fits close to the best from its values of friction near standstill.
+
+        That friction has several local minima. Without this a fit could win by its starting point alone.
+        """
         if not self.fits:
             return
         donor = min(self.fits.values(), key=lambda fit: fit.objective)
@@ -333,7 +340,7 @@ class Search:
         return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, LAST_ROUND, self.count, fit.jacobian)
 
     def _extend(self, base: Fitted, near: Fitted, size: int) -> None:
-        """The leading hypotheses of so many effects, with one more each: those that promise most."""
+        """The leading hypotheses of `size` effects, extended by the most promising further effects."""
         known = [names for names in self.fits if len(names) == size and set(names) <= set(self.effects)]
         if not known:
             return
@@ -349,8 +356,8 @@ class Search:
             self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders), names))
             again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
             least = inexact(self.problem, near, leader, scores[names])
-            partners = {name: each for name, each in self._promised(leader, again).items() if each.merit > 0.0}
-            added = {name: self._worth_beside(leader, each, least) for name, each in partners.items()}
+            partners = {name: alone for name, alone in self._promised(leader, again).items() if alone.merit > 0.0}
+            added = {name: self._worth_beside(leader, alone, least) for name, alone in partners.items()}
             gained = base.objective - leader.objective
             for rank, name in enumerate(sorted(added, key=lambda name: -added[name])):
                 promise = partners[name]
@@ -370,12 +377,12 @@ class Search:
             self._with_delay(self.fits[names])
 
     def _worth(self, base: Fitted, fit: Fitted, gain: float) -> float:
-        """A single effect's merit, without what the machine's own discrepancy could be worth. gain: of its score."""
+        """A single effect's merit, less what the discrepancy alone could gain. gain: the fall of the score."""
         return beyond_discrepancy(self.problem, base, fit, gain) - cost(self.problem, len(fit.z) - len(base.z))
 
     def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> float:
-        """What a second effect's promise adds to a leader's merit. least: what the leader's inexact law could be
-        worth."""
+        """The merit that a further effect adds to a leader, by its linear estimate. least: the gain that the leader's
+        inexact law alone could give."""
         taken = promise.atom.columns @ promise.amounts
         z = self._aside(leader, taken, promise.atom)
         left = leader.residual - taken + leader.jacobian @ (z - leader.z)
@@ -384,7 +391,8 @@ class Search:
         return promise.gain - promise.data + beyond(data, least) - paid
 
     def _drop(self, base: Fitted) -> None:
-        """Each effect of the leading pairs alone, from where the pair left it: a pair is worth what both earn."""
+        """Refit each effect of the leading pairs alone, started from the pair: a pair needs both effects to earn their
+        cost."""
         pairs = sorted((n for n in self.fits if len(n) == 2), key=lambda n: self.fits[n].objective)
         for pair in pairs[:DROPPED]:
             for left in pair:
@@ -400,7 +408,7 @@ class Search:
         return fit_knobs(self.problem, (left,), knobs, pair.z[kept], FIRST_ROUND, self.count)
 
     def _joint(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
-        """Pairs of effects of which neither leads alone, where they promise more together than the best alone."""
+        """Pairs of effects that promise more together than the best single effect, though neither leads alone."""
         alone = (fit.objective for names, fit in self.fits.items() if len(names) == 1 and names[0] in self.effects)
         best = near.objective - min(alone)  # what the best alone takes off, from the same point
         projection = Projection.of(self.problem, near)
@@ -409,8 +417,8 @@ class Search:
             columns = projection.clean(atom.columns)
             data, prior, _ = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
             kept.setdefault(atom.effect.id, []).append((data + prior, atom, columns))
-        kept = {name: sorted(each, key=lambda q: -q[0])[:SHAPES_KEPT] for name, each in kept.items()}
-        found: list[tuple[float, Names, Atom, Atom, Array]] = []
+        kept = {name: sorted(shapes, key=lambda q: -q[0])[:SHAPES_KEPT] for name, shapes in kept.items()}
+        pairs: list[tuple[float, Names, Atom, Atom, Array]] = []
         for first, second in combinations(sorted(kept), 2):
             if (first, second) in self.fits:
                 continue
@@ -425,8 +433,8 @@ class Search:
             worth, names, a, b, amounts, gain = max(options, key=lambda q: q[0])
             self.linear[names] = max(gain, self.linear.get(names, 0.0))
             if gain > best:
-                found.append((worth, names, a, b, amounts))
-        for _, pair, a, b, amounts in sorted(found, key=lambda q: -q[0])[:PARTNERS]:
+                pairs.append((worth, names, a, b, amounts))
+        for _, pair, a, b, amounts in sorted(pairs, key=lambda q: -q[0])[:PARTNERS]:
             self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
 
     def _promised(self, at: Fitted, signatures: Sequence[Atom]) -> dict[str, Promise]:
@@ -436,9 +444,9 @@ class Search:
         for atom in signatures:
             data, prior, amounts = projection.gain(atom)
             size = atom.columns.shape[1] + len(atom.at)
-            each = Promise(data + prior, data, data + prior - cost(self.problem, size), atom, amounts)
-            if atom.effect.id not in best or each.merit > best[atom.effect.id].merit:
-                best[atom.effect.id] = each
+            promise = Promise(data + prior, data, data + prior - cost(self.problem, size), atom, amounts)
+            if atom.effect.id not in best or promise.merit > best[atom.effect.id].merit:
+                best[atom.effect.id] = promise
         return best
 
     def _fit_with(self, at: Fitted, promise: Promise) -> Fitted:
@@ -459,8 +467,8 @@ class Search:
     def _fit_from(
         self, names: Names, knobs: Sequence[Knob], at: Array, beside: Array, start: Sequence[float]
     ) -> Fitted:
-        """A fit that begins where its own parameters step aside, or as far on the way there as serves: not all of them
-        are linear that far."""
+        """A fit started with its base parameters moved to `beside`, or part of the way there if that fits better: the
+        linear step may be too long."""
         ways = [np.concatenate([at + part * (beside - at), start]) for part in ASIDE]
         white = self.problem.errors.whiten(self.problem.residuals([setting_of(knobs, z) for z in ways]).T)
         std = bounds_of(knobs)[2]
@@ -469,21 +477,21 @@ class Search:
         return fit_knobs(self.problem, names, knobs, z, FIRST_ROUND, self.count)
 
     def _aside(self, at: Fitted, taken: Array, *atoms: Atom) -> Array:
-        """Where a fit's own parameters go once effects take so much (samples,) off its residual."""
+        """z of the fit's own parameters, refitted linearly after effects have taken `taken` (samples,) off the residual."""
         delay = self.problem.late in {r.symbol for atom in atoms for r in atom.amounts}
         return stepped_aside(self.problem, at, taken, delay)
 
     def _try(self, names: Names, fit: Callable[[], Fitted]) -> None:
-        """A candidate that breaks down is a row in the report, not the end."""
+        """Run one fit. A failed candidate becomes a row of the report and does not end the search."""
         try:
-            found = fit()
+            fitted = fit()
         except BREAKDOWNS as error:
             self.failures[names] = f"{type(error).__name__}: {error}"
             return
-        if not np.isfinite(found.objective):
+        if not np.isfinite(fitted.objective):
             self.failures[names] = "the simulation breaks down at these values"
-        elif names not in self.fits or found.objective < self.fits[names].objective:
-            self.fits[names] = found
+        elif names not in self.fits or fitted.objective < self.fits[names].objective:
+            self.fits[names] = fitted
 
 
 def _effects_of(knob: Knob) -> set[str]:

@@ -12,7 +12,7 @@ from workbench.diagnose.hypotheses.fits import Projection, columns_signed, linea
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import Atom
 from workbench.diagnose.hypotheses.score import cost, independent
-from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.records import Isolability
 from workbench.diagnose.verdict.judge import calibration
 from workbench.run import Array
@@ -34,15 +34,15 @@ class Signature:
     merit: float
 
 
-def isolability(problem: Problem, found: Found) -> Isolability:
+def isolability(problem: Problem, search: SearchResult) -> Isolability:
     """Angles between the effects' signatures, the base parameters projected out with tolerances as priors.
 
     The angle is the smallest one between the two signatures' spaces (A. Bjorck, G. H. Golub, Mathematics of
     Computation 27, 1973): at 0 an amount of one effect has exactly the signature of an amount of the other.
     """
     n = independent(problem)
-    projection = Projection.of(problem, found.near)
-    best = best_signatures(projection, found.atoms, n)
+    projection = Projection.of(problem, search.within_tolerances)
+    best = best_signatures(projection, search.atoms, n)
     names = tuple(best)
     spaces = [_space(best[name].columns) for name in names]
     angle = np.zeros((len(names), len(names)))
@@ -50,7 +50,7 @@ def isolability(problem: Problem, found: Found) -> Isolability:
         for j, b in enumerate(spaces[:i]):
             angle[i, j] = angle[j, i] = angle_between(a, b)
     visible = {name: _visible(signature, projection.priors, n) for name, signature in best.items()}
-    return Isolability(names, angle, visible, tuple(_sentences(best, angle, found, projection.priors, n)))
+    return Isolability(names, angle, visible, tuple(_sentences(best, angle, search, projection.priors, n)))
 
 
 def best_signatures(projection: Projection, atoms: Iterable[Atom], n: float) -> dict[str, Signature]:
@@ -107,7 +107,7 @@ def smallest_amount(data: float, prior: float, parameters: int, n: float) -> flo
     return math.sqrt(worth / (data + prior)) if data + prior > 0.0 else math.inf
 
 
-def _sentences(best: Mapping[str, Signature], angle: Array, found: Found, priors: int, n: float) -> list[str]:
+def _sentences(best: Mapping[str, Signature], angle: Array, search: SearchResult, priors: int, n: float) -> list[str]:
     names, out = list(best), []
     for group in groups(separations(best, priors, n), APART):
         members = [names[k] for k in group]
@@ -117,7 +117,7 @@ def _sentences(best: Mapping[str, Signature], angle: Array, found: Found, priors
             f"of one passes for the other{'s' if len(group) > 2 else ''} within noise and tolerances"
             + (f" (signatures within {max(widest, 0.1):.2g} degrees)." if widest < ALIKE_DEG else ".")
         )
-    return [*out, *_near_the_best(found, n)]
+    return [*out, *_near_the_best(search, n)]
 
 
 def separations(best: Mapping[str, Signature], priors: int, n: float) -> Array:
@@ -160,18 +160,18 @@ def _special_case(a: Array, b: Array) -> bool:
     return bool(np.linalg.norm(small - large @ (large.T @ small)) < SPECIAL)
 
 
-def _near_the_best(found: Found, n: float) -> list[str]:
+def _near_the_best(search: SearchResult, n: float) -> list[str]:
     """The single effects that fit nearly as well as the best one, with their distance in standard deviations."""
-    singles = sorted((n for n in found.fits if len(n) == 1), key=lambda n: found.fits[n].objective)
+    singles = sorted((n for n in search.fits if len(n) == 1), key=lambda n: search.fits[n].objective)
     if not singles:
         return []
-    best = found.fits[singles[0]]
-    worth = found.base.objective - best.objective - cost(found.problem, len(best.z) - len(found.base.z))
+    best = search.fits[singles[0]]
+    worth = search.base.objective - best.objective - cost(search.problem, len(best.z) - len(search.base.z))
     if worth <= calibration()["threshold"]:
         return []
     near = []
     for names in singles[1:]:
-        other = found.fits[names]
+        other = search.fits[names]
         data = other.chi2 - best.chi2
         worse = math.sqrt(max(data + other.prior - best.prior, 0.0))
         if worse < APART:

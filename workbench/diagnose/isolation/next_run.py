@@ -12,7 +12,7 @@ from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signe
 from workbench.diagnose.hypotheses.knobs import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.lines import Line, on_campaign, on_menu
 from workbench.diagnose.isolation.planned import Planned, menu
 from workbench.diagnose.isolation.records import NextRun
@@ -33,14 +33,14 @@ class Offer:
     separation: float
 
 
-def next_run(problem: Problem, found: Found, open_effects: Sequence[Fitted | str | Names]) -> NextRun | None:
+def next_run(problem: Problem, search: SearchResult, open_effects: Sequence[Fitted | str | Names]) -> NextRun | None:
     """The cheapest run that separates the first open hypothesis from the others, or else the best one.
 
     For each planned run the predictions of the hypotheses are compared after base parameters and effects were
     refitted to all data within the tolerances. Differences below LEAST of the noise are ignored. None if fewer
     than two hypotheses are open.
     """
-    fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, found, hypothesis)) is not None][
+    fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None][
         : RIVALS + 1
     ]
     if len(fits) < 2:
@@ -87,21 +87,21 @@ def _choices(problem: Problem, logged: tuple[str, ...]) -> list[tuple[str, ...]]
     return list(dict.fromkeys(every))
 
 
-def _fit_of(problem: Problem, found: Found, hypothesis: Fitted | str | Names) -> Fitted | None:
+def _fit_of(problem: Problem, search: SearchResult, hypothesis: Fitted | str | Names) -> Fitted | None:
     """The fit of a hypothesis; if it was not refitted, its linear fit at the best shape."""
     if isinstance(hypothesis, Fitted):
         return hypothesis
     names = (hypothesis,) if isinstance(hypothesis, str) else tuple(hypothesis)
-    if names in found.fits:
-        return found.fits[names]
+    if names in search.fits:
+        return search.fits[names]
     if not names:
-        return found.base
+        return search.base
     if len(names) > 1:
         return None
-    near = found.near
+    near = search.within_tolerances
     projection = Projection.of(problem, near)
     options = []
-    for atom in found.atoms:
+    for atom in search.atoms:
         if atom.effect.id == names[0]:
             columns = projection.clean(atom.columns)
             gain = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)

@@ -1,6 +1,6 @@
 """Brief events: short stretches of one or a few runs in which a force acts that does so nowhere else.
 
-Found greedily: pulses of all moments and widths are matched with what the base parameters, fitted robustly so that
+Greedy search: pulses of all moments and widths are matched with what the base parameters, fitted robustly so that
 an event does not bend them, leave unexplained. Whether they are events and not a force over some variable, the
 marginal likelihood decides: each pulse pays for the choice of its run, moment and width.
 """
@@ -39,7 +39,7 @@ class Pulse:
 
 @dataclass(frozen=True)
 class Pulses:
-    """evidence: of pulses at no particular place, their choice paid for. port: what carried it. choices: its price."""
+    """evidence: of the pulses, at no particular place. choices: the cost of choosing run, moment and width of each."""
 
     pulses: tuple[Pulse, ...]
     evidence: Evidence
@@ -47,20 +47,20 @@ class Pulses:
 
 
 def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
-    """The stretches that account for most, as many as earn what their choice costs; None where none does.
+    """The pulses that explain most, as many as gain more than the cost of their choice; None without any.
 
-    What comes back with the same state of the machine is none of them."""
+    A part of the residual that comes back in the same state of the machine is no event."""
     left = robust_left(survey)
     times = [c.at for c in survey.runs]
     begins = np.cumsum([0, *map(len, times)])
     widths = widths_of(survey)
     choices = math.log(sum(max(float(len(t)), 1.0) for t in times) * len(widths))
     states, open_to = states_of(survey), np.array(left)
-    found: list[Pulse] = []
+    pulses: list[Pulse] = []
     best: Pulses | None = None
     for _ in range(TRIED):
         pulse = _strongest(survey, open_to, times, begins, widths)
-        if pulse is None or len(found) >= MOST:
+        if pulse is None or len(pulses) >= MOST:
             break
         mine = np.zeros(len(left), dtype=bool)
         j = pulse.run
@@ -68,12 +68,12 @@ def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
         open_to[mine] = 0.0
         if comes_back(left, mine, states):
             continue
-        found = _joined([*found, pulse])
-        evidence = weigher.evidence(torque_columns(survey, found))
-        price = choices * len(found)
+        pulses = _joined([*pulses, pulse])
+        evidence = weigher.evidence(torque_columns(survey, pulses))
+        price = choices * len(pulses)
         if best is not None and evidence.log - price <= best.evidence.log - best.choices:
             break
-        best = Pulses(tuple(found), evidence, price)
+        best = Pulses(tuple(pulses), evidence, price)
     return best
 
 
@@ -122,14 +122,14 @@ def _strongest(survey: Survey, left: Array, times: list[Array], begins: Array, w
 
 
 def _joined(pulses: list[Pulse]) -> list[Pulse]:
-    """Those that overlap are one."""
-    found: list[Pulse] = []
-    for each in sorted(pulses, key=lambda p: (p.run, p.from_s)):
-        if found and found[-1].run == each.run and each.from_s <= found[-1].to_s:
-            found[-1] = Pulse(each.run, found[-1].from_s, max(found[-1].to_s, each.to_s))
+    """The pulses with overlapping ones merged."""
+    joined: list[Pulse] = []
+    for pulse in sorted(pulses, key=lambda p: (p.run, p.from_s)):
+        if joined and joined[-1].run == pulse.run and pulse.from_s <= joined[-1].to_s:
+            joined[-1] = Pulse(pulse.run, joined[-1].from_s, max(joined[-1].to_s, pulse.to_s))
         else:
-            found.append(each)
-    return found
+            joined.append(pulse)
+    return joined
 
 
 def _hats(survey: Survey, pulses: list[Pulse] | tuple[Pulse, ...]) -> list[Array]:

@@ -1,4 +1,4 @@
-"""How well a force of unknown shape at one port accounts for what is unexplained: its marginal likelihood.
+"""The marginal likelihood of the unexplained residual, for a force of unknown shape at one port.
 
     y = B z + s Φ w + e,   z, w ~ N(0, 1),   e ~ N(0, C(g))
 
@@ -84,7 +84,7 @@ class Weigher:
         return _Whitened(g, y, base, factor, z, log)
 
     def nothing(self) -> float:
-        """Of the base parameters alone."""
+        """The logarithm of the marginal likelihood of the base parameters alone."""
         return float(logsumexp([w.alone for w in self.whitened]) - math.log(len(self.whitened)))
 
     def evidence(self, columns: Array, positive: bool = False) -> Evidence:
@@ -92,7 +92,7 @@ class Weigher:
         return self.evidences([columns], [positive])[0]
 
     def evidences(self, columns: Sequence[Array], positive: Sequence[bool]) -> list[Evidence]:
-        """As `evidence`, of several ports: they are whitened together.
+        """As `evidence`, for several ports, which are whitened together.
 
         From the largest discrepancy down: what a port explains shows as less discrepancy, step by step, so that one
         for which a step is for the worse is followed no further."""
@@ -131,7 +131,7 @@ class Weigher:
         return Evidence(log, float(self.sizes[j]), self.whitened[i].size)
 
     def part(self, columns: Array, at: Evidence) -> Array:
-        """(samples,) the posterior mean of what the port adds."""
+        """(samples,) the posterior mean of the port's contribution."""
         w = next(w for w in self.whitened if w.size == at.discrepancy)
         phi = at.size * _with(self.survey.errors, at.discrepancy).whiten(columns)
         a = np.hstack([w.base, phi])

@@ -12,7 +12,7 @@ from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Value
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.search import TOLERANCES, Found
+from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.location.records import Gap
 from workbench.diagnose.machines import refitted_machine
 from workbench.kinds import kind_of
@@ -24,17 +24,19 @@ EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below
 STRETCHED = 4.0  # tolerances: the furthest of ten honest values lies further off once in 1,600 machines
 
 
-def gap_of(problem: Problem, found: Found, campaign: Campaign) -> Gap:
-    """The gap that is left with the base parameters as far as their tolerances allow, `found.near`.
+def gap_of(problem: Problem, search: SearchResult, campaign: Campaign) -> Gap:
+    """The gap: the residual with the base parameters refitted within their tolerances, `search.within_tolerances`.
 
-    A fit that tolerances merely hold, `found.base`, may stretch one to ten times itself and hide a gap there;
+    A fit that tolerances merely hold, `search.base`, may stretch one to ten times itself and hide a gap there;
     how far it does is the worst tolerance.
     """
-    base, near, keys = found.base, found.near, base_knobs(problem.machine, problem.runs)
+    base, near, keys = search.base, search.within_tolerances, base_knobs(problem.machine, problem.runs)
     nominal = float(np.sqrt(np.mean(problem.residuals([{}])[0][: problem.inputs] ** 2)))
     left = near.rms(problem.inputs)
     machine = refitted_machine(problem, keys, near)
-    refitted, plain = (replay_runs(each, campaign.runs, problem.band_hz) for each in (machine, problem.machine))
+    refitted, plain = (
+        replay_runs(described, campaign.runs, problem.band_hz) for described in (machine, problem.machine)
+    )
     worst = worst_tolerance(keys, base)
     excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))
     stretched = abs(worst[1]) > STRETCHED
@@ -74,7 +76,7 @@ def unit_of(machine: Hoist | Axis) -> str:
 def _sentences(gap: Gap, unit: str) -> list[str]:
     times = gap.residual_rms / gap.noise_rms
     force = "" if gap.force_rms_n is None else f", {gap.force_rms_n:.0f} N on the carriage"
-    found = [
+    sentences = [
         f"As the machine is written down, measured and predicted input differ by {gap.nominal_residual_rms:.3g} {unit} "
         f"rms below {gap.band_hz:.3g} Hz.",
         f"With the base parameters refitted within {TOLERANCES:g} tolerances {gap.residual_rms:.3g} {unit} rms remain"
@@ -84,11 +86,11 @@ def _sentences(gap: Gap, unit: str) -> list[str]:
     ]
     key, count = gap.worst_tolerance
     if abs(count) > STRETCHED:
-        found.append(
+        sentences.append(
             f"Left to itself the refit moves {key} by {abs(count):.1f} tolerances: more than an honest nominal value "
             "is off."
         )
-    found.append(
+    sentences.append(
         "There is a gap." if gap.significant else "Noise and tolerances account for what remains: no significant gap."
     )
-    return found
+    return sentences

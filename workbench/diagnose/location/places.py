@@ -1,8 +1,7 @@
 """Where an unknown cause lies: each part of the machine with its probability.
 
-Every port is weighed as the place where the unknown force enters, by the marginal likelihood of what the runs leave
-unexplained. The weights that ports have beforehand matter only
-where the runs cannot tell them apart.
+The unknown force may enter at any port. The probability of a port follows from the marginal likelihood of the
+unexplained residual and from its prior weight, which matters only between ports that the runs cannot tell apart.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ TOGETHER = 1000  # columns that are whitened at once
 
 @dataclass(frozen=True)
 class Placed:
-    """The ports weighed. places: the likeliest first. port: the best one; part: (inputs,) what it adds, N m (N).
-    pulses: the brief stretches, where that is what it is."""
+    """The probabilities of all places, the largest first. port: the best one; part: (inputs,) its contribution, N m
+    (N). pulses: the brief events, if the cause is one."""
 
     places: tuple[PlaceProbability, ...]
     port: Port
@@ -39,40 +38,40 @@ class Placed:
 
 
 def places_of(problem: Problem, fit: Fitted, seed: int = 0) -> tuple[PlaceProbability, ...]:
-    """Where what `fit`, the base parameters' own, leaves unexplained enters; probabilities sum to one."""
+    """The places where the residual of `fit`, the base parameters alone, may enter; probabilities sum to one."""
     return placed(problem, fit).places
 
 
 def placed(problem: Problem, fit: Fitted) -> Placed:
-    """As `places_of`, with the best port and its part of the gap at the problem's rows."""
+    """As `places_of`, with the best port and its part of the gap."""
     return weighed(survey_of(problem, fit))
 
 
 def weighed(survey: Survey) -> Placed:
-    """Every port weighed on a survey."""
+    """The probabilities of all ports on a survey."""
     weigher = Weigher(survey)
     best: dict[str, tuple[float, Port, Evidence]] = {}
     logs: dict[str, list[float]] = {}
     pulses = pulses_of(survey, weigher)
     brief = list(event_ports(survey, pulses)) if pulses is not None else []
-    for port, found in evidence_of(weigher, (*Ports(survey).all(), *brief)):
+    for port, evidence in evidence_of(weigher, (*Ports(survey).all(), *brief)):
         price = pulses.choices if pulses is not None and port.regime == "event" else 0.0
-        log = found.log - price + float(np.log(port.weight))
+        log = evidence.log - price + float(np.log(port.weight))
         logs.setdefault(port.subsystem, []).append(log)
         if port.subsystem not in best or log > best[port.subsystem][0]:
-            best[port.subsystem] = log, port, found
-    score = {name: float(logsumexp(each)) for name, each in logs.items()}
+            best[port.subsystem] = log, port, evidence
+    score = {name: float(logsumexp(terms)) for name, terms in logs.items()}
     total = logsumexp(list(score.values()))
     order = sorted(score, key=lambda name: -score[name])
-    _, port, found = best[order[0]]
+    _, port, evidence = best[order[0]]
     places = [PlaceProbability(name, float(np.exp(score[name] - total))) for name in order]
-    kept = [each for each in places if each.probability > SHOWN]
-    share = sum(each.probability for each in kept)
+    kept = [place for place in places if place.probability > SHOWN]
+    share = sum(place.probability for place in kept)
     return Placed(
-        places=tuple(PlaceProbability(each.subsystem, each.probability / share) for each in kept),
+        places=tuple(PlaceProbability(place.subsystem, place.probability / share) for place in kept),
         port=port,
-        part=weigher.part(port.columns, found)[: survey.inputs],
-        gain=found.log - weigher.nothing(),
+        part=weigher.part(port.columns, evidence)[: survey.inputs],
+        gain=evidence.log - weigher.nothing(),
         pulses=pulses.pulses if pulses is not None and port.regime == "event" else (),
     )
 
@@ -82,7 +81,7 @@ def evidence_of(weigher: Weigher, ports: Iterable[Port]) -> Iterator[tuple[Port,
     waiting: list[Port] = []
     for port in ports:
         waiting.append(port)
-        if sum(each.columns.shape[1] for each in waiting) >= TOGETHER:
+        if sum(queued.columns.shape[1] for queued in waiting) >= TOGETHER:
             yield from _weighed_together(weigher, waiting)
             waiting = []
     if waiting:
@@ -90,5 +89,5 @@ def evidence_of(weigher: Weigher, ports: Iterable[Port]) -> Iterator[tuple[Port,
 
 
 def _weighed_together(weigher: Weigher, ports: list[Port]) -> Iterator[tuple[Port, Evidence]]:
-    found = weigher.evidences([each.columns for each in ports], [each.positive for each in ports])
-    yield from zip(ports, found, strict=True)
+    evidences = weigher.evidences([port.columns for port in ports], [port.positive for port in ports])
+    yield from zip(ports, evidences, strict=True)

@@ -255,8 +255,8 @@ class Ports:
         # Payload.
         yield m("payload", "load", "the payload", load, 1.0)
         if len(self.loads) > 2:
-            each: Of = lambda c: load(c)[:, None] * np.array([[float(c.payload == p) for p in self.loads]])  # noqa: E731
-            yield m("payload", "load", "each payload", each, 1.0, 0.5)
+            loads: Of = lambda c: load(c)[:, None] * np.array([[float(c.payload == p) for p in self.loads]])  # noqa: E731
+            yield m("payload", "load", "each payload", loads, 1.0, 0.5)
         yield m("payload", "all", "a weight", lambda c: 1.0 + c.acceleration / g, 1.0)
         for hz in np.geomspace(0.2, 0.95 * s.band_hz, 16):
             for damping in (0.02, 0.06):

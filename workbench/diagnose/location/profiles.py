@@ -56,12 +56,12 @@ def run_of(problem: Problem) -> np.ndarray:
 
 def blocks(problem: Problem) -> np.ndarray:
     """(inputs,) two folds: every other piece of each run's time."""
-    found, at = np.empty(problem.inputs, dtype=int), times(problem)
+    halves, at = np.empty(problem.inputs, dtype=int), times(problem)
     for j in range(len(problem.runs)):
         mine = run_of(problem) == j
         t = at[mine]
-        found[mine] = ((t - t.min()) / max(float(np.ptp(t)), 1e-9) * BLOCKS * 0.999999).astype(int) % 2
-    return found
+        halves[mine] = ((t - t.min()) / max(float(np.ptp(t)), 1e-9) * BLOCKS * 0.999999).astype(int) % 2
+    return halves
 
 
 def share_of(problem: Problem, gap: Array, left: Array, seed: int) -> tuple[float, tuple[float, float]]:
@@ -92,12 +92,12 @@ def _drawn(
 
 def pieces(problem: Problem) -> np.ndarray:
     """(inputs,) which of BLOCKS pieces of which run."""
-    at, found = times(problem), np.empty(problem.inputs, dtype=int)
+    at, piece = times(problem), np.empty(problem.inputs, dtype=int)
     for j in range(len(problem.runs)):
         mine = run_of(problem) == j
         t = at[mine]
-        found[mine] = j * BLOCKS + ((t - t.min()) / max(float(np.ptp(t)), 1e-9) * BLOCKS * 0.999999).astype(int)
-    return found
+        piece[mine] = j * BLOCKS + ((t - t.min()) / max(float(np.ptp(t)), 1e-9) * BLOCKS * 0.999999).astype(int)
+    return piece
 
 
 def _ratio(gone: float, there: float) -> float:
@@ -194,5 +194,5 @@ def _bends(k: int, wraps: bool) -> Array:
 
 def best_of(explained: Sequence[Explained], margin: float = 0.03) -> Explained:
     """The one that explains most; of nearly equals the first, which is the simplest."""
-    most = max(each.share for each in explained)
-    return next(each for each in explained if each.share >= most - margin)
+    most = max(variable.share for variable in explained)
+    return next(variable for variable in explained if variable.share >= most - margin)

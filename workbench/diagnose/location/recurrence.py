@@ -28,7 +28,7 @@ def states_of(survey: Survey) -> list[Array]:
         parts[0].append(np.stack([ahead, speed / fastest, hard / max(hardest, 1e-300)], axis=1))
         parts[1].append(np.stack([ahead, np.log(gone / span + NEAREST), speed / fastest], axis=1))
         parts[2].append(np.stack([ahead, place / max(span, 1e-300) / FINE], axis=1))
-    return [np.concatenate(each) for each in parts]
+    return [np.concatenate(values) for values in parts]
 
 
 def comes_back(left: Array, mine: np.ndarray, states: list[Array]) -> bool:

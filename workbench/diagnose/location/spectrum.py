@@ -61,7 +61,9 @@ def _wave(
     share, interval = share_of(problem, gap, gap - part, seed)
     edges = np.geomspace(tried[0], tried[-1], BINS + 1)
     name, label, unit, regime = said
-    found = Explained(Variable(name, label, unit, regime, np.full(problem.inputs, best), edges), part, share, interval)
+    explained = Explained(
+        Variable(name, label, unit, regime, np.full(problem.inputs, best), edges), part, share, interval
+    )
     bins = np.clip(np.searchsorted(edges, tried, side="right") - 1, 0, BINS - 1)
     # Of each bin its best wave: a sum would count the noise of ever more frequencies, the higher they are.
     taken = np.zeros(BINS)
@@ -71,7 +73,7 @@ def _wave(
         name, f"{label}, best at {best:.3g} {unit}", unit, regime, edges, nothing, nothing,
         taken / max(float(gap @ gap), 1e-300), share, interval,
     )  # fmt: skip
-    return found, profile
+    return explained, profile
 
 
 def _tried(longest: float, highest: float) -> Array:

@@ -1,4 +1,4 @@
-"""A campaign as places are weighed on it: what the base parameters leave unexplained, and how each run went."""
+"""The data for the location of a gap: the residual of the base parameters, and the course of each run."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ class Course:
 
 @dataclass(frozen=True)
 class Survey:
-    """residual: (samples,) measured minus predicted at the nominal machine, linearly. base: (samples, m) what the base
-    parameters add to the prediction, each by one standard deviation of its tolerance.
+    """residual: (samples,) measured minus predicted at the nominal machine, linearised. base: (samples, m) the change of
+    the prediction by each base parameter, for one standard deviation of its tolerance.
 
     noise: rms of a row; errors: noise and discrepancy, as the rows are weighed. runs: the courses. inputs: rows of the
     input; behind them those of the dead line's tension, on the input's scale, where a force counts `felt` times; then,
@@ -78,19 +78,19 @@ class Survey:
 
     @property
     def gap_rms(self) -> float:
-        """Of the input's residual once the base parameters took what they can, N m (N)."""
+        """The rms of the input's residual after the base parameters are refitted, N m (N)."""
         return float(np.sqrt(np.mean(self.left[: self.inputs] ** 2)))
 
     @property
     def left(self) -> Array:
-        """(samples,) the residual with the base parameters at their best within their tolerances."""
+        """(samples,) the residual after a linear refit of the base parameters within their tolerances."""
         white = self.errors.whiten(np.column_stack([self.base, self.residual]))
         a, y = white[:, :-1], white[:, -1]
         z = np.linalg.solve(a.T @ a + np.eye(a.shape[1]), a.T @ y)
         return np.asarray(self.residual - self.base @ z, dtype=float)
 
     def shown(self, rows: Array, pull: float, sensed: bool) -> Array:
-        """(inputs, k) of an input -> (samples, k): as it shows in all that is logged.
+        """(inputs, k) of an input -> (samples, k): its effect on all logged signals.
 
         pull: of the dead line's tension, +1 for a force on the carriage. sensed: whether the input's sensor alone
         has it.

@@ -42,14 +42,14 @@ def variables(problem: Problem, gap: Array | None = None) -> list[Variable]:
 
     gap: (inputs,) measured less predicted input; with it the predicted one is among them.
     """
-    found = [_direction(problem)]
+    candidates = [_direction(problem)]
     if kind_of(problem.machine).payload:
-        found.append(_payload(problem))
-    found += [_speed(problem), _acceleration(problem), _since_start(problem), *_turns(problem), _position(problem)]
-    found += [_run_time(problem), _campaign_time(problem)]
+        candidates.append(_payload(problem))
+    candidates += [_speed(problem), _acceleration(problem), _since_start(problem), *_turns(problem), _position(problem)]
+    candidates += [_run_time(problem), _campaign_time(problem)]
     if gap is not None:
-        found.append(_input(problem, gap))
-    return [each for each in found if np.ptp(each.at) > 0.0]
+        candidates.append(_input(problem, gap))
+    return [variable for variable in candidates if np.ptp(variable.at) > 0.0]
 
 
 def forward(problem: Problem) -> np.ndarray:
@@ -148,13 +148,13 @@ def place(bench: Bench, j: int) -> Array:
 
 def _turns(problem: Problem) -> list[Variable]:
     """Angles folded to one turn, of what turned often enough for a turn to come back."""
-    kind, found = kind_of(problem.machine), []
+    kind, turns = kind_of(problem.machine), []
     for part in kind.turning:
         if part.folded is not None:
             name, label = part.folded
             angle = TURN * part.turns_per_way(problem.machine) * way(problem)
-            found += _folded(name, label, angle)
-    return found
+            turns += _folded(name, label, angle)
+    return turns
 
 
 def _folded(name: str, label: str, angle: Array) -> list[Variable]:

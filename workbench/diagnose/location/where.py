@@ -30,11 +30,11 @@ WORTH_SAYING = 0.1  # of a place's probability
 def where_of(
     problem: Problem, near: Fitted, named: Fitted | None = None, effects: Sequence[Effect] = (), seed: int = 0
 ) -> Where:
-    """Where the gap lies. near: the base parameters refitted within their tolerances, and what they leave.
+    """Where the gap lies. near: the base parameters refitted within their tolerances; the gap is its residual.
 
     named, effects: the fit of the verdict and the effects it names; the windows are then where the
     larger effect's own part of the gap lies, and subsystem and regime are those it declares. Without
-    them every port of the machine is weighed as the place where an unknown force enters.
+    them every port of the machine is a possible place of an unknown force.
     """
     profiles, best, other = _profiles(problem, near, seed)
     events: tuple[Event, ...] = ()
@@ -47,13 +47,13 @@ def where_of(
         places: tuple[PlaceProbability, ...] = (PlaceProbability(subsystem, 1.0),)
         said: tuple[str, ...] = ()
     else:
-        found = placed(problem, near)
-        gap, own = near.residual, found.part
+        most_likely = placed(problem, near)
+        gap, own = near.residual, most_likely.part
         windows = windows_of(problem, gap[: problem.inputs] ** 2 - problem.noise**2)
-        if found.pulses:
-            windows, events = _events(problem, found)
-        subsystem, regime, places = found.port.subsystem, found.port.regime, found.places
-        said = _placed(found)
+        if most_likely.pulses:
+            windows, events = _events(problem, most_likely)
+        subsystem, regime, places = most_likely.port.subsystem, most_likely.port.regime, most_likely.places
+        said = _placed(most_likely)
     torque, side = gap[: problem.inputs], side_of(problem, gap)
     left = np.where(windows.inside, torque - own, torque)
     share, interval = share_in_time(problem, torque, left, seed)
@@ -71,16 +71,16 @@ def _energy(problem: Problem, rows: Array) -> float:
 
 
 def _profiles(problem: Problem, near: Fitted, seed: int) -> tuple[list[Profile], Explained, Explained | None]:
-    """All profiles, the best first; what explains best, and next best."""
+    """All profiles, the best first; the best explanation and the next best."""
     gap, free = near.residual[: problem.inputs], free_of(problem, near)
-    found = [explain(problem, gap, v, free, seed) for v in variables(problem, gap)]
-    profiles = [profile_of(problem, gap, each, _regime(problem, gap, each)) for each in found]
+    shares = [explain(problem, gap, v, free, seed) for v in variables(problem, gap)]
+    profiles = [profile_of(problem, gap, share, _regime(problem, gap, share)) for share in shares]
     for wave in (wave_in_time(problem, gap, seed), wave_along_the_way(problem, gap, seed)):
         if wave is not None:
-            found, profiles = [*found, wave[0]], [*profiles, wave[1]]
-    best = best_of(found)
-    order = sorted(range(len(found)), key=lambda k: (found[k] is not best, -found[k].share))
-    rest = [found[k] for k in order[1:]]
+            shares, profiles = [*shares, wave[0]], [*profiles, wave[1]]
+    best = best_of(shares)
+    order = sorted(range(len(shares)), key=lambda k: (shares[k] is not best, -shares[k].share))
+    rest = [shares[k] for k in order[1:]]
     return [profiles[k] for k in order], best, rest[0] if rest else None
 
 
@@ -95,12 +95,12 @@ def free_of(problem: Problem, near: Fitted) -> Free:
     return Free(-near.jacobian[: problem.inputs], np.minimum(low, 0.0), np.maximum(high, 0.0), hold)
 
 
-def _regime(problem: Problem, gap: Array, each: Explained) -> str:
+def _regime(problem: Problem, gap: Array, explained: Explained) -> str:
     """A variable's regime; of the speed: whether its part lies where the machine creeps."""
-    if each.variable.name != "speed":
-        return each.variable.regime
-    slow = each.variable.at < CREEPING * float(np.max(each.variable.at))
-    gone = spacing(problem) * (gap**2 - (gap - each.part) ** 2)
+    if explained.variable.name != "speed":
+        return explained.variable.regime
+    slow = explained.variable.at < CREEPING * float(np.max(explained.variable.at))
+    gone = spacing(problem) * (gap**2 - (gap - explained.part) ** 2)
     return "low_speed" if float(gone[slow].sum()) > 0.5 * float(gone.sum()) > 0.0 else "speed"
 
 
@@ -114,52 +114,52 @@ def _sentences(
     said: Sequence[str], side: str, whose: str,
 ) -> list[str]:  # fmt: skip
     many = len(windows.windows)
-    found = [
+    sentences = [
         f"{100.0 * windows.held:.0f} % of {whose} lies in {many} window{'s' if many != 1 else ''} that "
         f"take{'s' if many == 1 else ''} {100.0 * windows.time:.0f} % of the time in motion.",
         f"The {best.variable.label} explains {_percent(best)} of the gap on runs it was not fitted to"
         + (f"; the {other.variable.label} {_percent(other)}." if other is not None else "."),
     ]
-    name = max(by_run, key=lambda each: by_run[each])
+    name = max(by_run, key=lambda run: by_run[run])
     even = 1.0 / len(by_run)
     if len(by_run) > 1 and by_run[name] > 2.0 * even:
-        found.append(f"Run {name} holds {100.0 * by_run[name]:.0f} % of it.")
-    found += said
+        sentences.append(f"Run {name} holds {100.0 * by_run[name]:.0f} % of it.")
+    sentences += said
     if side == "carriage":
-        found.append("The dead line's tension shows the gap too: it is on the carriage's side of the wire.")
+        sentences.append("The dead line's tension shows the gap too: it is on the carriage's side of the wire.")
     elif side == "drive":
-        found.append("The dead line's tension does not show the gap: it is on the drive's side of the wire.")
+        sentences.append("The dead line's tension does not show the gap: it is on the drive's side of the wire.")
     if best.share < EXPLAINS_LITTLE:
-        found.append("No single variable explains much of it.")
-    return found
+        sentences.append("No single variable explains much of it.")
+    return sentences
 
 
-def _events(problem: Problem, found: Placed) -> tuple[Windows, tuple[Event, ...]]:
+def _events(problem: Problem, most_likely: Placed) -> tuple[Windows, tuple[Event, ...]]:
     """The windows of the events, where their force lies, and the events."""
     at, step, run_of = times(problem), spacing(problem), problem.run_of_row[: problem.inputs]
-    energy = step * found.part**2
+    energy = step * most_likely.part**2
     inside, spans, events = np.zeros(problem.inputs, dtype=bool), [], []
-    for pulse in found.pulses:
+    for pulse in most_likely.pulses:
         mine = np.flatnonzero((run_of == pulse.run) & (at >= pulse.from_s) & (at <= pulse.to_s))
         if not len(mine):
             continue
-        strong = mine[np.abs(found.part[mine]) > EDGE * np.max(np.abs(found.part[mine]))]
+        strong = mine[np.abs(most_likely.part[mine]) > EDGE * np.max(np.abs(most_likely.part[mine]))]
         begin, end = (round(float(at[k]), 2) for k in (strong[0], strong[-1]))
         inside[strong[0] : strong[-1] + 1] = True
         name = problem.runs[pulse.run].name
         spans.append(Window(name, begin, end))
-        largest = float(found.part[mine][np.argmax(np.abs(found.part[mine]))])
+        largest = float(most_likely.part[mine][np.argmax(np.abs(most_likely.part[mine]))])
         share = float(energy[mine].sum() / max(float(energy.sum()), 1e-300))
-        events.append(Event(name, begin, end, found.port.subsystem, share, largest))
+        events.append(Event(name, begin, end, most_likely.port.subsystem, share, largest))
     held = float(energy[inside].sum() / max(float(energy.sum()), 1e-300))
     return Windows(tuple(spans), inside, held, float(step[inside].sum() / step.sum())), tuple(events)
 
 
-def _placed(found: Placed) -> tuple[str, ...]:
+def _placed(most_likely: Placed) -> tuple[str, ...]:
     """Where it most likely lies, and what else it may be."""
-    first, *rest = found.places
-    text = f"Most likely it lies in the {_part(first)}; what it depends on is {found.port.over}."
-    also = [_part(each) for each in rest if each.probability > WORTH_SAYING]
+    first, *rest = most_likely.places
+    text = f"Most likely it lies in the {_part(first)}; what it depends on is {most_likely.port.over}."
+    also = [_part(place) for place in rest if place.probability > WORTH_SAYING]
     return (text, f"It may lie in the {' or the '.join(also)}, too.") if also else (text,)
 
 
@@ -167,6 +167,6 @@ def _part(place: PlaceProbability) -> str:
     return f"{place.subsystem.replace('_', ' ')} ({100.0 * place.probability:.0f} %)"
 
 
-def _percent(each: Explained) -> str:
-    low, high = each.interval
-    return f"{100.0 * each.share:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f} %)"
+def _percent(explained: Explained) -> str:
+    low, high = explained.interval
+    return f"{100.0 * explained.share:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f} %)"

@@ -1,4 +1,4 @@
-"""Where in time most of an energy lies: windows that hold it in as little time as may be."""
+"""The shortest windows of time that hold most of an energy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ APART = 1.0  # periods: windows nearer to one another are one
 
 @dataclass(frozen=True)
 class Windows:
-    """inside: (inputs,) bool, the residuals in them. held: their part of the energy; time: of the time looked at."""
+    """inside: (inputs,) bool, the residuals in the windows. held: their share of the energy; time: their share of the
+    time."""
 
     windows: tuple[Window, ...]
     inside: np.ndarray
@@ -72,7 +73,7 @@ def _spans(
     chosen: np.ndarray, at: Array, run_of: np.ndarray, step: Array, period: float
 ) -> list[tuple[int, float, float]]:
     """(run, from, to) s, merged and at least SHORTEST long, within what the run's residuals cover."""
-    found: list[tuple[int, float, float]] = []
+    of_all_runs: list[tuple[int, float, float]] = []
     for j in np.unique(run_of):
         mine = run_of == j
         t, half = at[mine], 0.5 * float(step[mine][0])
@@ -94,8 +95,8 @@ def _spans(
                 widened[-1][1] = b
             else:
                 widened.append([a, b])
-        found += [(int(j), a, b) for a, b in widened]
-    return found
+        of_all_runs += [(int(j), a, b) for a, b in widened]
+    return of_all_runs
 
 
 def _within(spans: list[tuple[int, float, float]], at: Array, run_of: np.ndarray) -> np.ndarray:

@@ -68,20 +68,20 @@ class TableFitter:
         self.residual, self.jacobian = self.problem.evaluate(self.fitted.knobs, z)
 
     def left(self, columns: Array, fit: TableFit) -> Array:
-        """(samples,) what a table leaves, linearly."""
+        """(samples,) the residual with a table, linearised."""
         return self.residual + self.jacobian @ (fit.z - self.z) - columns @ fit.levels
 
     def _alone(self) -> Array:
-        """(groups,) sums of squares of the input's residual, by base parameters fitted without that group."""
+        """(groups,) sums of squares of the input's residual, with the base parameters fitted without that group."""
         r, x = self.fitted.residual, -self.fitted.jacobian
         hold = np.diag(1.0 / self.std**2)
         normal, right = self._normal(x, r)
-        found = []
+        costs = []
         for g in range(self.count):
             step = np.linalg.solve(normal.sum(0) - normal[g] + hold, right.sum(0) - right[g] - hold @ self.fitted.z)
             rows = np.flatnonzero(self.groups[: self.problem.inputs] == g)
-            found.append(float(np.sum((r[rows] - x[rows] @ step) ** 2)))
-        return np.array(found)
+            costs.append(float(np.sum((r[rows] - x[rows] @ step) ** 2)))
+        return np.array(costs)
 
     def fit(
         self,
@@ -96,8 +96,8 @@ class TableFitter:
     ) -> TableFit:
         """at: (points,). columns: (samples, 2 points). lever: input over force, so that sizes are right.
 
-        levels, z, residual: where a driven simulation with a table stands; from nothing by default.
-        bend: the smoothness, chosen on what is left out by default.
+        levels, z, residual: the state of a driven simulation with a table; without a table by default.
+        bend: the smoothness; by default chosen on the groups held out.
         """
         z = self.z if z is None else z
         residual = self.residual if residual is None else residual
@@ -105,12 +105,12 @@ class TableFitter:
         x = np.hstack([-self.jacobian, columns])
         normal, right = self._normal(x, residual)
         size = self.fitted.rms(self.problem.inputs) / lever
-        found = []
-        for each in BENDS if bend is None else (bend,):
-            holds = _smooth(at, turn, each * size, LOOSE * size)
-            found.append(self._solved(normal, right, holds, x, residual, z, levels, each))
-        least = min(float(fit.after.sum()) for fit in found)
-        return next(fit for fit in found if fit.after.sum() <= NEARLY * least)
+        fits = []
+        for bend_allowed in BENDS if bend is None else (bend,):
+            holds = _smooth(at, turn, bend_allowed * size, LOOSE * size)
+            fits.append(self._solved(normal, right, holds, x, residual, z, levels, bend_allowed))
+        least = min(float(fit.after.sum()) for fit in fits)
+        return next(fit for fit in fits if fit.after.sum() <= NEARLY * least)
 
     def _normal(self, x: Array, residual: Array) -> tuple[Array, Array]:
         """(groups, k, k) and (groups, k), of whitened rows."""
@@ -150,7 +150,7 @@ class TableFitter:
         )
 
     def _step(self, normal: Array, right: Array) -> Array:
-        """The least-squares step; what is logarithmic goes CAREFUL far at most, and the rest accordingly."""
+        """The least-squares step, with logarithmic parameters limited to CAREFUL and the others refitted accordingly."""
         step = np.linalg.solve(normal, right)
         far = np.flatnonzero(self.careful & (np.abs(step[: len(self.careful)]) > CAREFUL))
         if len(far):
@@ -163,8 +163,8 @@ class TableFitter:
 
 
 def _smooth(at: Array, turn: bool, bend: float, size: float) -> Array:
-    """The penalty on both ways' levels: how far each lies off the line of its neighbours against `bend`, and off zero
-    against `size`."""
+    """The penalty on the levels of both directions: the distance from the line of their neighbours over `bend`, and the
+    distance from zero over `size`."""
     m = len(at)
     rows = []
     for k in range(m) if turn else range(1, m - 1):

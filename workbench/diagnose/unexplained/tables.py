@@ -1,8 +1,8 @@
-"""Tables of force over one variable, as columns of a linear fit: what each level of each way adds to the prediction.
+"""Tables of force over one variable as columns of a linear fit, one column for each level of each direction.
 
 A force (torque) against the motion at the place where it acts, a level for each way, linear between
-the points, as `measured_correction` has it. The machine counts as stiff here; what the wire
-makes of it is left to the driven simulation.
+the points, as `measured_correction` has it. The machine is taken as stiff here; the driven simulation adds the effect
+of the wire.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ SPREAD = 0.02  # of the largest payload: payloads nearer than that are one
 
 @dataclass(frozen=True)
 class Ride:
-    """One run as it is driven: over -> (n,), and the way that guide and motor (or the axis) go, -1 to 1, (n,)."""
+    """One run. at: variable -> (n,). way: part -> direction of motion of guide and motor (or axis), -1 to 1, (n,)."""
 
     at: Mapping[str, Array]
     way: Mapping[str, Array]
 
 
 def variables_of(problem: Problem) -> tuple[Table, ...]:
-    """What a table can be over in this campaign."""
+    """The variables that a table can be over in this campaign."""
     starts = {run.start_time_s for run in problem.runs}
     payloads = [run.payload_kg for run in problem.runs]
     without = set()
@@ -44,15 +44,15 @@ def variables_of(problem: Problem) -> tuple[Table, ...]:
         without.add("campaign_time_s")
     if max(payloads) - min(payloads) <= SPREAD * max(payloads):
         without.add("payload_kg")
-    return tuple(each for each in kind_of(problem.machine).tables if each.over not in without)
+    return tuple(variable for variable in kind_of(problem.machine).tables if variable.over not in without)
 
 
 def rides_of(problem: Problem, setting: Setting) -> list[Ride]:
-    """All runs as a machine of these values goes through them."""
+    """All runs, simulated with the machine of these values."""
     bench = problem.bench
     chosen = [_of_run(bench.base[j], setting, j) for j in range(len(problem.runs))]
     predicted = bench.predict([chosen])[0]
-    kind, found = kind_of(problem.machine), []
+    kind, rides = kind_of(problem.machine), []
     for run, motion, (force, others), p in zip(problem.runs, bench.motions, predicted, chosen, strict=True):
         frame = kind.frame(run, motion.position, motion.speed, others, p)
         frame.load, _ = kind.transmitted(p, frame, force, motion.acceleration, run.payload_kg)
@@ -60,8 +60,8 @@ def rides_of(problem: Problem, setting: Setting) -> list[Ride]:
         at = {table.over: np.broadcast_to(table.of(frame, here), run.time_s.shape) for table in kind.tables}
         turned = {table.over: at[table.over] % TURN for table in kind.tables if table.turn}
         way = {acts_on: port.way(frame, here) for acts_on, port in kind.ports.items()}
-        found.append(Ride({**at, **turned}, way))
-    return found
+        rides.append(Ride({**at, **turned}, way))
+    return rides
 
 
 def _of_run(base: SimpleNamespace, setting: Setting, j: int) -> SimpleNamespace:
@@ -71,7 +71,7 @@ def _of_run(base: SimpleNamespace, setting: Setting, j: int) -> SimpleNamespace:
 
 
 def points_of(problem: Problem, rides: Sequence[Ride], variable: Table) -> Array:
-    """Where the levels of a table stand: evenly over what the runs have passed; at the payloads there were."""
+    """The points of a table: evenly over the range of the runs; for the payload, the payloads of the runs."""
     if variable.turn:
         return np.linspace(0.0, TURN, POINTS_OF_A_TURN, endpoint=False, dtype=np.float64)
     if variable.over == "payload_kg":
@@ -86,7 +86,7 @@ def points_of(problem: Problem, rides: Sequence[Ride], variable: Table) -> Array
 
 
 def columns_of(problem: Problem, rides: Sequence[Ride], variable: Table, at: Array, gain: float) -> Array:
-    """(samples, 2 points) what a level of one, first all forward, then all backward ones, adds to the prediction."""
+    """(samples, 2 points) the change of the prediction by a level of one: first all forward, then all backward."""
     input_gain = gain * lever_of(problem.machine, variable.acts_on)
     torque, tension = [], []
     for run, ride, rows in zip(problem.runs, rides, problem.rows, strict=True):
@@ -102,7 +102,7 @@ def columns_of(problem: Problem, rides: Sequence[Ride], variable: Table, at: Arr
 
 
 def hats_of(x: Array, at: Array, turn: bool) -> Array:
-    """(n, points) how much each point counts at x: linear between points, the end ones beyond them."""
+    """(n, points) the weight of each point at x: linear between points, constant beyond the ends."""
     if turn:
         closed = np.append(at, at[0] + TURN)
         x = at[0] + (x - at[0]) % TURN
@@ -110,11 +110,11 @@ def hats_of(x: Array, at: Array, turn: bool) -> Array:
         closed, x = at, np.clip(x, at[0], at[-1])
     k = np.clip(np.searchsorted(closed, x, side="right") - 1, 0, len(closed) - 2)
     share = (x - closed[k]) / (closed[k + 1] - closed[k])
-    found = np.zeros((len(x), len(at)))
+    hats = np.zeros((len(x), len(at)))
     rows = np.arange(len(x))
-    found[rows, k] = 1.0 - share
-    found[rows, (k + 1) % len(at)] += share
-    return found
+    hats[rows, k] = 1.0 - share
+    hats[rows, (k + 1) % len(at)] += share
+    return hats
 
 
 def gain_of(problem: Problem, setting: Setting) -> float:

@@ -1,4 +1,4 @@
-"""An unknown cause: what is left as curves of force over what explains it best, and a table that stands in for it.
+"""An unknown cause, described by curves of force over the variables that explain the residual best.
 
 It starts from the base parameters alone. Beside a library effect that is not the cause, the curves would
 show the cause less that effect's image, and the corrected machine would claim an effect it does not have.
@@ -57,33 +57,33 @@ def explain(problem: Problem, fitted: Fitted) -> Explained:
         raise ValueError(f"expected the base parameters' fit, got one of {', '.join(fitted.effects)}")
     tables, before = Tables(problem, fitted), fitted.rms(problem.inputs)
     alone = held_out(problem, fitted, folds_by_run(problem))
-    tried = sorted((tables.linear(each) for each in variables_of(problem)), key=lambda each: each.left)
+    tried = sorted((tables.linear(table) for table in variables_of(problem)), key=lambda table: table.left)
     if tried[0].fit.explains < USEFUL:
         return _in_vain(problem, fitted, alone, tried[0].curve())
-    tried = [tables.refined(each) for each in tried[:REFINED]] + tried[REFINED:]
-    tried.sort(key=lambda each: each.left)
-    near = [each for each in tried[:DRIVEN] if tried[0].fit.explains - each.fit.explains < NEAR]
-    best = min((tables.driven(each) for each in near), key=lambda each: each.rms)
+    tried = [tables.refined(table) for table in tried[:REFINED]] + tried[REFINED:]
+    tried.sort(key=lambda table: table.left)
+    near = [table for table in tried[:DRIVEN] if tried[0].fit.explains - table.fit.explains < NEAR]
+    best = min((tables.driven(table) for table in near), key=lambda table: table.rms)
     unseen, machines = tables.held_out(best)
     # What the stiff machine promised, the driven one has to keep.
     kept = _share(problem, alone.rms(problem.inputs), unseen.rms(problem.inputs))
     first = replace(best.curve, explains=min(kept, _share(problem, before, best.rms)))
     if first.explains < USEFUL:
         return _in_vain(problem, fitted, alone, first)
-    others = [each.curve() for each in tried if each is not best.tried and each.fit.explains > SHOWN]
+    others = [table.curve() for table in tried if table is not best.tried and table.fit.explains > SHOWN]
     curves = (first, *others)
     sentences = _sentences(problem, curves, before, best.rms, unseen.rms(problem.inputs))
     return Explained(curves, sentences, best.fitted, before, best.rms, unseen, machines)
 
 
 def _share(problem: Problem, before: float, after: float) -> float:
-    """Of the gap's energy above the noise that is gone; before, after: rms."""
+    """The share of the gap's energy above the noise that is explained. before, after: rms."""
     gap = before**2 - problem.noise**2
     return (before**2 - after**2) / gap if gap > 0.0 else 0.0
 
 
 def _in_vain(problem: Problem, fitted: Fitted, alone: HeldOut, best: Curve) -> Explained:
-    """No table is of use: the base parameters' fit stays as it is."""
+    """The result without a useful table: the base parameters' fit as it is."""
     keys, before = base_knobs(problem.machine, problem.runs), fitted.rms(problem.inputs)
     machines = tuple(refitted_machine(problem, keys, setting) for setting in alone.settings)
     sentence = (
@@ -117,7 +117,7 @@ def _sentences(
     unit = "N m" if problem.bench.plant.input.endswith("nm") else "N"
     force, kind = ("N", "force") if best.acts_on == "guide" or unit == "N" else ("N m", "torque")
     low, high = (float(f(np.concatenate([best.forward, best.backward]))) for f in (np.min, np.max))
-    found = [
+    sentences = [
         f"A {kind} at the {best.acts_on} that depends on {over_what(best.over)} explains it best: "
         f"{100.0 * best.explains:.0f} % of its energy on {_left_out(problem)}. It lies between "
         f"{span(low, high, force).replace(' to ', ' and ')} against the motion; a constant in it cannot be told from "
@@ -128,8 +128,8 @@ def _sentences(
         f"{span(float(best.at[0]), float(best.at[-1]), OVER.get(best.over, ('', ''))[1]).strip()}, and no further.",
     ]
     if len(curves) > 1 and curves[1].explains > 0.9 * best.explains:
-        found.append(
+        sentences.append(
             f"One at the {curves[1].acts_on} that depends on {over_what(curves[1].over)} explains nearly as much, "
             f"{100.0 * curves[1].explains:.0f} %."
         )
-    return tuple(found)
+    return tuple(sentences)

@@ -1,4 +1,4 @@
-"""What the variables and the levels of an unknown cause's force are called."""
+"""Words for the variables and the levels of an unknown cause's force."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """The verdict: a named cause, no gap, or a cause that no library entry explains; with probabilities.
 
-Every hypothesis has a merit: by how much its score is better than that of no effect, less what its parameters cost
-(`hypotheses/score.py`). A cause is named where one explains the gap; what it leaves counts against it by its share of
-the gap and by its size in per cent of the torque. The numbers of calibration.json were fitted on simulated campaigns,
-see docs/diagnosis.md.
+The merit of a hypothesis is the improvement of its score over that of no effect, less the cost of its parameters
+(`hypotheses/score.py`). A cause is named if it explains the gap; the remaining residual counts against it by its share
+of the gap and by its size in per cent of the torque. The numbers of calibration.json were fitted on simulated
+campaigns, see docs/diagnosis.md.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from workbench.diagnose.hypotheses.merit import SECOND, beyond, beyond_discrepan
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
-from workbench.diagnose.hypotheses.search import Found
+from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.against import against
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord
 from workbench.diagnose.verdict.stretch import stretch
@@ -53,15 +53,15 @@ CALIBRATION = Path(__file__).with_name("calibration.json")
 
 @cache
 def calibration() -> Mapping[str, float]:
-    """threshold: merit that no gap has; temperature: of merits; unknown_*: the logistic's weights."""
+    """threshold: the merit given to 'no gap'; temperature: divides merits; unknown_*: weights of the logistic function."""
     numbers: Mapping[str, float] = json.loads(CALIBRATION.read_text(encoding="utf-8"))["numbers"]
     return numbers
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis with what speaks for it. gain: by how much chi^2 and tolerances fall. merit: see above. score: with
-    the sizes of the discrepancy that it needs. rival: an effect that no answer may name unasked."""
+    """A hypothesis with its merit. gain: the fall of chi^2 and tolerances. score: at the sizes of the discrepancy that
+    fit best. rival: an unlisted effect, which no answer may name."""
 
     names: Names
     fit: Fitted
@@ -75,9 +75,9 @@ class Weighed:
 class Judged:
     """word, names: the answer. best: the best named hypothesis, also where it is not the answer.
 
-    held: the fit that the answer was judged on. left: what it leaves. floor: rms of noise and discrepancy, in the
-    input's unit: what a machine without a gap leaves. explained: share of the gap's energy. counted:
-    merits as they were ranked.
+    held: the fit whose remaining residual was judged. left: that residual. floor: rms of noise and discrepancy, the
+    residual of a machine without a gap, in the input's unit. explained: share of the gap's energy. counted: the merits
+    that were ranked.
     """
 
     word: VerdictWord
@@ -95,54 +95,54 @@ class Judged:
     counted: tuple[tuple[Names, float], ...]
 
 
-def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
-    """All fitted hypotheses, the worthiest first; and the score without any effect.
+def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
+    """All fitted hypotheses by falling merit, and the score without any effect.
 
-    Several effects are worth the best of their parts and what the last one adds. It has to add more than the
-    inexactness of the others would (`inexact`).
+    The merit of several effects is that of the best subset without one of them, plus what the last one adds beyond the
+    gain that an inexact law of the others allows (`inexact`).
     """
-    problem, none = found.problem, score_of(found.problem, found.base)
+    problem, none = search.problem, score_of(search.problem, search.base)
     kind = problem.active.kind
 
     def weighed(names: Names, score: Score, merit: float) -> Weighed:
-        rival = any(name in found.rivals for name in names)
-        return Weighed(names, found.fits[names], found.gain(names), merit, score, rival)
+        rival = any(name in search.rivals for name in names)
+        return Weighed(names, search.fits[names], search.gain(names), merit, score, rival)
 
-    scores = {names: score_of(problem, fit) for names, fit in found.fits.items()}
+    scores = {names: score_of(problem, fit) for names, fit in search.fits.items()}
     singles: dict[Names, Weighed] = {}
-    for names, fit in found.fits.items():
+    for names, fit in search.fits.items():
         if len(names) != 1:
             continue
         gain = none.value - scores[names].value
-        merit = beyond_discrepancy(problem, found.base, fit, gain) - cost(problem, len(fit.z) - len(found.base.z))
+        merit = beyond_discrepancy(problem, search.base, fit, gain) - cost(problem, len(fit.z) - len(search.base.z))
         singles[names] = weighed(names, scores[names], beyond_trace(problem, fit, names[0], merit))
-    all_weighed = {names: _not_freer(found, w, singles, kind) for names, w in singles.items()}
-    for size in range(2, max(map(len, found.fits), default=0) + 1):
+    all_weighed = {names: _not_freer(search, w, singles, kind) for names, w in singles.items()}
+    for size in range(2, max(map(len, search.fits), default=0) + 1):
         together: dict[Names, Weighed] = {}
-        for names in (names for names in found.fits if len(names) == size):
+        for names in (names for names in search.fits if len(names) == size):
             parts = (all_weighed.get(part) for part in combinations(names, size - 1))
             first = max((part for part in parts if part is not None), key=lambda w: w.merit, default=None)
             if first is not None:
-                merit = first.merit + _added(found, first, names, scores[names])
+                merit = first.merit + _added(search, first, names, scores[names])
                 together[names] = weighed(names, scores[names], merit)
-        all_weighed |= {names: _not_freer(found, w, together, kind) for names, w in together.items()}
+        all_weighed |= {names: _not_freer(search, w, together, kind) for names, w in together.items()}
     return tuple(sorted(all_weighed.values(), key=lambda w: -w.merit)), none
 
 
-def _added(found: Found, first: Weighed, names: Names, score: Score) -> float:
-    """What one more effect adds to the merit of a hypothesis."""
-    problem, fit = found.problem, found.fits[names]
+def _added(search: SearchResult, first: Weighed, names: Names, score: Score) -> float:
+    """The merit that one more effect adds to a hypothesis."""
+    problem, fit = search.problem, search.fits[names]
     gain = beyond_discrepancy(problem, first.fit, fit, first.score.value - score.value)
     prior = first.fit.prior - fit.prior
-    data = beyond(gain - prior, inexact(problem, found.near, first.fit, first.score))
+    data = beyond(gain - prior, inexact(problem, search.within_tolerances, first.fit, first.score))
     (last,) = set(names) - set(first.names)
     merit = prior + data - cost(problem, len(fit.z) - len(first.fit.z))
     return beyond_trace(problem, fit, last, merit) - calibration()["pair"]
 
 
-def _not_freer(found: Found, mine: Weighed, beside: Mapping[Names, Weighed], kind: str) -> Weighed:
-    """A law of more freedom has to be better than the simpler law of the same place and regime by FREER. What it lacks
-    of that is taken off."""
+def _not_freer(search: SearchResult, mine: Weighed, beside: Mapping[Names, Weighed], kind: str) -> Weighed:
+    """The hypothesis with a lower merit, if it is not better by FREER than a simpler law of the same place and regime.
+    The shortfall is subtracted."""
     simpler = [
         other
         for names, other in beside.items()
@@ -151,22 +151,21 @@ def _not_freer(found: Found, mine: Weighed, beside: Mapping[Names, Weighed], kin
     ]
     if not simpler:
         return mine
-    ahead = [(mine.merit - other.merit, advantage(found, mine, other)) for other in simpler]
+    ahead = [(mine.merit - other.merit, advantage(search, mine, other)) for other in simpler]
     lost = max(raw - real + min(max(FREER - real, 0.0), FREER) for raw, real in ahead)
     return replace(mine, merit=mine.merit - lost)
 
 
-def advantage(found: Found, mine: Weighed, other: Weighed) -> float:
-    """By how much a hypothesis is better than another one that it may only mend: what the tolerances say in full, what
-    the data say beyond the other one's inexactness."""
+def advantage(search: SearchResult, mine: Weighed, other: Weighed) -> float:
+    """How much better a hypothesis is than another one whose inexact law it may only correct: the difference of the
+    tolerances in full, that of the data above the other one's inexactness."""
     prior = other.fit.prior - mine.fit.prior
-    least = inexact(found.problem, found.near, other.fit, other.score)
+    least = inexact(search.problem, search.within_tolerances, other.fit, other.score)
     return prior + beyond(mine.merit - other.merit - prior, least)
 
 
 def beyond_trace(problem: Problem, fit: Fitted, name: str, merit: float) -> float:
-    """A merit without what the trace of an effect that every machine has could be worth: as much as TRACE of its
-    standard deviations would explain."""
+    """The merit less the part that an ordinary trace of the effect explains: TRACE of its standard deviations."""
     known = traces(problem.machine, problem.runs, name)
     sizes = [float(np.mean(fit.setting[symbol])) / std for symbol, std in known.items()]
     if merit <= 0.0 or not sizes:
@@ -174,22 +173,22 @@ def beyond_trace(problem: Problem, fit: Fitted, name: str, merit: float) -> floa
     return merit * max(1.0 - (TRACE / max(*sizes, TRACE)) ** 2, 0.0)
 
 
-def judge(found: Found, barred: Collection[Names] = ()) -> Judged:
+def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1.
 
     barred: hypotheses that are not to be named, whatever their merit.
     """
-    weighed, score = weigh(found)
+    weighed, score = weigh(search)
     weighed = tuple(w for w in weighed if w.names not in barred)
     best = next((w for w in weighed if not w.rival), None)
     stands = best is not None and best.merit > calibration()["threshold"]
-    held = best.fit if best is not None and stands else found.near
+    held = best.fit if best is not None and stands else search.within_tolerances
     if best is not None and stands:
         score = best.score
-    floor = math.hypot(found.problem.noise, discrepancy_rms(found.problem.with_discrepancy((1.0, 1.0))))
-    left, share = left_of(found, held, floor)
-    evidence = evidence_of(found, held, score, left, share)
-    vetoes = [w for w in weighed if w.rival and (best is None or advantage(found, w, best) > DECISIVE)]
+    floor = math.hypot(search.problem.noise, discrepancy_rms(search.problem.with_discrepancy((1.0, 1.0))))
+    left, share = left_of(search, held, floor)
+    evidence = evidence_of(search, held, score, left, share)
+    vetoes = [w for w in weighed if w.rival and (best is None or advantage(search, w, best) > DECISIVE)]
     counted = tuple(ranked_merits(weighed, vetoes))
     rows = rank(counted, evidence, calibration())
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
@@ -213,23 +212,22 @@ def judge(found: Found, barred: Collection[Names] = ()) -> Judged:
 
 
 def ranked_merits(weighed: Sequence[Weighed], vetoes: Sequence[Weighed]) -> list[tuple[Names, float]]:
-    """Merits as they are ranked. An unlisted effect that is about as good as the best listed one is alike, and no
-    veto."""
+    """The merits to be ranked. An unlisted effect that is about as good as the best listed one is left out."""
     return [(() if w.rival else w.names, w.merit) for w in weighed if not w.rival or w in vetoes]
 
 
 def input_rms(problem: Problem) -> float:
-    """Of the measured input while the machine moves, in its unit."""
+    """The rms of the measured input while the machine moves, in its unit."""
     parts = [u[rows] for u, rows in zip(problem.bench.measured, problem.rows, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
-def left_of(found: Found, held: Fitted, floor: float) -> tuple[Left, float]:
-    """What a fit leaves beyond the floor, and the share of the gap's energy that it explains."""
-    problem = found.problem
+def left_of(search: SearchResult, held: Fitted, floor: float) -> tuple[Left, float]:
+    """The residual of a fit beyond the floor, and the share of the gap's energy that the fit explains."""
+    problem = search.problem
     rms = math.sqrt(max(held.rms(problem.inputs) ** 2 - floor**2, 0.0))
     percent = 100.0 * rms / max(input_rms(problem), 1e-300)
-    gap = found.near.rms(problem.inputs) ** 2 - floor**2
+    gap = search.within_tolerances.rms(problem.inputs) ** 2 - floor**2
     share = 1.0 - rms**2 / gap if gap > 0.0 and held.effects else 0.0
     return Left(rms, percent, percent > RELEVANT_PERCENT), min(max(share, 0.0), 1.0)
 
@@ -239,9 +237,9 @@ def rank(
 ) -> tuple[Hypothesis, ...]:
     """The ranking, the answer first, from merits and the evidence for an unknown cause.
 
-    Named hypotheses share what no unknown cause takes with no gap, whose merit is the threshold;
-    merits count divided by the temperature. A merit without names speaks for an unknown cause. The answer is the
-    likeliest of the three words.
+    The logistic function of the evidence is the probability of an unknown cause. 'No gap', with the threshold as its
+    merit, and the named hypotheses share the rest in proportion to exp(merit / (2 temperature)). A merit without names
+    adds to the unknown cause. The answer is the most probable of the three words.
     """
     x = numbers["unknown_bias"] + sum(numbers[f"unknown_{name}"] * value for name, value in evidence.items())
     unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
@@ -256,14 +254,14 @@ def rank(
     total = {row.verdict: 0.0 for row in rows}
     for row in rows:
         total[row.verdict] += row.probability
-    word = max(total, key=lambda each: total[each])
+    word = max(total, key=lambda verdict: total[verdict])
     rows.sort(key=lambda row: (row.verdict != word, -row.probability))
     first, rest = rows[0], sorted(rows[1:], key=lambda row: -row.probability)
     return (first, *rest)
 
 
-def evidence_of(found: Found, held: Fitted, score: Score, left: Left, share: float) -> dict[str, float]:
-    """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
+def evidence_of(search: SearchResult, held: Fitted, score: Score, left: Left, share: float) -> dict[str, float]:
+    """The evidence for a cause outside the library; each entry is 0 without such evidence.
 
     left: the logarithm of the discrepancy that the best hypothesis needs, over the default, in full where it leaves
     MUCH of the gap's energy and more than RELEVANT_PERCENT of the input, less where it leaves less.
@@ -271,23 +269,23 @@ def evidence_of(found: Found, held: Fitted, score: Score, left: Left, share: flo
     above BY_CHANCE, and more than an inexact effect bends them. bound: an effect's value at its limit. against: how far
     two effects undo each other, above UNDONE.
     """
-    own = len(found.base.z)
+    own = len(search.base.z)
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
-    bent = SECOND**2 * explained(found.problem, found.base, held, score) if held.effects else 0.0
+    bent = SECOND**2 * explained(search.problem, search.base, held, score) if held.effects else 0.0
     return {
-        "left": open_share * unexplained(found.problem, held, left, score.excess),
-        "prior": max(stretch(found.problem, held, bent) - BY_CHANCE[bool(held.effects)], 0.0),
+        "left": open_share * unexplained(search.problem, held, left, score.excess),
+        "prior": max(stretch(search.problem, held, bent) - BY_CHANCE[bool(held.effects)], 0.0),
         "bound": float(_on_bound(held, own)),
-        "against": max(against(found.problem, held, own) - UNDONE, 0.0),
+        "against": max(against(search.problem, held, own) - UNDONE, 0.0),
     }
 
 
 def unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> float:
-    """How much what is left speaks for a cause: the logarithm of the discrepancy's excess, as far as it matters.
+    """The evidence in the remaining residual: the logarithm of the discrepancy's excess, scaled by its relevance.
 
-    An axis has ripple and resonances of its own, and near standstill its own friction. There only what is beyond OWN of
-    the largest input at speed counts, or what comes again with place or speed, or to stay, beyond OWN_AGAIN, or in a
-    few moments beyond OWN_BLOW, which no random discrepancy does.
+    An axis has ripple and resonances, and friction near standstill, that no cause explains. On an axis the residual at
+    speed counts above OWN of the largest input. A part that repeats with place or speed, or sets in and stays, counts
+    above OWN_AGAIN; a part within a few moments counts above OWN_BLOW: a random discrepancy has neither.
     """
     many = max(math.log(excess), 0.0)
     if kind_of(problem.machine).floor == "sensors":
@@ -323,7 +321,7 @@ def _reasons(
 
 
 def _on_bound(fit: Fitted, base: int) -> bool:
-    """An effect's value at its upper bound, or at a lower one that is not where it vanishes."""
+    """Whether an effect's value is at its upper bound, or at a lower bound where the effect does not vanish."""
     at = 0
     for knob in fit.knobs:
         for low, high in zip(knob.lowest, knob.highest, strict=True):
@@ -354,24 +352,24 @@ def alike(judged: Judged, kind: str, within: float = 12.0) -> tuple[str, ...]:
 
 
 def twins(judged: Judged, also: Names) -> Names:
-    """Of what these runs cannot tell from the answer, what differs from it in name only."""
+    """Those of the effects alike that have the same merit as the answer: they differ from it in name only."""
     merits = {w.names: w.merit for w in judged.weighed}
     return tuple(name for name in also if abs(merits[(name,)] - merits[judged.names]) < SAME)
 
 
 def steps(judged: Judged, inputs: int) -> tuple[Step, ...]:
-    """How a named answer was come to, one effect after the other. inputs: rows of the residual that are the input's."""
+    """The steps to a named answer, one effect more in each. inputs: rows of the residual that are the input's."""
     known = {w.names: w for w in judged.weighed}
-    found: list[Step] = []
+    ladder: list[Step] = []
     names = judged.names
     while names in known:
-        found.insert(0, Step(names, known[names].merit, known[names].fit.rms(inputs)))
+        ladder.insert(0, Step(names, known[names].merit, known[names].fit.rms(inputs)))
         parts = [part for part in combinations(names, len(names) - 1) if part in known]
         names = max(parts, key=lambda part: known[part].merit, default=())
-    return tuple(found)
+    return tuple(ladder)
 
 
 def same_but_freer(freer: str, simpler: str, kind: str) -> bool:
-    """Whether an effect is of the same place and regime as another, with more freedom: no other cause."""
+    """Whether an effect has the place and regime of another one and more parameters: the same cause by a freer law."""
     a, b = find(freer, kind), find(simpler, kind)
     return len(a.parameters) > len(b.parameters) and (a.subsystem(kind), a.regime) == (b.subsystem(kind), b.regime)

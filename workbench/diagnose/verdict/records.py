@@ -1,4 +1,4 @@
-"""The answer, the hypotheses it was chosen from, and what speaks against it."""
+"""Records of the answer, the hypotheses it was chosen from, and the reasons against it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ VerdictWord = Literal["named", "no_gap", "unknown"]
 
 
 class ReasonKind(Enum):
-    """What speaks against the best named hypothesis."""
+    """Reasons against the best named hypothesis."""
 
     UNLISTED_EXPLAINS_MORE = "unlisted_explains_more"
     LEAVES_MUCH = "leaves_much"
@@ -34,8 +34,8 @@ class Reason:
 
 @dataclass(frozen=True)
 class Left:
-    """What the answer leaves beyond noise and discrepancy: rms, N m (N); per cent of the input's rms; whether that
-    changes a conclusion of a study."""
+    """The residual of the answer beyond noise and discrepancy: rms, N m (N); per cent of the input's rms; relevant:
+    whether it can change a conclusion of a study."""
 
     rms: float
     percent_of_input: float
@@ -44,10 +44,10 @@ class Left:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One hypothesis weighed. gain: by how much it lowers chi^2 and tolerances together; merit: less what it costs.
+    """One hypothesis with its merit. gain: the fall of chi^2 and tolerances together; merit: the gain less the cost.
 
     residual_rms, held_out_rms: N m (N); held_out_rms is None for what was not fitted. explained: share of the gap's
-    energy. against: what speaks against it. failure: why its fit broke down, "" for one that did not.
+    energy. against: the reasons against it. failure: why its fit broke down, "" for one that did not.
     """
 
     effects: Names
@@ -73,8 +73,8 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Step:
-    """One effect more on the way to an answer. merit: of these effects; left_rms: what they leave, in the input's
-    unit."""
+    """One step to an answer, with one effect more. merit: of these effects; left_rms: the rms of their residual, in the
+    input's unit."""
 
     effects: Names
     merit: float
@@ -83,8 +83,8 @@ class Step:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer. alike: what this campaign cannot tell from it. sentence: the answer in one sentence. steps: how an
-    answer was come to, one effect after the other. twins: of alike, what differs from the answer in name only."""
+    """The answer. alike: effects that this campaign cannot tell from it. sentence: the answer in one sentence. steps:
+    the steps to it, one effect more in each. twins: those of alike that differ from the answer in name only."""
 
     word: VerdictWord
     effects: Names

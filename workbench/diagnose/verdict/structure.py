@@ -1,7 +1,7 @@
-"""What speaks for a cause in what a fit leaves: what comes again, what comes all at once, and what comes to stay.
+"""Structure in the residual that points to a cause: repeated, sudden or lasting parts.
 
-A machine of its own leaves something that no lumped model has: a resonance, a controller's cycle, wear that shifts. A
-cause comes again where the machine is in the same state; or it is a blow, in a few moments of the runs; or friction
+Every real machine leaves a residual that no lumped model has: resonances, a controller's cycle, slow wear. A cause
+shows as a residual that repeats in the same state of the machine, as a blow within a few moments, or as friction that
 changes its level at one moment of a run and keeps it.
 """
 
