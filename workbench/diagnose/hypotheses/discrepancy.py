@@ -1,7 +1,7 @@
-"""How large a machine's discrepancy is: the share of torque that a lumped model of it may miss and still be right.
+"""The size of a machine's discrepancy: the share of torque that a correct lumped model may still miss.
 
-`Kind.discrepancy` has the defaults: round numbers, set on simulated machines without a gap that are larger than their
-sensors' noise hides. A campaign's own sizes are estimated beside them, as factors with log-normal priors (`SPREAD`): of
+`Kind.discrepancy` has the defaults: round numbers, set on simulated machines without a gap and larger than sensor
+noise would hide. A campaign's own sizes are estimated beside them, as factors with log-normal priors (`SPREAD`): of
 the whole, and of the part near standstill, where no law of friction is exact.
 """
 

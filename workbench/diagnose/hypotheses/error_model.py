@@ -1,13 +1,13 @@
-"""What a residual may hold although its hypothesis is right: measurement noise, and the model's own discrepancy.
+"""The error model of a residual under a correct hypothesis: measurement noise and the model's discrepancy.
 
     r_i = d_i x_i + s_i e_i,    x_i = rho_i x_(i-1) + sqrt(1 - rho_i^2) w_i,    e_i, w_i independent, N(0, 1)
 
 s_i is the noise of a row, taken as independent. d_i is the discrepancy: no lumped model of a large machine is exact,
-and what it misses grows with the torque, with the torque that accelerates, and near standstill; it hangs together over
-a correlation time T: rho_i = exp(-(t_i - t_(i-1)) / T), 0 at the beginning of a run (M. Kennedy, A. O'Hagan, Bayesian
-Calibration of Computer Models, Journal of the Royal Statistical Society B 63, 2001; the process is Ornstein's and
-Uhlenbeck's). Its innovations are independent, and the Kalman filter of the one state x gives them: `whiten` divides
-each by its standard deviation, so that sums of squares of what it returns are generalised least squares.
+and its error grows with the torque, with the accelerating torque, and near standstill. It is correlated over a time T:
+rho_i = exp(-(t_i - t_(i-1)) / T), 0 at the beginning of a run (M. Kennedy, A. O'Hagan, Bayesian Calibration of
+Computer Models, Journal of the Royal Statistical Society B 63, 2001; the process is Ornstein's and Uhlenbeck's). Its
+innovations are independent, and the Kalman filter of the one state x gives them: `whiten` divides each by its standard
+deviation, so that sums of squares of what it returns are generalised least squares.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ STEP = 1e-4  # of z, for the values' slopes
 
 
 def covariance(problem: Problem, fit: Fitted, interval: float) -> Array:
-    """Of z: (m, m). A model that leaves more than the noise is believed less, in proportion;
-    and standard errors are `interval` times as wide, the factor that made them honest on simulated campaigns."""
+    """The covariance of z, (m, m). It grows in proportion to a residual above the noise. Standard errors are widened by
+    `interval`, the factor that gives them the right coverage on simulated campaigns."""
     _, _, std = bounds_of(fit.knobs)
     white = problem.errors.whiten(fit.jacobian)
     information = white.T @ white + np.diag(1.0 / std**2)

@@ -19,7 +19,7 @@ from workbench.run import Array
 
 @dataclass(frozen=True)
 class Fitted:
-    """One hypothesis at its best. effects: ids. z: base first. residual, jacobian: there.
+    """The fit of one hypothesis. effects: ids. z: at the minimum, base parameters first. residual, jacobian: at z.
 
     chi2: of the data, whitened (`ErrorModel`); prior: of the base parameters in tolerances.
     """
@@ -56,7 +56,7 @@ def fit_knobs(
     base: int = 0,
     known: Array | None = None,
 ) -> Fitted:
-    """The least of chi^2 and prior from z on, in at most about `most` evaluations.
+    """The minimum of chi^2 and prior, started at z, in at most about `most` evaluations.
 
     base: how many of the first z are the base parameters'. Their signatures hardly change on
     the way, so they are differenced anew only every few steps; all but those of friction near standstill

@@ -1,4 +1,4 @@
-"""The campaign as a fit sees it: residuals of the local balance for any setting of base values and effects."""
+"""The residuals of a campaign's local balance for any setting of base values and effects."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SENSOR_KEYS = (GAIN, OFFSET, TENSION_GAIN)
 
 
 class Problem:
-    """Measured minus predicted input of all runs while the machine moves, thinned to what is new.
+    """Measured minus predicted input of all runs while the machine moves, thinned to nearly independent samples.
 
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
     independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit.
@@ -80,7 +80,7 @@ class Problem:
         return error_model(self.bench, self.rows, self.noise, self.share, tension)
 
     def noisier(self, noise: float) -> Problem:
-        """The same campaign with further noise, rms in the band, independent of the one it has."""
+        """The same campaign with further noise, rms in the band, independent of its own."""
         beside = copy(self)
         beside.noise = math.hypot(self.noise, noise)
         beside.errors = beside._errors().sized(self.errors.sizes)
@@ -94,7 +94,7 @@ class Problem:
 
     @property
     def samples(self) -> int:
-        """How many residuals there are."""
+        """The number of residuals."""
         return len(self.run_of_row)
 
     def residuals(self, settings: Sequence[Setting]) -> Array:

@@ -135,7 +135,7 @@ class _Way:
 
 
 class Search:
-    """One campaign's search. `base` holds the knobs of the base parameters, which every fit has first, in this order."""
+    """One campaign's search. base: the knobs of the base parameters, which every fit has first, in this order."""
 
     def __init__(
         self,
@@ -477,7 +477,7 @@ class Search:
         return fit_knobs(self.problem, names, knobs, z, FIRST_ROUND, self.count)
 
     def _aside(self, at: Fitted, taken: Array, *atoms: Atom) -> Array:
-        """z of the fit's own parameters, refitted linearly after effects have taken `taken` (samples,) off the residual."""
+        """z of the fit's own parameters, refitted linearly after effects have taken `taken`, (samples,), off it."""
         delay = self.problem.late in {r.symbol for atom in atoms for r in atom.amounts}
         return stepped_aside(self.problem, at, taken, delay)
 

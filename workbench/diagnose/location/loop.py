@@ -1,12 +1,12 @@
-"""What the drive's own control loop says of the logged input: whether it asked for the force that the log shows.
+"""Whether the drive's control loop asked for the logged input: a test for errors of the input's sensor.
 
 A force on the machine disturbs the motion, and the loop answers it: the input follows the control error. An error of
 the input's sensor disturbs nothing. With the reference logged, the input of a linear loop is
 
     u + k₀ u̇ = k₁ e + k₂ ∫e dt + k₃ ∫∫e dt² + k₄ ė + k₅ r + k₆ ṙ + k₇ r̈ + c + d t,   e = r − y
 
-whatever its gains are and however late it is; c and d are each run's own (weight, drift). What u leaves is the
-sensor's, or the loop is not linear: then it leaves much everywhere and says little.
+for any gains and any delay; c and d belong to each run (weight, drift). The residual of this fit is the sensor's error,
+unless the loop is not linear: then the residual is large everywhere and carries little weight.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Loop:
 
 
 def loop_of(problem: Problem) -> Loop | None:
-    """None where a run has no reference, or what it follows."""
+    """None if a run lacks the reference or the signal that follows it."""
     reference, follows = kind_of(problem.machine).reference
     if not all(reference in run and follows in run for run in problem.bench.runs):
         return None
@@ -82,7 +82,7 @@ def _robust(columns: Array, y: Array) -> Array:
 
 
 def _independent(problem: Problem, residual: Array) -> float:
-    """The standard deviation of a row that makes means over a block as uncertain as they are, were rows independent."""
+    """The standard deviation of a row that would give the observed scatter of block means if rows were independent."""
     means, lengths, at = [], [], 0
     for run, rows in zip(problem.bench.runs, problem.rows, strict=True):
         mine, t = residual[at : at + len(rows)], run.time_s[rows]

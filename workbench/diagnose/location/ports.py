@@ -1,8 +1,8 @@
 """The ports of a machine where an unknown force may enter, and what that force may depend on.
 
-Each is a linear model of the residual: columns of basis functions, scaled to an rms of one. What a port is known by
-is what its force is multiplied with: the way (friction turns over with it, a weight does not), the mass on the wire,
-the torque that is transmitted, the accelerations; and what it repeats over: heights, angles, clocks.
+A port is a linear model of the residual: columns of basis functions, scaled to an rms of one. Ports differ by the
+factor of their force (direction of motion for friction, mass on the wire, transmitted torque, accelerations) and by the
+variable that the force repeats over (height, angle, time).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ Of = Callable[[Course], Array]
 
 @dataclass(frozen=True)
 class Port:
-    """columns: (samples, k). over: what it depends on, in words. weight: prior, before it is shared among places.
-    positive: whether its amounts cannot be negative, all in all."""
+    """columns: (samples, k). over: the variable of its force, in words. weight: prior, before places share it.
+    positive: whether the sum of its amounts cannot be negative."""
 
     subsystem: str
     regime: str
@@ -35,7 +35,7 @@ class Port:
 
 
 class Ports:
-    """Of one survey."""
+    """All ports of one survey."""
 
     def __init__(self, survey: Survey) -> None:
         self.survey = survey
@@ -48,8 +48,8 @@ class Ports:
         self, subsystem: str, regime: str, over: str, of: Of, pull: float = 0.0, weight: float = 1.0,
         positive: bool = False, own: bool = False,
     ) -> Port | None:  # fmt: skip
-        """`of` a course: (n,) or (n, k). pull: of the dead line's tension, +1 for a force on the carriage. own: whether
-        each run has amounts of its own."""
+        """The port of a function `of` a course, (n,) or (n, k). pull: of the dead line's tension, +1 for a force on the
+        carriage. own: whether every run has amounts of its own."""
         parts = []
         for c in self.survey.runs:
             part = np.asarray(of(c), dtype=float)
@@ -85,7 +85,7 @@ class Ports:
         return lambda c: c.way * np.exp(-((self.u(c) / low) ** 2))
 
     def squared(self, line: float) -> Of:
-        """Drag over the speed squared, and a little in proportion to it beside."""
+        """Drag in proportion to the speed squared, with a small linear part."""
 
         def drag(c: Course) -> Array:
             u = self.u(c)
@@ -94,7 +94,7 @@ class Ports:
         return drag
 
     def ways(self, of: Of) -> Of:
-        """A function of each way its own."""
+        """A function with amounts of its own for each direction."""
 
         def both(c: Course) -> Array:
             x = of(c)
@@ -105,7 +105,7 @@ class Ports:
         return both
 
     def curve(self, x: Of, low: float, high: float, length: float) -> Of:
-        """A smooth function of x: a Gaussian process of the length scale given, of the range."""
+        """A smooth function of x: a Gaussian process with the length scale given as a share of the range."""
         knots = np.linspace(0.0, 1.0, max(4, math.ceil(2.0 / length) + 1))
         root = _root(knots, length)
         return lambda c: hats((x(c) - low) / (high - low), knots) @ root
@@ -158,7 +158,7 @@ class Ports:
         return lambda c: np.hstack([f(TURN * np.outer(c.time, hz)) for f in (np.cos, np.sin)])
 
     def swinging(self, hz: float, damping: float, heaviest: float) -> Of:
-        """What hangs softly lags behind and swings: relative acceleration of a mass on a spring under the carriage's.
+        """A load that hangs softly lags and swings: the relative acceleration of a mass on a spring under the carriage.
 
         hz: of the heaviest load; a lighter one on the same spring swings faster.
         """
@@ -317,7 +317,7 @@ class Ports:
         yield from self._sensors()
 
     def _sensors(self) -> Iterator[Port | None]:
-        """What the logs may show of themselves."""
+        """Errors of the sensors, which no force causes."""
         m, runs = self.made, self.survey.runs
         torque: Of = lambda c: c.torque  # noqa: E731
         yield m("torque_sensor", "all", "the torque", torque)
@@ -381,7 +381,7 @@ def hats(x: Array, knots: Array) -> Array:
 
 
 def play(x: Array, band: float) -> Array:
-    """What a sensor shows that keeps its last value until x has gone further than a band."""
+    """The output of a sensor that keeps its last value until x has left a band around it."""
     out, last = np.empty_like(x), float(x[0])
     for i, value in enumerate(x):
         if abs(value - last) > band:
@@ -391,7 +391,8 @@ def play(x: Array, band: float) -> Array:
 
 
 def _lag(acceleration: Array, step: float, w: float, damping: float) -> Array:
-    """What a mass on a spring asks of its support beyond a fixed one, over its mass, m/s²: −s²/(s² + 2ζws + w²) a."""
+    """The force of a sprung mass on its support beyond that of a fixed one, over its mass, m/s²:
+    −s²/(s² + 2ζws + w²) a."""
     n = 2 * len(acceleration)
     iw = TURN * 1j * np.fft.rfftfreq(n, step)
     gain = -(iw**2) / (iw**2 + 2.0 * damping * w * iw + w * w)

@@ -1,4 +1,4 @@
-"""How much of the gap a function of one variable, one for each direction, takes away from runs it has not seen."""
+"""The share of the gap that a function of one variable explains on held-out runs, one function per direction."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LEAST_RUNS = 3  # to hold out one
 
 @dataclass(frozen=True)
 class Free:
-    """What the base parameters may still add beside a profile: columns (inputs, m) of the prediction per z.
+    """The freedom of the base parameters beside a profile. columns: (inputs, m) of the prediction per z.
 
     low, high: (m,) how far each z may still go; hold: (m,) one over its tolerance, on the residual's scale.
     """
@@ -33,7 +33,7 @@ class Free:
 
 @dataclass(frozen=True)
 class Explained:
-    """One variable's part: (inputs,) of the gap, each run's from the other runs."""
+    """One variable's part of the gap, (inputs,), each run predicted from the other runs."""
 
     variable: Variable
     part: Array
@@ -65,7 +65,7 @@ def blocks(problem: Problem) -> np.ndarray:
 
 
 def share_of(problem: Problem, gap: Array, left: Array, seed: int) -> tuple[float, tuple[float, float]]:
-    """What of the gap's energy beyond noise is gone in `left`, and a 90 % interval of it, a bootstrap.
+    """The share of the gap's energy beyond noise that is not in `left`, and its 90 % interval by a bootstrap.
 
     Over runs; over pieces of time where there are fewer than three of them.
     """
@@ -73,7 +73,7 @@ def share_of(problem: Problem, gap: Array, left: Array, seed: int) -> tuple[floa
 
 
 def share_in_time(problem: Problem, gap: Array, left: Array, seed: int) -> tuple[float, tuple[float, float]]:
-    """As `share_of`, over pieces of every run's time: of what lies in windows, not of what carries over to new runs."""
+    """As `share_of`, by a bootstrap over pieces of time: for windows, which do not carry over to new runs."""
     return _drawn(problem, gap, left, seed, pieces(problem))
 
 
@@ -105,7 +105,7 @@ def _ratio(gone: float, there: float) -> float:
 
 
 def profile_of(problem: Problem, gap: Array, explained: Explained, regime: str) -> Profile:
-    """The gap in the variable's bins, as it is."""
+    """The mean gap in the bins of a variable."""
     v, ahead, k = explained.variable, forward(problem), len(explained.variable.edges) - 1
     bins = np.clip(np.searchsorted(v.edges, v.at, side="right") - 1, 0, k - 1)
     energy = np.bincount(bins, spacing(problem) * gap**2, k)
@@ -123,9 +123,9 @@ def _means(bins: np.ndarray, values: Array, k: int) -> Array:
 
 
 def held_out(gap: Array, columns: Array, bend: Array, free: Free, folds: np.ndarray) -> Array:
-    """(inputs,) what `columns` and the base explain of each fold, fitted to the others.
+    """(inputs,) the prediction of each fold by `columns` and the base, fitted to the other folds.
 
-    bend: (k, k) what a rough set of amounts costs.
+    bend: (k, k) the penalty on rough amounts.
     """
     a = np.hstack([columns, free.columns])
     k, m = columns.shape[1], free.columns.shape[1]
@@ -161,7 +161,7 @@ def _bounded(gram: Array, pull: Array, low: Array, high: Array) -> Array:
 
 
 def _basis(problem: Problem, v: Variable) -> tuple[Array, Array]:
-    """(inputs, k) columns of a function of the variable for each direction, and what its bends cost."""
+    """(inputs, k) columns of a function of the variable for each direction, and the penalty on its bends."""
     ahead = forward(problem)
     if v.name == "direction":
         return np.stack([ahead, ~ahead], axis=1).astype(float), np.zeros((2, 2))
@@ -193,6 +193,6 @@ def _bends(k: int, wraps: bool) -> Array:
 
 
 def best_of(explained: Sequence[Explained], margin: float = 0.03) -> Explained:
-    """The one that explains most; of nearly equals the first, which is the simplest."""
+    """The variable that explains most; among nearly equal ones the first, which is the simplest."""
     most = max(variable.share for variable in explained)
     return next(variable for variable in explained if variable.share >= most - margin)

@@ -1,4 +1,4 @@
-"""Whether what a stretch of a run leaves comes back with the state of the machine: then it is no event."""
+"""Whether the residual of a stretch comes back in the same state of the machine: then it is no event."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ NEAREST = 1e-4  # of that range: a reversal's own place
 
 
 def states_of(survey: Survey) -> list[Array]:
-    """Each (inputs, k): what may make a force come back, every column of the order of one. Speed with acceleration;
-    the way since the last reversal; the place: each with the direction."""
+    """Sets of state variables, (inputs, k) each and scaled to the order of one, with which a force may come back.
+    Speed with acceleration; the way since the last reversal; the place: each with the direction."""
     parts: list[list[Array]] = [[], [], []]
     fastest = max(float(np.max(np.abs(c.speed))) for c in survey.runs)
     hardest = max(float(np.max(np.abs(c.acceleration))) for c in survey.runs)
@@ -32,8 +32,8 @@ def states_of(survey: Survey) -> list[Array]:
 
 
 def comes_back(left: Array, mine: np.ndarray, states: list[Array]) -> bool:
-    """Whether what is left in a stretch, `mine`, is there again whenever the machine is in the same state: the mean of
-    the nearest states outside takes RECURS of its energy away."""
+    """Whether the residual in a stretch, `mine`, comes back in the same state of the machine: the mean over the nearest
+    states outside removes RECURS of its energy."""
     inside, outside = np.flatnonzero(mine), np.flatnonzero(~mine)
     if not len(inside) or len(outside) <= NEIGHBOURS:
         return False

@@ -12,7 +12,7 @@ DRIVE, CARRIAGE = 0.4, 0.6  # of the pull that a force on the carriage would mak
 
 
 def side_of(problem: Problem, gap: Array) -> str:
-    """drive or carriage, from whether the dead line feels the force that the torque misses; else unsaid.
+    """drive or carriage, by whether the dead line's tension shows the gap of the torque; else unsaid.
 
     A force on the carriage shows as half of itself in each fall: T = i R W.
     """

@@ -1,4 +1,4 @@
-"""The gap over frequency, in time and along the way: how it is spread, and what one steady wave takes away."""
+"""The spectrum of the gap, over time and along the travel, and the share of it that one steady wave explains."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def wave_in_time(problem: Problem, gap: Array, seed: int) -> tuple[Explained, Pr
 
 
 def wave_along_the_way(problem: Problem, gap: Array, seed: int) -> tuple[Explained, Profile] | None:
-    """The one wave over the carriage's height (the axis' position) that explains most of the gap, each way its own.
+    """The wave over the carriage's height (the axis' position) that explains most of the gap, one for each direction.
 
-    What turns comes back so: motor, drum, a roller. The phase is each run's own, for a motor turns often
-    within what the height is known to.
+    Rotating parts repeat so: motor, drum, a roller. Every run has its own phase, because a motor turns many times
+    within the uncertainty of the height.
     """
     at, runs = way(problem), run_of(problem)
     longest = max(float(np.ptp(at[runs == j])) for j in np.unique(runs))
@@ -46,9 +46,9 @@ def wave_along_the_way(problem: Problem, gap: Array, seed: int) -> tuple[Explain
 def _wave(
     problem: Problem, gap: Array, seed: int, at: Array, tried: Array, said: tuple[str, str, str, str], each_way: bool
 ) -> tuple[Explained, Profile]:
-    """One frequency for all runs, amplitude and phase of each run (and way) its own.
+    """One frequency for all runs; amplitude and phase for each run (and direction).
 
-    Fitted to every other piece of time, judged on the rest: a wave goes on, a burst does not.
+    Fitted to every other piece of time and judged on the rest: a wave continues, a burst does not.
     """
     groups = [run_of(problem) == j for j in range(len(problem.runs))]
     if each_way:
@@ -85,7 +85,7 @@ def _tried(longest: float, highest: float) -> Array:
 
 
 def _taken(gap: Array, at: Array, tried: Array) -> Array:
-    """What a wave of every frequency takes of the energy: least squares with two amounts, at times of any spacing.
+    """The energy that a wave of each frequency explains: least squares with two amounts, at times of any spacing.
 
     The sums over all samples are Fourier transforms, of the samples put on a fine grid.
     """

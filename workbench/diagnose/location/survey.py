@@ -25,7 +25,7 @@ LOUD = 4.0  # of the input's noise: a loop that leaves no more is as good as lin
 
 @dataclass(frozen=True)
 class Course:
-    """One run as the fitted machine goes through it, thinned: all arrays (n,), SI.
+    """One run, simulated with the fitted machine and thinned: all arrays (n,), SI.
 
     way: sign of the speed of carriage (axis), turning over as its friction does. speed, acceleration, position:
     of carriage (axis). turn, turn_rate: of the motor (axis), rad (m). torque: the input that the motion takes; carried:
@@ -52,8 +52,8 @@ class Course:
 
 @dataclass(frozen=True)
 class Survey:
-    """residual: (samples,) measured minus predicted at the nominal machine, linearised. base: (samples, m) the change of
-    the prediction by each base parameter, for one standard deviation of its tolerance.
+    """residual: (samples,) measured minus predicted at the nominal machine, linearised. base: (samples, m) the change
+    of the prediction by each base parameter, for one standard deviation of its tolerance.
 
     noise: rms of a row; errors: noise and discrepancy, as the rows are weighed. runs: the courses. inputs: rows of the
     input; behind them those of the dead line's tension, on the input's scale, where a force counts `felt` times; then,

@@ -1,4 +1,4 @@
-"""What the gap is looked at over: speed, height, payload and the others, at every residual of the input."""
+"""The variables that the gap may depend on: speed, height, payload and others, at every residual of the input."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ START_EDGES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)  # periods of the b
 class Variable:
     """at: (inputs,) its value at every residual of the input. edges: (k + 1,) of its bins.
 
-    wraps: the last bin joins the first, a turn. straight: few values only, between which nothing but a line is known.
+    wraps: the last bin joins the first, a turn. straight: few values only, with straight lines between them.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Variable:
 
 
 def variables(problem: Problem, gap: Array | None = None) -> list[Variable]:
-    """All that these runs vary, the simpler explanation first.
+    """All variables that these runs vary, the simplest explanation first.
 
     gap: (inputs,) measured less predicted input; with it the predicted one is among them.
     """
@@ -58,7 +58,7 @@ def forward(problem: Problem) -> np.ndarray:
 
 
 def of_rows(problem: Problem, of_run: Callable[[Bench, int], Array]) -> Array:
-    """A series of each run, as of_run gives it, (n,), at the residuals of the input: (inputs,)."""
+    """The series of all runs, (n,) each from of_run, at the residuals of the input: (inputs,)."""
     return np.concatenate([of_run(problem.bench, j)[rows] for j, rows in enumerate(problem.rows)])
 
 
@@ -68,7 +68,7 @@ def times(problem: Problem) -> Array:
 
 
 def spacing(problem: Problem) -> Array:
-    """(inputs,) s: how much time one residual stands for."""
+    """(inputs,) s: the time between a residual and the next."""
     steps = [float(np.median(np.diff(run.time_s))) for run in problem.runs]
     strides = [int(np.min(np.diff(rows))) if len(rows) > 1 else 1 for rows in problem.rows]
     return np.repeat(np.multiply(steps, strides), problem.run_lengths)
@@ -113,7 +113,7 @@ def _acceleration(problem: Problem) -> Variable:
 
 
 def _since_start(problem: Problem) -> Variable:
-    """Counted from where the machine last came out of rest, or from the run's beginning."""
+    """Time since the machine last started from rest, or since the run's beginning."""
 
     def since(b: Bench, j: int) -> Array:
         t, going = b.runs[j].time_s, b.moving[j]
@@ -141,13 +141,13 @@ def _position(problem: Problem) -> Variable:
 
 
 def place(bench: Bench, j: int) -> Array:
-    """(n,) where what moves is, m or rad: a carriage on a wire that does not stretch."""
+    """(n,) position of the carriage (on an inextensible wire) or of the axis, m or rad."""
     kind = kind_of(bench.machine)
     return kind.place_of(bench.machine, bench.runs[j].start_position_m, bench.motions[j].position)
 
 
 def _turns(problem: Problem) -> list[Variable]:
-    """Angles folded to one turn, of what turned often enough for a turn to come back."""
+    """Angles folded to one turn, of the parts that turned often enough."""
     kind, turns = kind_of(problem.machine), []
     for part in kind.turning:
         if part.folded is not None:
@@ -165,7 +165,7 @@ def _folded(name: str, label: str, angle: Array) -> list[Variable]:
 
 
 def _input(problem: Problem, gap: Array) -> Variable:
-    """The input that the motion takes as predicted: the measured one holds the gap itself."""
+    """The predicted input of the motion; the measured one contains the gap itself."""
     drive = kind_of(problem.machine).drive
     at = of_rows(problem, lambda b, j: b.measured[j]) - gap
     return Variable("input", f"{drive.quantity} that the motion takes", drive.unit, "load", at, _even(at, 10))

@@ -1,4 +1,4 @@
-"""Tables beside the base parameters in the driven simulation: with the wire, the rests, a file's rounding."""
+"""Tables and base parameters in the driven simulation, which includes the wire, the rests and a file's rounding."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Tried:
 
     @property
     def left(self) -> float:
-        """What it leaves where it was not fitted, a sum of squares."""
+        """The sum of squares of its residual on the groups held out."""
         return float(self.fit.after.sum())
 
     def curve(self, levels: Array | None = None) -> Curve:
@@ -55,7 +55,7 @@ class Tried:
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """A table in the driven simulation. last: the linear fit there; fitted: the base values beside the table."""
+    """A table in the driven simulation. last: the linear fit there; fitted: the base values fitted with the table."""
 
     tried: Tried
     last: TableFit
@@ -91,7 +91,7 @@ class Tables:
         return Tried(variable, at, columns, lever, self.fitter.fit(at, columns, variable.turn, lever))
 
     def refined(self, tried: Tried) -> Tried:
-        """The points where they say most: close around a step, wide on a line; as it was where that is no better."""
+        """The table with its points moved: close together at a step, far apart on a line. Unchanged if not better."""
         if tried.variable.turn or tried.variable.over == "payload_kg":
             return tried
         fine = np.linspace(tried.at[0], tried.at[-1], FINER * (len(tried.at) - 1) + 1)
@@ -101,7 +101,7 @@ class Tables:
         return again if again.left < WORTH_REFINING * tried.left else tried
 
     def driven(self, tried: Tried) -> Driven:
-        """The table in the driven simulation, and put right as far as that leaves more than the stiff machine did."""
+        """The table in the driven simulation, refitted while that leaves more than the stiff machine did."""
         problem, variable, at = self.problem, tried.variable, tried.at
         lowest, highest, _ = bounds_of(self.base.knobs)
         fitter = TableFitter(problem, self.base)
@@ -146,7 +146,7 @@ class Tables:
 
 
 def in_no_file(problem: Problem, setting: Setting) -> Setting:
-    """Of a setting of base parameters and traces what machine.yaml does not get: traces, and what is the log's own."""
+    """The part of a setting that machine.yaml does not hold: traces and the values of the log itself."""
     known = set(value_names(problem.machine))
     keys = base_knobs(problem.machine, problem.runs)
     said = {knob.symbol for key, knob in keys.items() if key in known}

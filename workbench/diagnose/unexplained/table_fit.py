@@ -150,7 +150,7 @@ class TableFitter:
         )
 
     def _step(self, normal: Array, right: Array) -> Array:
-        """The least-squares step, with logarithmic parameters limited to CAREFUL and the others refitted accordingly."""
+        """The least-squares step. Logarithmic parameters move by CAREFUL at most; the others are refitted to that."""
         step = np.linalg.solve(normal, right)
         far = np.flatnonzero(self.careful & (np.abs(step[: len(self.careful)]) > CAREFUL))
         if len(far):

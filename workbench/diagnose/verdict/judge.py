@@ -53,7 +53,7 @@ CALIBRATION = Path(__file__).with_name("calibration.json")
 
 @cache
 def calibration() -> Mapping[str, float]:
-    """threshold: the merit given to 'no gap'; temperature: divides merits; unknown_*: weights of the logistic function."""
+    """threshold: the merit of 'no gap'; temperature: divides merits; unknown_*: weights of the logistic function."""
     numbers: Mapping[str, float] = json.loads(CALIBRATION.read_text(encoding="utf-8"))["numbers"]
     return numbers
 
