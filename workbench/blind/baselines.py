@@ -119,14 +119,14 @@ _NAMES: Mapping[str, tuple[str, str]] = {
 }
 
 
-def sparse_regression(found: SearchResult) -> tuple[str, ...] | None:
+def sparse_regression(search: SearchResult) -> tuple[str, ...] | None:
     """Sequentially thresholded least squares (S. L. Brunton et al. 2016, pysindy's STLSQ) of what the machine refitted
     within its tolerances leaves, on a library of terms: the largest term's effect, and a second one that is SHARE as
     large. () for none; None where pysindy is not installed."""
     if importlib.util.find_spec("pysindy") is None:
         return None
-    problem = found.problem
-    residual = found.within_tolerances.residual[: problem.inputs]
+    problem = search.problem
+    residual = search.within_tolerances.residual[: problem.inputs]
     columns = {name: column for name, column in _terms(problem).items() if np.ptp(column) > 0.0 or name == "1"}
     theta = np.column_stack([column / max(float(np.sqrt(np.mean(column**2))), 1e-300) for column in columns.values()])
     from pysindy import STLSQ

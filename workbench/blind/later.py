@@ -193,5 +193,5 @@ def shows(content: Content, seeds: tuple[int, ...]) -> Mapping[str, float]:
         problem = Problem(campaign.machine, campaign.runs)
         effects = chosen_effects(campaign, None)
         base = Search(problem, effects).base_fit()
-        found = SearchResult(problem, base, base, {}, {}, atoms(problem, effects, base.setting))
-        return {name: amount for name, (_, amount) in isolability(problem, found).visible.items()}
+        search = SearchResult(problem, base, base, {}, {}, atoms(problem, effects, base.setting))
+        return {name: amount for name, (_, amount) in isolability(problem, search).visible.items()}

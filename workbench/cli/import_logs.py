@@ -51,11 +51,11 @@ def command(
 
     check_free(out)
     read = load_machine(machine, check_effects=check)
-    each = [
+    per_file = [
         for_all(values, len(files), option)
         for values, option in ((payload, "payload"), (start_position, "start_position"))
     ]
-    logs = [Imported(file, tuple(read_channels(file)), p, s) for file, p, s in zip(files, *each, strict=True)]
+    logs = [Imported(file, tuple(read_channels(file)), p, s) for file, p, s in zip(files, *per_file, strict=True)]
     proposed = propose(read, logs[0].channels, mapped)
     page = out.with_name(f"{out.name}.import.html")
     write_page([(p.signal, p.column, *in_si(p, logs[0])) for p in proposed.proposals], proposed, logs[0].name, page)

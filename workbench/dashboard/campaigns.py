@@ -38,15 +38,15 @@ _UPLOADED, _LAST, _READ = "campaigns uploaded", "campaign chosen", "campaigns re
 def offered() -> dict[str, Path]:
     """Name -> folder of each campaign that the server's owner lets people see."""
     listed = [Path(part) for part in os.environ.get(VARIABLE, "").split(os.pathsep) if part]
-    found: dict[str, Path] = {}
+    folders: dict[str, Path] = {}
     for root in [*listed, *SHIPPED]:
         for folder in [root, *(sorted(root.iterdir()) if root.is_dir() else [])]:
-            if (folder / "runs.yaml").is_file() and folder not in found.values():
+            if (folder / "runs.yaml").is_file() and folder not in folders.values():
                 name, number = folder.resolve().name, 2
-                while name in found:
+                while name in folders:
                     name, number = f"{folder.resolve().name} ({number})", number + 1
-                found[name] = folder
-    return found
+                folders[name] = folder
+    return folders
 
 
 def last_campaign() -> Campaign | None:

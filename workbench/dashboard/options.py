@@ -30,9 +30,9 @@ OPTIONS: dict[str, Value] = {
 def flags(changes: dict[str, Value]) -> list[str]:
     """The options, with changes, as streamlit's command line takes them."""
     return [
-        f"--{key}={str(each).lower() if isinstance(each, bool) else each}"
+        f"--{key}={str(item).lower() if isinstance(item, bool) else item}"
         for key, value in (OPTIONS | changes).items()
-        for each in (value if isinstance(value, list) else [value])
+        for item in (value if isinstance(value, list) else [value])
     ]
 
 

@@ -50,9 +50,9 @@ def app_folder() -> Path:
     """This user's private folder of the dashboard under the system's temporary one; InputError if another's."""
     path = Path(tempfile.gettempdir()) / f"workbench-{os.getuid()}" if hasattr(os, "getuid") else _without_owner()
     path.mkdir(mode=0o700, exist_ok=True)
-    found = path.lstat()
+    status = path.lstat()
     # The temporary folder is everybody's: a link or a folder laid there by another user is not taken.
-    if not stat.S_ISDIR(found.st_mode) or (hasattr(os, "getuid") and found.st_uid != os.getuid()):
+    if not stat.S_ISDIR(status.st_mode) or (hasattr(os, "getuid") and status.st_uid != os.getuid()):
         raise InputError("is not this user's own folder; remove it or set TMPDIR", file=path)
     path.chmod(0o700)
     _sweep(path)

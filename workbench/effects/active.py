@@ -133,36 +133,36 @@ def parts(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
     """Parts of what `searchable` holds, the smallest first: what is linear in its amounts, with the traces that every
     machine of the kind has; then all that is a force or a torque and keeps no state."""
     kind, sizes = kind_of(machine), sizes_of(machine, runs)
-    everything = tuple(each for each in effects_for(kind.name).values() if not each.on_sensor)
+    everything = tuple(effect for effect in effects_for(kind.name).values() if not effect.on_sensor)
     traces = {trace.effect for trace in kind.traces if trace.fitted}
     forces = {port.place for port in kind.ports.values()}
 
     def of_these(wanted: Callable[[Effect], bool]) -> Part:
-        gone = tuple(each for each in everything if _amounts(each, sizes) and not wanted(each))
-        kept = compiled(kind.name, tuple(each for each in everything if each not in gone))
-        off = {symbol: value for each in gone for symbol, value in _amounts(each, sizes).items()}
+        gone = tuple(effect for effect in everything if _amounts(effect, sizes) and not wanted(effect))
+        kept = compiled(kind.name, tuple(effect for effect in everything if effect not in gone))
+        off = {symbol: value for effect in gone for symbol, value in _amounts(effect, sizes).items()}
         return Part(corrected(Active(kind.name, kept), machine).effects, MappingProxyType(off))
 
-    def linear(each: Effect) -> bool:
-        amounts = all(parameter.vanishes_at is not None for parameter in each.parameters)
-        return each.id in traces or (each.memory is None and amounts)
+    def linear(effect: Effect) -> bool:
+        amounts = all(parameter.vanishes_at is not None for parameter in effect.parameters)
+        return effect.id in traces or (effect.memory is None and amounts)
 
-    def forceful(each: Effect) -> bool:
-        return each.memory is None and each.place_on(kind.name) in forces
+    def forceful(effect: Effect) -> bool:
+        return effect.memory is None and effect.place_on(kind.name) in forces
 
-    return of_these(linear), of_these(lambda each: linear(each) or forceful(each))
+    return of_these(linear), of_these(lambda effect: linear(effect) or forceful(effect))
 
 
 def idle_sensors(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Mapping[str, float]:
     """symbol -> the value at which it vanishes, of the amounts of all effects on the sensor of torque (force)."""
     kind, sizes = kind_of(machine).name, sizes_of(machine, runs)
-    on_torque = [each for each in effects_for(kind).values() if each.place_on(kind) == "torque_sensor"]
-    return {symbol: value for each in on_torque for symbol, value in _amounts(each, sizes).items()}
+    on_torque = [effect for effect in effects_for(kind).values() if effect.place_on(kind) == "torque_sensor"]
+    return {symbol: value for effect in on_torque for symbol, value in _amounts(effect, sizes).items()}
 
 
 def _amounts(effect: Effect, sizes: Sizes) -> dict[str, float]:
     """symbol -> the value at which it vanishes, of what has one."""
-    return {each.symbol: each.vanishes_at for each in effect.ranges(sizes) if each.vanishes_at is not None}
+    return {amount.symbol: amount.vanishes_at for amount in effect.ranges(sizes) if amount.vanishes_at is not None}
 
 
 def check(machine: Hoist | Axis) -> None:

@@ -83,7 +83,7 @@ def _run(scene: Scene, s: parts.Sizes) -> dict[str, Any]:
         "torque_nm": _short(torque, 1),
         "tension_kn": _short(scene.tension_drum_n / 1000.0, 2),
         "dead_kn": _short(scene.tension_dead_line_n / 1000.0, 2),
-        "slack": [int(each) for each in scene.slack],
+        "slack": [int(flag) for flag in scene.slack],
     }
 
 
@@ -154,13 +154,13 @@ def _strips(data: dict[str, Any], look: Look) -> str:
     made = []
     for key, title in STRIPS:
         values = [run[key] for run in data["runs"]]
-        low, high = (pick(pick(each) for each in values) for pick in (min, max))
+        low, high = (pick(pick(strip) for strip in values) for pick in (min, max))
         span = (high - low) or 1.0
         lines = []
-        for number, each in enumerate(values):
-            kept = range(0, len(each), max(1, len(each) // 1000))
+        for number, strip in enumerate(values):
+            kept = range(0, len(strip), max(1, len(strip) // 1000))
             points = " ".join(
-                f"{STRIP_WIDTH * k / (len(each) - 1):.1f},{STRIP_HEIGHT * (0.96 - 0.92 * (each[k] - low) / span):.1f}"
+                f"{STRIP_WIDTH * k / (len(strip) - 1):.1f},{STRIP_HEIGHT * (0.96 - 0.92 * (strip[k] - low) / span):.1f}"
                 for k in kept
             )
             lines.append(f'<polyline points="{points}" fill="none" stroke="{COLOURS[number % 2]}" stroke-width="1.6" '

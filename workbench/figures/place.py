@@ -46,7 +46,7 @@ def marked_machine(machine: Any, subsystem: str, shrink: Any) -> str:
     """SVG, self-contained, on a white ground. shrink: before, after and noise of the residual, and its unit."""
     hoist = subsystem in _HOIST and hasattr(machine, "winch")
     parts, names = (_HOIST, _NAMES) if hoist else (_AXIS, _AXIS_NAMES)
-    drawn = [_part(each, name == subsystem) for name, each in parts.items()]
+    drawn = [_part(part, name == subsystem) for name, part in parts.items()]
     if hoist:  # what no gap is named after: the carriage that the sheave hangs in
         drawn.insert(0, f'<rect x="240" y="116" width="57" height="24" fill="{_FILL}" stroke="{INK}"/>')
         drawn.insert(0, f'<path d="M212 128 H240" stroke="{INK}" stroke-width="3"/>')

@@ -49,15 +49,15 @@ def in_si(proposal: Proposal, imported: Imported) -> tuple[Array, Array]:
 def write_campaign(machine: Path, logs: Sequence[Imported], proposed: Proposed, folder: Path) -> Campaign:
     """Writes the folder whole or not at all, and returns it as it is read back. InputError where it cannot be read as a
     campaign: then nothing is written."""
-    names = [each.name for each in logs]
+    names = [log.name for log in logs]
     if len(set(names)) < len(names):
         raise InputError(f"two files are called {next(n for n in names if names.count(n) > 1)}; rename one")
     check_free(folder)
     with whole_folder(folder) as hidden:
         (hidden / "runs").mkdir()
         shutil.copyfile(machine, hidden / "machine.yaml")
-        for each in logs:
-            _write_parquet(each.columns(), hidden / "runs" / f"{each.name}.parquet")
+        for log in logs:
+            _write_parquet(log.columns(), hidden / "runs" / f"{log.name}.parquet")
         (hidden / "runs.yaml").write_text(runs_yaml(logs, proposed), encoding="utf-8")
         try:
             campaign = read_campaign(hidden)
@@ -76,12 +76,12 @@ def runs_yaml(logs: Sequence[Imported], proposed: Proposed) -> str:
         title = titled(p.column, p.unit)
         columns[p.signal] = title if p.factor == 1.0 else {"column": title, "scale": float(p.factor)}
     runs = []
-    for each in logs:
-        entry: dict[str, object] = {"name": each.name, "file": f"runs/{each.name}.parquet"}
-        if each.payload_kg is not None:
-            entry["payload_kg"] = float(each.payload_kg)
-        if each.start_position_m is not None:
-            entry["start_position_m"] = float(each.start_position_m)
+    for log in logs:
+        entry: dict[str, object] = {"name": log.name, "file": f"runs/{log.name}.parquet"}
+        if log.payload_kg is not None:
+            entry["payload_kg"] = float(log.payload_kg)
+        if log.start_position_m is not None:
+            entry["start_position_m"] = float(log.start_position_m)
         runs.append(entry)
     return dumps({"columns": columns, "runs": runs})
 

@@ -123,13 +123,13 @@ def score(signal: str, channel: Channel) -> float:
         points -= 3.0
     number = _number(signal)
     if number is not None:
-        found = re.findall(r"\d+", name)
-        points += 1.0 if str(number) in found else -3.0
+        numbers = re.findall(r"\d+", name)
+        points += 1.0 if str(number) in numbers else -3.0
     elif re.search(r"motor_?\s?[12]\b|\b[12]$", name) and "torque" in signal:
         points -= 3.0
     return points
 
 
 def _number(signal: str) -> int | None:
-    found = re.search(r"motor(\d)", signal)
-    return int(found.group(1)) if found else None
+    motor = re.search(r"motor(\d)", signal)
+    return int(motor.group(1)) if motor else None

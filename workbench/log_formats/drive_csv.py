@@ -47,8 +47,8 @@ def read_drive_csv(file: Path) -> list[Channel]:
 
 def split_unit(title: str) -> tuple[str, str]:
     """`Torque [Nm]`, `Torque (Nm)`, `Torque / Nm` -> name and unit; unit "" where there is none."""
-    found = _UNIT.match(title) if re.search(r"[\[(]|\s/\s", title) else None
-    return (found.group(1).strip(), found.group(2).strip()) if found else (title.strip(), "")
+    matched = _UNIT.match(title) if re.search(r"[\[(]|\s/\s", title) else None
+    return (matched.group(1).strip(), matched.group(2).strip()) if matched else (title.strip(), "")
 
 
 def _text(file: Path) -> str:

@@ -52,7 +52,7 @@ def _vanished(machine: Hoist, names: Sequence[str]) -> dict[str, dict[str, float
             raise InputError(f"'{name}' acts on the log's sensors, not on the plant", place="ready")
         if name not in machine.effects:
             ranges = effect.ranges(sizes_of(machine))
-            ready[name] = {each.name: each.vanishes_at for each in ranges if each.vanishes_at is not None}
+            ready[name] = {amount.name: amount.vanishes_at for amount in ranges if amount.vanishes_at is not None}
     return ready
 
 
@@ -85,7 +85,7 @@ class LivePlant:
         self._dt, self._substeps = step_s, max(1, math.ceil(step_s / LONGEST_STEP_S - 1e-9))
         made = alone(machine, _vanished(machine, ready))
         active = Active(HOIST.kind, made.effects, made.values)
-        self.effects: Mapping[str, Effect] = {each.id: each for each in made.chosen}
+        self.effects: Mapping[str, Effect] = {effect.id: effect for effect in made.chosen}
         self.left_out = made.sensors_left_out
         self._effects = joined(active.effects, _FAULTS)
         self._model = PlantModel(HOIST, active)
@@ -192,12 +192,12 @@ class LivePlant:
         self._put(symbol, value)
 
     def effect_parameters(self, name: str) -> tuple[str, ...]:
-        return tuple(each.name for each in self.effects[name].ranges(sizes_of(self.machine)))
+        return tuple(parameter.name for parameter in self.effects[name].ranges(sizes_of(self.machine)))
 
     def _symbol(self, name: str, parameter: str) -> str:
         if name not in self.effects:
             raise InputError(f"unknown effect '{name}'; {nearest(name, self.effects)}")
-        ranges = {each.name: each.symbol for each in self.effects[name].ranges(sizes_of(self.machine))}
+        ranges = {known.name: known.symbol for known in self.effects[name].ranges(sizes_of(self.machine))}
         if parameter not in ranges:
             raise InputError(f"effect '{name}' has no parameter '{parameter}'; {nearest(parameter, ranges)}")
         return ranges[parameter]

@@ -114,7 +114,8 @@ class Bench:
         sets = [[SimpleNamespace(**dict(zip(self.symbols, c, strict=True))) for c in t.T.tolist()] for t in tables]
         motions = [self._motions_behind(j, table) for j, table in enumerate(tables)]
         points = [
-            [start_point(self.plant, run, m) for m in each] for run, (each, _) in zip(self.runs, motions, strict=True)
+            [start_point(self.plant, run, m) for m in candidates]
+            for run, (candidates, _) in zip(self.runs, motions, strict=True)
         ]
         first = [point for at, (_, which) in zip(points, motions, strict=True) for point in map(at.__getitem__, which)]
         clocks = [float(run.time_s[0]) for run, table in zip(self.runs, tables, strict=True) for _ in table.T]

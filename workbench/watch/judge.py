@@ -147,13 +147,13 @@ class Judge:
         payloads = np.array([c.payload_kg for c in chosen])
         self.baseline = learn(np.array([c.estimate.values for c in chosen]), payloads, load, keys)
         self.detectors = {}
-        for each in chosen:
-            if not self._known(each.payload_kg):
-                self._payloads.append(each.payload_kg)
+        for counted in chosen:
+            if not self._known(counted.payload_kg):
+                self._payloads.append(counted.payload_kg)
         judged.events.append(Event(k, "baseline", f"the baseline is learned from {len(chosen)} cycles"))
 
     def _known(self, payload_kg: float) -> bool:
-        return any(abs(payload_kg - each) <= max(10.0, SAME_PAYLOAD * each) for each in self._payloads)
+        return any(abs(payload_kg - known_kg) <= max(10.0, SAME_PAYLOAD * known_kg) for known_kg in self._payloads)
 
     def _test(self, k: int, cycle: Cycle, before: Cycle | None, judged: Judged) -> None:
         assert self.baseline is not None
@@ -236,7 +236,7 @@ class Judge:
         keys = self.cycles[-1].estimate.keys
         whole = self.baseline.whiten @ change
         total = float(whole @ whole)
-        found = []
+        shares = []
         for name, chosen in directions(keys):
             column = self._resolution[:, [keys.index(key) for key in chosen]].sum(axis=1)
             white = self.baseline.whiten @ column
@@ -244,8 +244,8 @@ class Judge:
             if size == 0.0 or total == 0.0:
                 continue
             amount = float(white @ whole) / size
-            found.append(Cause(name, chosen, amount, amount * amount * size / total))
-        return tuple(sorted(found, key=lambda cause: -cause.share))
+            shares.append(Cause(name, chosen, amount, amount * amount * size / total))
+        return tuple(sorted(shares, key=lambda cause: -cause.share))
 
     def amounts(self, cause: Cause, since: int) -> list[float]:
         """How much of a cause each counted cycle since then shows, in the unit of its first key."""

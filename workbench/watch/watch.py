@@ -141,7 +141,7 @@ class Watch:
         """What the diagnosis says of the cycles since the onset; a sentence where it cannot be asked."""
         assert self._diagnose is not None and self.judge.baseline is not None
         runs: list[Run] = []
-        last = max([alarm.cycle, *(each.cycle for each in repeats)])
+        last = max([alarm.cycle, *(repeat.cycle for repeat in repeats)])
         since = [kept for kept in self.store.cycles() if kept.counted and alarm.onset <= kept.number <= last]
         try:
             for kept in _spread(since):
@@ -163,7 +163,7 @@ class Watch:
         """An alarm in words, with what is known of its trend by now."""
         name, onset = self.judge.cycles[alarm.cycle].name, self.judge.cycles[alarm.onset].name
         nominal = {key: get_value(self.machine, key) for key in watched_keys(self.machine)}
-        raised = next(each for each in self.judge.alarms if each.cycle == alarm.cycle)
+        raised = next(raised_alarm for raised_alarm in self.judge.alarms if raised_alarm.cycle == alarm.cycle)
         goes = self.judge.trend_of(raised, nominal)
         cause = alarm.causes[0]
         amount = f"{cause['amount']:+.3g} {unit_of(cause['keys'][0])} "
@@ -219,11 +219,11 @@ def _is_due(alarm: KeptAlarm, repeats: int) -> bool:
 def _spread(kept: Sequence[Kept]) -> list[Kept]:
     """At most MOST_DIAGNOSED of them, the newest of each payload first: variety separates causes."""
     chosen: list[Kept] = []
-    for each in reversed(kept):
-        if all(abs(each.cycle.payload_kg - other.cycle.payload_kg) > 10.0 for other in chosen):
-            chosen.append(each)
-    chosen += [each for each in reversed(kept) if each not in chosen]
-    return sorted(chosen[:MOST_DIAGNOSED], key=lambda each: each.number)
+    for stored in reversed(kept):
+        if all(abs(stored.cycle.payload_kg - other.cycle.payload_kg) > 10.0 for other in chosen):
+            chosen.append(stored)
+    chosen += [stored for stored in reversed(kept) if stored not in chosen]
+    return sorted(chosen[:MOST_DIAGNOSED], key=lambda stored: stored.number)
 
 
 def with_usual_limits(machine: Hoist | Axis, rules: Rules) -> Rules:

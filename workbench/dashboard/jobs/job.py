@@ -151,7 +151,7 @@ def _launch(job: Job) -> None:
 
 
 def _environment() -> dict[str, str]:
-    given = [str(Path(each).resolve()) for each in os.environ.get("PYTHONPATH", "").split(os.pathsep) if each]
+    given = [str(Path(entry).resolve()) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
     return os.environ | {"PYTHONPATH": os.pathsep.join([str(PACKAGE_ROOT), *given]), "PYTHONUNBUFFERED": "1"}
 
 

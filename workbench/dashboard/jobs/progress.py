@@ -121,7 +121,7 @@ def _lines(path: Path) -> list[str]:
 
 def _count(line: str) -> tuple[int, int]:
     """`3 of 12` and `3/12` in a line; 0 of 0 where it counts nothing."""
-    found = _COUNT.search(line)
-    if found is None or int(found[1]) > int(found[2]):
+    counted = _COUNT.search(line)
+    if counted is None or int(counted[1]) > int(counted[2]):
         return 0, 0
-    return int(found[1]), int(found[2])
+    return int(counted[1]), int(counted[2])

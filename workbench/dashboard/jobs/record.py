@@ -98,8 +98,8 @@ def jobs_of(workspace: Path, kind: str | None = None) -> list[Job]:
     """The jobs of a workspace, the newest first."""
     with contextlib.suppress(OSError):
         names = [entry.name for entry in (workspace / FOLDER).iterdir()]
-        found = [job for name in names if (job := read_job(workspace, name)) is not None]
-        return sorted((job for job in found if kind in (None, job.kind)), key=lambda job: -job.begun_s)
+        jobs = [job for name in names if (job := read_job(workspace, name)) is not None]
+        return sorted((job for job in jobs if kind in (None, job.kind)), key=lambda job: -job.begun_s)
     return []
 
 

@@ -68,13 +68,13 @@ def _files(uploads: Sequence[Uploaded]) -> tuple[Files, str]:
     if zips:
         name = base_name(zips[0].name)
         return unzipped(zips[0].content, name, RUNS), plain_title(name[: -len(".zip")])
-    found: dict[str, bytes] = {}
+    files: dict[str, bytes] = {}
     for upload in uploads:
         name = base_name(upload.name)
-        if name in found:
+        if name in files:
             raise InputError("was uploaded twice; upload a zip where logs in two folders share a name", file=name)
-        found[name] = upload.content
-    return Files(found, nested=False), "uploaded"
+        files[name] = upload.content
+    return Files(files, nested=False), "uploaded"
 
 
 def base_name(name: str) -> str:
@@ -128,14 +128,14 @@ def _logs(content: bytes) -> list[tuple[PurePosixPath, Place, Document]]:
     document = _runs_document(content)
     data = document.data
     entries = data.get("runs") if isinstance(data, Mapping) else None
-    found: dict[PurePosixPath, tuple[PurePosixPath, Place, Document]] = {}
+    logs: dict[PurePosixPath, tuple[PurePosixPath, Place, Document]] = {}
     for index, entry in enumerate(entries if isinstance(entries, list) else []):
         named = entry.get("file") if isinstance(entry, Mapping) else None
         if isinstance(named, str):
             place: Place = ("runs", index, "file")
             path = _plain_path(named, place, document)
-            found.setdefault(path, (path, place, document))
-    return list(found.values())
+            logs.setdefault(path, (path, place, document))
+    return list(logs.values())
 
 
 def _runs_document(content: bytes) -> Document:

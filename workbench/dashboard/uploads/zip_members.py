@@ -39,12 +39,12 @@ def unzipped(content: bytes, zip_name: str, beside: str) -> Files:
             members = _members(archive, zip_name)
             root = _root(members, zip_name, beside)
             left = MOST_UNPACKED
-            found: dict[str, bytes] = {}
+            files: dict[str, bytes] = {}
             for name, info in members.items():
                 if name.startswith(root):
-                    found[name[len(root) :]] = unpacked = _unpacked(archive, info, left, zip_name)
+                    files[name[len(root) :]] = unpacked = _unpacked(archive, info, left, zip_name)
                     left -= len(unpacked)
-            return Files(found, nested=True)
+            return Files(files, nested=True)
     except InputError:
         raise
     except Exception as error:  # a damaged zip makes the library raise almost anything
@@ -56,15 +56,15 @@ def _members(archive: zipfile.ZipFile, zip_name: str) -> dict[str, zipfile.ZipIn
     infos = [info for info in archive.infolist() if not info.is_dir()]
     if len(infos) > MOST_MEMBERS:
         raise InputError(f"holds {len(infos)} files, expected at most {MOST_MEMBERS}", file=zip_name)
-    found: dict[str, zipfile.ZipInfo] = {}
+    members: dict[str, zipfile.ZipInfo] = {}
     for info in infos:
         name = info.filename.removeprefix("./")
         if name.startswith("__MACOSX/") or name.rpartition("/")[2].startswith("."):
             continue
-        if name in found:
+        if name in members:
             raise InputError(f"holds '{name[:60]}' twice", file=zip_name)
-        found[name] = info
-    return found
+        members[name] = info
+    return members
 
 
 def _root(members: Mapping[str, zipfile.ZipInfo], zip_name: str, beside: str) -> str:

@@ -50,12 +50,12 @@ def _worst(rows: Sequence[Row], name: str) -> float:
 
 def decision_table(rows: Sequence[Row]) -> Table | None:
     """A row a reference, the best of each column marked; None where there is nothing to choose."""
-    found = choices(rows)
-    if len(found) < 2:
+    compared = choices(rows)
+    if len(compared) < 2:
         return None
-    metrics = [m for m in shown_in(View.DECISION) if all(c.values[m.name] == c.values[m.name] for c in found)]
-    best = {m.name: m.worst([-c.values[m.name] for c in found]) for m in metrics}
-    lines = [[c.reference, *(_cell(m, c.values[m.name], -best[m.name]) for m in metrics)] for c in found]
+    metrics = [m for m in shown_in(View.DECISION) if all(c.values[m.name] == c.values[m.name] for c in compared)]
+    best = {m.name: m.worst([-c.values[m.name] for c in compared]) for m in metrics}
+    lines = [[c.reference, *(_cell(m, c.values[m.name], -best[m.name]) for m in metrics)] for c in compared]
     note = f"The worst of the payloads; {BEST}: the best of the column. {metric_note(metrics)}"
     return Table([words("reference"), *metric_heads(metrics)], lines, note)
 
@@ -71,11 +71,11 @@ def verdict(rows: Sequence[Row], beside: Sequence[Row] = ()) -> str | None:
     beside: runs of the same motion at the heaviest payload under other limits; where one of them is quicker and
     lower than what would be chosen, the sentence says so, as the front of those runs does.
     """
-    found = choices(rows)
-    if len(found) < 2:
+    compared = choices(rows)
+    if len(compared) < 2:
         return None
-    front = sorted((c for c in found if not any(o.beats(c) for o in found)), key=lambda c: c.values[TIME])
-    beaten = [c for c in found if c not in front]
+    front = sorted((c for c in compared if not any(o.beats(c) for o in compared)), key=lambda c: c.values[TIME])
+    beaten = [c for c in compared if c not in front]
     quickest, lowest = front[0], min(front, key=lambda c: c.values[PEAK])
     if quickest.values[TIME] >= lowest.values[TIME] - SAME_TIME_S:
         said = f"Take {name_of(lowest)}: none is quicker, and its torque peak of {_peak(lowest)} is the lowest"

@@ -38,8 +38,8 @@ class Choice:
 def shipped() -> dict[str, Path]:
     """The scenarios that come with the program, or lie in the folder where it was started, by name."""
     for folder in (Path(__file__).resolve().parents[4] / "scenarios", Path.cwd() / "scenarios"):
-        if found := {file.stem: file for file in sorted(folder.glob("*.yaml"))}:
-            return found
+        if files := {file.stem: file for file in sorted(folder.glob("*.yaml"))}:
+            return files
     return {}
 
 
@@ -58,7 +58,7 @@ def chosen() -> Choice | None:
     own = st.toggle("On another machine", key="batches other machine", help="Than the one that the scenario names.")
     machine = chosen_machine("batches machine") if own else None
     if name == UPLOAD:
-        document, known = load(file), {each.name: each for each in ships.values()}
+        document, known = load(file), {batch.name: batch for batch in ships.values()}
         read_standalone(document, machine, known)  # what other files it names are not sought among the server's
         inputs |= extended(document, known)
     if machine is not None:

@@ -55,8 +55,8 @@ def _read(job: Job, folder: Path) -> tuple[Finished, list[Noted]]:
         result = read_finished(folder)
         last = (job.id, (result, figures_of(result)))
         session.put("batches result", last)
-    found: tuple[Finished, list[Noted]] = last[1]
-    return found
+    read_before: tuple[Finished, list[Noted]] = last[1]
+    return read_before
 
 
 def _numbers(result: Finished) -> None:
@@ -73,8 +73,10 @@ def _numbers(result: Finished) -> None:
     )  # fmt: skip
     numbers([Number(what, scale * row[name], unit) for what, row, name, scale, unit in ends])
     runs = {what: run_in_words(row, axes) for what, row, *_ in ends}
-    each = "; ".join(f"{what.lower()} in {run}" for what, run in runs.items())
-    st.caption(plain(f"{each[0].upper()}{each[1:]}." if len(set(runs.values())) > 1 else f"All in {runs[ends[0][0]]}."))
+    sentence = "; ".join(f"{what.lower()} in {run}" for what, run in runs.items())
+    st.caption(
+        plain(f"{sentence[0].upper()}{sentence[1:]}." if len(set(runs.values())) > 1 else f"All in {runs[ends[0][0]]}.")
+    )
 
 
 def _downloads(job: Job, folder: Path, name: str) -> None:
@@ -114,17 +116,17 @@ def _runs(folder: Path, count: int) -> None:
     from workbench.study.results.index import rows_of
 
     index = read_table(folder / INDEX)
-    for each in run_tables(rows_of(index)):
-        table(each)
+    for run_table in run_tables(rows_of(index)):
+        table(run_table)
     st.markdown("**Index**")
     shown = index.drop_columns(["scenario"]).slice(0, MOST_LINES)
     st.dataframe(
         shown,
         hide_index=True,
         column_config={
-            each.name: st.column_config.NumberColumn(format="%.5g")
-            for each in shown.schema
-            if str(each.type) == "double"
+            column.name: st.column_config.NumberColumn(format="%.5g")
+            for column in shown.schema
+            if str(column.type) == "double"
         },
     )
     if count > MOST_LINES:

@@ -44,7 +44,7 @@ def keep(name: str, scenario: Scenario, machine: Hoist, result: StudyResult) -> 
 
 
 def is_kept(scenario: Scenario, machine: Hoist) -> bool:
-    return any((each.scenario, each.machine) == (scenario, machine) for each in kept().values())
+    return any((study.scenario, study.machine) == (scenario, machine) for study in kept().values())
 
 
 def forget(name: str) -> None:

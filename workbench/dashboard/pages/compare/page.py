@@ -59,11 +59,11 @@ def _choice(runs: Mapping[str, Kept]) -> tuple[list[Kept], Kept, str]:
 def _list(runs: Mapping[str, Kept]) -> None:
     """Each kept study with its settings, to save or to remove."""
     with st.expander(f"{len(runs)} kept", expanded=False, icon=":material/inventory_2:"):
-        for name, each in runs.items():
+        for name, study in runs.items():
             words, saving, removing = st.columns([6, 1.2, 1.2], vertical_alignment="center")
-            words.markdown(f"**{plain(name)}** · {plain(_settings(each))}")
+            words.markdown(f"**{plain(name)}** · {plain(_settings(study))}")
             saving.download_button(
-                "Save", standalone_text(each.scenario, each.machine), file_name=f"{each.scenario.name}.yaml",
+                "Save", standalone_text(study.scenario, study.machine), file_name=f"{study.scenario.name}.yaml",
                 mime="application/yaml", key=f"compare save {name}", on_click="ignore", width="stretch",
             )  # fmt: skip
             if removing.button("Remove", key=f"compare remove {name}", width="stretch"):
@@ -71,36 +71,36 @@ def _list(runs: Mapping[str, Kept]) -> None:
                 st.rerun()
 
 
-def _settings(each: Kept) -> str:
-    loop = each.scenario.controller
+def _settings(study: Kept) -> str:
+    loop = study.scenario.controller
     gains = f"kp {loop.kp_nm_s_per_rad:g} N m s/rad, ki {loop.ki_nm_per_rad:g} N m/rad"
-    return f"{each.machine.name}: {', '.join(said for said in (limits_text(each), gains) if said)}"
+    return f"{study.machine.name}: {', '.join(said for said in (limits_text(study), gains) if said)}"
 
 
-def limits_text(each: Kept) -> str:
-    limits = each.scenario.limits
+def limits_text(study: Kept) -> str:
+    limits = study.scenario.limits
     said = [f"{limits.speed_m_s:g} m/s", f"{limits.acceleration_m_s2:g} m/s²"] if limits.speed_m_s else []
     return ", ".join([*said, f"{limits.jerk_m_s3:g} m/s³"] if limits.jerk_m_s3 else said)
 
 
 def _settings_rows(columns: Sequence[Kept]) -> list[tuple[str, list[str]]]:
     """The machine of each study, and limits, gains and model where they differ."""
-    machines = [machine_told_apart(each, columns) for each in columns]
+    machines = [machine_told_apart(study, columns) for study in columns]
     rows = [("machine", machines)]
     for what, say in (
-        ("limits", lambda each: limits_text(each)),
-        ("kp, ki", lambda each: f"{_loop(each).kp_nm_s_per_rad:g}, {_loop(each).ki_nm_per_rad:g}"),
-        ("model", lambda each: each.scenario.plant),
+        ("limits", lambda study: limits_text(study)),
+        ("kp, ki", lambda study: f"{_loop(study).kp_nm_s_per_rad:g}, {_loop(study).ki_nm_per_rad:g}"),
+        ("model", lambda study: study.scenario.plant),
     ):
-        said = [say(each) for each in columns]
+        said = [say(study) for study in columns]
         if len(set(said)) > 1:
             rows.append((what, said))
     return rows
 
 
-def machine_told_apart(each: Kept, columns: Sequence[Kept]) -> str:
+def machine_told_apart(study: Kept, columns: Sequence[Kept]) -> str:
     """The machine's name; of machines of one name, what is other than in the first."""
-    own, first = each.result.study.machine, columns[0].result.study.machine
+    own, first = study.result.study.machine, columns[0].result.study.machine
     if own == first or own.name != first.name:
         return own.name
     mine, others = values_of(own), values_of(first)
@@ -112,31 +112,31 @@ def machine_told_apart(each: Kept, columns: Sequence[Kept]) -> str:
 
 def values_of(machine: Hoist) -> dict[str, float]:
     """Dotted name -> number, of all but what the machine is identified by."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
 
     def walk(data: Mapping[str, Any], before: str) -> None:
         for key, value in data.items():
             if isinstance(value, Mapping):
                 walk(value, f"{before}{key}.")
             elif isinstance(value, int | float):
-                found[f"{before}{key}"] = float(value)
+                values[f"{before}{key}"] = float(value)
 
     walk(machine.model_dump(exclude={"effects", "identified"}), "")
-    return found
+    return values
 
 
-def _loop(each: Kept) -> PiSettings:
-    return each.result.study.scenario.controller
+def _loop(study: Kept) -> PiSettings:
+    return study.result.study.scenario.controller
 
 
 def _payloads(chosen: Sequence[Kept], kind: str) -> list[float]:
     """Those that all of the chosen studies have run with this reference."""
-    each = [{row.payload_kg for row in one.result.rows if row.ok and row.reference == kind} for one in chosen]
-    return sorted(set.intersection(*each))
+    offered = [{row.payload_kg for row in one.result.rows if row.ok and row.reference == kind} for one in chosen]
+    return sorted(set.intersection(*offered))
 
 
-def _row(each: Kept, kind: str, payload_kg: float) -> Row:
-    return next(row for row in each.result.rows if row.ok and row.reference == kind and row.payload_kg == payload_kg)
+def _row(study: Kept, kind: str, payload_kg: float) -> Row:
+    return next(row for row in study.result.rows if row.ok and row.reference == kind and row.payload_kg == payload_kg)
 
 
 def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence[float]) -> None:
@@ -146,25 +146,25 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
             "Payload", payloads, default=payload, format_func=lambda kg: f"{kg:g} kg", key="compare payload",
             required=True,
         ) or payload  # fmt: skip
-    columns = [baseline, *(each for each in chosen if each.name != baseline.name)]
-    rows = [_row(each, kind, payload) for each in columns]
+    columns = [baseline, *(study for study in chosen if study.name != baseline.name)]
+    rows = [_row(study, kind, payload) for study in columns]
     table: dict[str, list[str]] = {"": [], plain(baseline.name): []}
-    table |= {plain(each.name): [] for each in columns[1:]}
+    table |= {plain(study.name): [] for study in columns[1:]}
     for what, said in _settings_rows(columns):
         table[""].append(what)
-        for each, words in zip(columns, said, strict=True):
-            table[plain(each.name)].append(plain(words))
+        for study, words in zip(columns, said, strict=True):
+            table[plain(study.name)].append(plain(words))
     for metric in shown_in(View.COMPARE):
         if not all(row.metrics.get(metric.name) is not None for row in rows):
             continue
         values = [metric.scale * row[metric.name] for row in rows]
         unit = metric.shown_unit
         table[""].append(plain(f"{metric.title} ({unit})" if unit else metric.title))
-        for each, value in zip(columns, values, strict=True):
+        for study, value in zip(columns, values, strict=True):
             cell = text(value)
-            if each.name != baseline.name:
+            if study.name != baseline.name:
                 cell += difference(value, values[0], metric)
-            table[plain(each.name)].append(cell)
+            table[plain(study.name)].append(cell)
     st.table(table, hide_index=True)
     st.caption(f"{label(kind).capitalize()}, {payload:g} kg. In brackets the difference to {plain(baseline.name)}.")
 
@@ -185,15 +185,15 @@ def difference(value: float, base: float, metric: Metric) -> str:
 
 def _figures(chosen: Sequence[Kept], kind: str, payloads: Sequence[float]) -> None:
     runs: list[tuple[str, Run]] = []
-    for each in chosen:
+    for study in chosen:
         for payload in _few(payloads):
-            row = _row(each, kind, payload)
-            if row.run_id in each.result.runs:
-                runs.append((each.name, each.result.runs[row.run_id]))
+            row = _row(study, kind, payload)
+            if row.run_id in study.result.runs:
+                runs.append((study.name, study.result.runs[row.run_id]))
     if not runs:
         return
     # The strictest of the machines' limits: a line that holds for all of them.
-    machines = [each.result.study.machine for each in chosen]
+    machines = [study.result.study.machine for study in chosen]
     strictest = min(machines, key=motor_torque_limit_nm)
     motor, limit = strictest.motor, motor_torque_limit_nm(strictest)
     chart(

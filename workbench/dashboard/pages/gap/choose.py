@@ -44,7 +44,7 @@ def asked() -> Asked | None:
 
 def _candidates(campaign: Campaign) -> tuple[str, ...] | None:
     effects = effects_for(plant_of(campaign.machine).kind)
-    listed = [name for name, each in effects.items() if each.listed]
+    listed = [name for name, effect in effects.items() if effect.listed]
     which = st.selectbox(
         "Candidates", [LISTED, ALL, OWN], key="gap candidates",
         help=f"What may be missing: {len(listed)} of the library's {len(effects)} effects are listed.",

@@ -184,8 +184,8 @@ def _points(points: Sequence[str]) -> None:
 
 
 def _tables(section: Section) -> None:
-    for each in section.tables:
-        table(each)
+    for report_table in section.tables:
+        table(report_table)
 
 
 def _figures(job: Job, name: str, section: Section, height: int | None = None) -> None:

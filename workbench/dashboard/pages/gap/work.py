@@ -46,12 +46,12 @@ def run(
         )  # fmt: skip
 
     try:
-        found = write_diagnosis(diagnosed, out, said.report)
+        written = write_diagnosis(diagnosed, out, said.report)
     except InputError as error:
         file = None if error.file is None else Path(error.file).name
         problem = error.problem.replace(f"{folder}/", "")
         raise InputError(problem, file=file, line=error.line, place=error.place) from error
-    write_view(view_of(found), out.parent / VIEW)
+    write_view(view_of(written), out.parent / VIEW)
 
 
 class _Progress:
@@ -90,14 +90,16 @@ def view_of(d: Diagnosis) -> View:
 
 def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
     """The gap over the one variable that explains it best, for a place of half the page's width."""
-    profiles = [] if d.where is None else [each for each in d.where.profiles if diagnose_where.worth_a_panel(each)]
+    profiles = (
+        [] if d.where is None else [profile for profile in d.where.profiles if diagnose_where.worth_a_panel(profile)]
+    )
     if not profiles:
         return []
-    most = max(each.explains for each in profiles)
+    most = max(profile.explains for profile in profiles)
     # A mean shows more than a spectrum that explains hardly more.
     best = max(
-        (each for each in profiles if each.explains >= most - NEARLY),
-        key=lambda each: (not diagnose_where.is_spectrum(each), each.explains),
+        (profile for profile in profiles if profile.explains >= most - NEARLY),
+        key=lambda profile: (not diagnose_where.is_spectrum(profile), profile.explains),
     )
     machine = d.campaign.machine
     figure = diagnose_where.profiles([best], words_of(machine).unit, direction_names(machine))
@@ -114,7 +116,7 @@ def _numbers(d: Diagnosis) -> list[Number]:
     low, high = s.ci95
     band = f"below {s.band_hz:.3g} Hz, on runs that were held out of the fit"
     was = f"; before the correction {s.before:.3g} {s.unit}" if corrected else ""
-    found = [
+    numbers = [
         Number(
             f"{w.quantity.capitalize()} residual", s.after, s.unit, s.after - s.before if corrected else None, "lower",
             help=f"rms of measured minus predicted {w.quantity} {band}{was}",
@@ -123,8 +125,10 @@ def _numbers(d: Diagnosis) -> list[Number]:
     ]  # fmt: skip
     if corrected:
         said = f"of the {w.quantity} residual, held out; 95 % interval {low:.3g} to {high:.3g}"
-        found.append(Number("Shrinks by", s.factor, "×", help=said))
+        numbers.append(Number("Shrinks by", s.factor, "×", help=said))
     by = s.speed_rmse_percent_after - s.speed_rmse_percent_before
     said = f"rms of the speed replayed open loop, in per cent of {w.scale}; adds up every bias from the first sample on"
-    found.append(Number("Speed error", s.speed_rmse_percent_after, "%", by if corrected else None, "lower", help=said))
-    return found
+    numbers.append(
+        Number("Speed error", s.speed_rmse_percent_after, "%", by if corrected else None, "lower", help=said)
+    )
+    return numbers

@@ -58,11 +58,11 @@ def gains(asked: Question) -> PiSettings:
     page has set or that are typed are a step of their own."""
     rule = controller.present() or usual_controller(asked.machine)
     elsewhere = controller.taken_over("loop")
-    found = session.get(_PENDING, tuple, ())
+    proposed = session.get(_PENDING, tuple, ())
     session.put(_PENDING, ())
     starts = (rule.kp_nm_s_per_rad, rule.ki_nm_per_rad, rule.set_point_weight)
-    for key, start in zip((KP, KI, WEIGHT), found or starts, strict=True):
-        if found or elsewhere is not None or key not in st.session_state:
+    for key, start in zip((KP, KI, WEIGHT), proposed or starts, strict=True):
+        if proposed or elsewhere is not None or key not in st.session_state:
             st.session_state[key] = start
     if elsewhere is not None or SAMPLE not in st.session_state:
         st.session_state[SAMPLE] = 1e3 * rule.sample_time_s

@@ -58,7 +58,7 @@ def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Mem
     def delta(new: float, old: float) -> float | None:
         return new - old if then.stable and not same else None
 
-    slow, slow_before = (min(m.margins.bandwidth_hz for m in each) for each in (members, before))
+    slow, slow_before = (min(m.margins.bandwidth_hz for m in family) for family in (members, before))
     up, up_before = (report.gain_text(m).partition("/")[0] for m in (now, then))
     gain = float(up) if up[:1].isdigit() else None
     said = [

@@ -23,9 +23,9 @@ def show() -> None:
 
 def _draw(shown: list[Shown], height: int) -> None:
     machine = shown[0].machine
-    scenes = [scene_of(each.machine, each.run) for each in shown]
-    named = [type(scene)(**{**vars(scene), "name": each.name}) for scene, each in zip(scenes, shown, strict=True)]
-    st.markdown(f"#### {plain(machine.name)} · {plain(' beside '.join(each.name for each in shown))}")
+    scenes = [scene_of(drawn.machine, drawn.run) for drawn in shown]
+    named = [type(scene)(**{**vars(scene), "name": drawn.name}) for scene, drawn in zip(scenes, shown, strict=True)]
+    st.markdown(f"#### {plain(machine.name)} · {plain(' beside '.join(drawn.name for drawn in shown))}")
     st.iframe(film(machine, named, is_dark(), height), height=height + 8)
     st.caption(
         "Heights are to scale; drum, sheave, arm and pipe are drawn larger and turn as the drawn wire runs. "

@@ -68,9 +68,11 @@ def _of_study() -> list[Shown]:
     if len(names) < len(result.runs):
         names = {run_id: run_id for run_id in result.runs}
     name = st.selectbox("Run of the study", list(names), key="machine study run")
-    beside = st.selectbox("Beside it", [ALONE, *(each for each in names if each != name)], key="machine study beside")
+    beside = st.selectbox(
+        "Beside it", [ALONE, *(other for other in names if other != name)], key="machine study beside"
+    )
     both = [name] if beside == ALONE else [name, beside]
-    return [Shown(f"{study}, {each}", result.study.machine, result.runs[names[each]]) for each in both]
+    return [Shown(f"{study}, {run}", result.study.machine, result.runs[names[run]]) for run in both]
 
 
 def _quick() -> list[Shown]:

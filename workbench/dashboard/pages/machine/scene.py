@@ -38,19 +38,19 @@ def _measured(machine: Hoist, run: Run) -> Scene:
     start = HOIST.equilibrium(float(states[0, 1]), bench.base[0])[0][0]
     q = [motion.position - motion.position[0] + start, *states[:, : n - 1].T]
     y = [motion.speed, *states[:, n - 1 :].T]
-    found = HOIST.outputs(run.time_s, q, y, run_torque(machine, run), bench.base[0])
+    computed = HOIST.outputs(run.time_s, q, y, run_torque(machine, run), bench.base[0])
     logged = [name for name in ("position_carriage_m", "tension_dead_line_n") if name in run]
 
     def either(name: str) -> Array:
-        return run[name] if name in run else np.asarray(found[name], dtype=float)
+        return run[name] if name in run else np.asarray(computed[name], dtype=float)
 
     reference = run.signals.get("speed_reference_rad_s")
     modelled = "of the model under the measured motor speed"
     return Scene(
-        run.name, run.payload_kg, run.time_s, either("position_carriage_m"), np.asarray(found["speed_carriage_m_s"]),
+        run.name, run.payload_kg, run.time_s, either("position_carriage_m"), np.asarray(computed["speed_carriage_m_s"]),
         motion.speed, _wound(machine, run, run.start_position_m), _torques(machine, run),
-        np.asarray(found["tension_drum_n"], dtype=float), either("tension_dead_line_n"),
-        np.asarray(found["tension_min_n"]) <= 0.0,
+        np.asarray(computed["tension_drum_n"], dtype=float), either("tension_dead_line_n"),
+        np.asarray(computed["tension_min_n"]) <= 0.0,
         None if reference is None else machine.lift_m_per_rad * reference,
         f"measured at the dead line, {modelled} at the drum" if "tension_dead_line_n" in logged else modelled,
         "measured" if "position_carriage_m" in logged else modelled,

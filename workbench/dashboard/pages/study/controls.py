@@ -123,12 +123,12 @@ def with_controller(desk: Desk, settings: PiSettings, machine: Hoist) -> Desk:
 
 def _limits(block: LimitsBlock, way: str) -> Three:
     own = getattr(block, way)
-    found = [value if (value := getattr(own, name)) is not None else getattr(block, name) for name in LIMITS]
-    for name, value in zip(LIMITS, found, strict=True):
+    chosen = [value if (value := getattr(own, name)) is not None else getattr(block, name) for name in LIMITS]
+    for name, value in zip(LIMITS, chosen, strict=True):
         if value is None and name != "jerk_m_s3":
             raise InputError("is missing; expected a positive number", place=f"limits.{name}")
     # A scenario of trapezoids needs no jerk limit.
-    speed, acceleration, jerk = found
+    speed, acceleration, jerk = chosen
     return speed, acceleration, Controls().hoisting[2] if jerk is None else jerk
 
 

@@ -107,15 +107,15 @@ def _file(desk: Desk, machine: Hoist) -> Desk:
             session.put(SHIPS_ASKED, "")
             try:
                 _set(shipped_desk(ships, machine))
-            except InputError as found:
-                problem(found)
+            except InputError as refused:
+                problem(refused)
         upload = st.file_uploader("Load a scenario", type=["yaml", "yml"], key="study upload", max_upload_size=1)
         before, error = session.get(LOADED, tuple, ("", None))
         if upload is not None and upload.file_id != before:
             try:
                 read, error = _read(load(session.stored(upload, "scenario.yaml")), machine), None
-            except InputError as found:
-                error = found
+            except InputError as refused:
+                error = refused
             session.put(LOADED, (upload.file_id, error))
             if error is None:
                 _set(read)
@@ -202,13 +202,13 @@ def _payloads(c: Controls, bad: list[InputError]) -> tuple[float, ...]:
         "Payloads (kg)", options, key=_kept("payloads", list(c.payloads_kg)), format_func=_kg, accept_new_options=True,
         help="Type any other payload and press Enter.",
     )  # fmt: skip
-    found = []
-    for each in cast(Sequence[float | str], chosen):
+    payloads = []
+    for entry in cast(Sequence[float | str], chosen):
         try:
-            found.append(float(each))
+            payloads.append(float(entry))
         except ValueError:
-            bad.append(InputError(f"'{each}', expected a number in kg", place="payloads_kg"))
-    return tuple(sorted(set(found)))
+            bad.append(InputError(f"'{entry}', expected a number in kg", place="payloads_kg"))
+    return tuple(sorted(set(payloads)))
 
 
 def _kg(payload: float | str) -> str:

@@ -30,9 +30,9 @@ _FOUND = "validate identified"
 
 def identification(campaign: Campaign) -> Identification:
     """Fits the campaign's machine; the result stays on the page until another question is asked."""
-    found = identify(campaign, date=datetime.now(UTC).isoformat(timespec="seconds"))
-    session.put(_FOUND, (question(campaign), found))
-    return found
+    identified = identify(campaign, date=datetime.now(UTC).isoformat(timespec="seconds"))
+    session.put(_FOUND, (question(campaign), identified))
+    return identified
 
 
 def found_for(campaign: Campaign) -> Identification | None:
@@ -41,40 +41,42 @@ def found_for(campaign: Campaign) -> Identification | None:
     return known[1] if known and known[0] == question(campaign) else None
 
 
-def offer(found: Identification) -> None:
+def offer(identified: Identification) -> None:
     """Draws what was found and offers the machine."""
     head, keep, download = st.columns([3.0, 1.4, 1.4], vertical_alignment="center")
     head.markdown("##### Identified machine")
-    name = f"identified from {found.campaign.name}"
+    name = f"identified from {identified.campaign.name}"
     # A callback runs before the page, whose lists of machines then hold it.
     keep.button(
         "Keep the machine", icon=":material/save:", width="stretch", key="validate keep",
-        on_click=_keep, args=(name, found.machine),
+        on_click=_keep, args=(name, identified.machine),
     )  # fmt: skip
     download.download_button(
-        "machine.yaml", machine_text(found.machine), file_name="machine.yaml", mime="application/yaml",
+        "machine.yaml", machine_text(identified.machine), file_name="machine.yaml", mime="application/yaml",
         icon=":material/download:", on_click="ignore", width="stretch", key="validate download",
     )  # fmt: skip
     left, right = st.columns([1.15, 1.0])
     with left:
-        chart(_estimates(found), "validate estimates", "Fitted values with error bars and tolerances")
+        chart(_estimates(identified), "validate estimates", "Fitted values with error bars and tolerances")
     with right:
-        law = friction(found).update_layout(height=470, title_text="")
+        law = friction(identified).update_layout(height=470, title_text="")
         chart(law, "validate friction", "Law of friction, nominal and identified, with the log's points")
-    st.markdown("\n".join(f"- {plain(each)}" for each in report.sentences(found, "the page Gap names what")))
+    st.markdown(
+        "\n".join(f"- {plain(sentence)}" for sentence in report.sentences(identified, "the page Gap names what"))
+    )
     with st.expander("Values, standard errors, correlations"):
-        table(report.table(found.fit))
-        names = [free.key for free in found.fit.free]
-        chart(correlation_matrix(names, found.fit.correlation), "validate correlation", "Correlations of the fit")
+        table(report.table(identified.fit))
+        names = [free.key for free in identified.fit.free]
+        chart(correlation_matrix(names, identified.fit.correlation), "validate correlation", "Correlations of the fit")
 
 
 def _keep(name: str, machine: Hoist | Axis) -> None:
     st.toast(f"Kept as {plain(keep_machine(name, machine))}", icon=":material/check:")
 
 
-def _estimates(found: Identification) -> Figure:
+def _estimates(identified: Identification) -> Figure:
     """In tolerances where every value has one, as a hoist's usual fit does; else in per cent of the nominal value."""
-    fit = found.fit
+    fit = identified.fit
     held = all(free.prior_std is not None for free in fit.free)
     shown = []
     for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True):

@@ -104,8 +104,8 @@ def _result(job: Job) -> None:
         problem(error)
         return
     st.markdown("\n".join(f"- {plain(sentence)}" for sentence in section.sentences))
-    for each in section.tables:
-        table(each)
+    for report_table in section.tables:
+        table(report_table)
     for number, (figure, note) in enumerate(section.figures):
         chart(figure, f"validate models {job.id} {number}", note)
         st.caption(plain(note))

@@ -37,15 +37,15 @@ def show() -> None:
         if wanted:
             with st.spinner("Fitting friction, masses and sensors to the runs"):
                 identification(campaign)
-    found = found_for(campaign)
-    after = None if found is None else found.after
+    identified = found_for(campaign)
+    after = None if identified is None else identified.after
     _numbers(campaign, result, after)
-    remedy = GAP if found is not None else f"Identify fits the values. {GAP}"
+    remedy = GAP if identified is not None else f"Identify fits the values. {GAP}"
     st.markdown(plain(" ".join(report.sentences(campaign.machine, after or result, remedy))))
     _notes(campaign)
-    if found is not None:
+    if identified is not None:
         with guarded():
-            offer(found)
+            offer(identified)
     st.markdown("##### Replay" if after is None else "##### Replay of the identified machine")
     _figures(campaign, after or result, None if after is None else result)
     both_models(campaign)
