@@ -81,16 +81,16 @@ def cost_of_a_run(study: Study) -> tuple[float, float]:
             taken[0] += time.process_time() - begun
 
     run_chunk(study, 0)
-    found = []
+    costs = []
     Kernel.__call__ = timed  # type: ignore[assignment,method-assign]
     try:
         for _ in range(3):
             taken[0], begun = 0.0, time.process_time()
             run_chunk(study, 0)
-            found.append((1e3 * (time.process_time() - begun) / chunk_sizes(study)[0], taken[0]))
+            costs.append((1e3 * (time.process_time() - begun) / chunk_sizes(study)[0], taken[0]))
     finally:
         Kernel.__call__ = run  # type: ignore[method-assign]
-    whole, kernel = min(found)
+    whole, kernel = min(costs)
     return whole, 1e3 * kernel / chunk_sizes(study)[0]
 
 

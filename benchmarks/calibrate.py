@@ -118,7 +118,7 @@ def sensitivity(rows: Sequence[Mapping[str, Any]], numbers: Mapping[str, float])
         if name in ("interval", "pair"):  # these act before the ranking: answers are to be given anew
             continue
         tried = [{**numbers, name: factor * value} for factor in (1.0, 0.7, 1.3)]
-        shown = [Share.counted((_anew(row, each) for row in rows), right).text() for each in tried]
+        shown = [Share.counted((_anew(row, changed) for row in rows), right).text() for changed in tried]
         lines.append(f"| {name} | {value:g} | {' | '.join(shown)} |")
     return lines
 

@@ -35,20 +35,20 @@ def run(tree: Path, *words: str | Path) -> None:
 
 def results(tree: Path, campaigns: list[Path], study: Path | None, out: Path, diagnose: bool) -> dict[str, str | bytes]:
     """name -> text of every figure that is compared."""
-    found: dict[str, str | bytes] = {}
+    texts: dict[str, str | bytes] = {}
     for number, campaign in enumerate(campaigns):
         for command in ("replay", "identify", *(("diagnose",) if diagnose else ())):
             folder = out / f"{command}-{number}"
             run(tree, command, campaign, "--out", folder)
             for file in (folder / name for name in COMPARED):
                 if file.exists():
-                    found[f"{command} {campaign.name} {file.name}"] = OWN.sub("", file.read_text(encoding="utf-8"))
+                    texts[f"{command} {campaign.name} {file.name}"] = OWN.sub("", file.read_text(encoding="utf-8"))
     if study is not None:
         from workbench.study.results.index import read_rows
 
         run(tree, "study", study, "--out", out / "study")
-        found[f"study {study.name} index.parquet"] = "\n".join(map(repr, read_rows(out / "study")))
-    return found
+        texts[f"study {study.name} index.parquet"] = "\n".join(map(repr, read_rows(out / "study")))
+    return texts
 
 
 def main() -> int:

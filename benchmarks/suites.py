@@ -138,8 +138,8 @@ def fit_rows(rounds: int = 3) -> list[Row]:
     true = np.array(list(FITTED.values()))
     nominal = load_hoist(PAYLOAD_KG)
 
-    def error(found: Floats) -> float:
-        return float(np.max(np.abs(found / true - 1.0)))
+    def error(fitted: Floats) -> float:
+        return float(np.max(np.abs(fitted / true - 1.0)))
 
     measured = in_turns(
         {

@@ -37,13 +37,13 @@ def prose(text: str) -> str:
 
 def anchors(text: str) -> set[str]:
     """Of the headings, as a Git host and the site make them: lower case, hyphens for blanks, other signs dropped."""
-    found: dict[str, int] = {}
+    counts: dict[str, int] = {}
     made = set()
     for heading in re.findall(r"^#{1,6} +(.+?) *$", prose(text), re.MULTILINE):
         words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()
         slug = re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
-        made.add(f"{slug}-{found[slug]}" if slug in found else slug)
-        found[slug] = found.get(slug, 0) + 1
+        made.add(f"{slug}-{counts[slug]}" if slug in counts else slug)
+        counts[slug] = counts.get(slug, 0) + 1
     return made
 
 

@@ -51,13 +51,13 @@ def named(requirements: list[str]) -> set[str]:
 
 def pins() -> dict[str, str]:
     """name -> version of requirements.lock; anything but an exact pin fails."""
-    found = {}
+    versions = {}
     for line in LOCK.splitlines():
         if line.strip() and not line.startswith("#"):
             match = re.fullmatch(r"([\w.-]+)==([\w.+!]+)(?: ; [^#]+)?", line)
             assert match, f"not an exact pin: {line!r}"
-            found[normal(match[1])] = match[2]
-    return found
+            versions[normal(match[1])] = match[2]
+    return versions
 
 
 def tracked_text() -> list[tuple[str, str]]:
@@ -85,7 +85,7 @@ def test_the_lock_holds_exact_pins_and_names_no_place():
 
 def test_the_lock_pins_everything_that_pyproject_names():
     extras = PROJECT["optional-dependencies"]
-    locked = [each for name in ("app", "blind", "multibody", "test", "dev") for each in extras[name]]
+    locked = [requirement for name in ("app", "blind", "multibody", "test", "dev") for requirement in extras[name]]
     wanted = named(PROJECT["dependencies"] + locked)
     assert wanted - set(pins()) == set()
     assert "streamlit" in pins()
@@ -113,13 +113,13 @@ def test_version_is_the_same_everywhere():
 
 
 def test_no_file_names_a_folder_of_one_machine():
-    found = [f"{name}: {hit[0]}" for name, text in tracked_text() for hit in MACHINE_PATH.finditer(text)]
-    assert found == []
+    hits = [f"{name}: {hit[0]}" for name, text in tracked_text() for hit in MACHINE_PATH.finditer(text)]
+    assert hits == []
 
 
 def test_no_file_names_a_host_beyond_the_few_that_stay():
-    found = {f"{name}: {hit[1]}" for name, text in tracked_text() for hit in HOST.finditer(text)}
-    assert {line for line in found if line.rsplit(": ")[1] not in ALLOWED_HOSTS} == set()
+    hits = {f"{name}: {hit[1]}" for name, text in tracked_text() for hit in HOST.finditer(text)}
+    assert {line for line in hits if line.rsplit(": ")[1] not in ALLOWED_HOSTS} == set()
 
 
 def test_nobody_is_told_to_install_workbench_by_its_name():

@@ -72,7 +72,7 @@ def imported(node: ast.AST, package: tuple[str, ...]) -> list[str]:
 
 def wrong_imports(source: str, layer: str | None, package: tuple[str, ...]) -> list[str]:
     """What a module of `layer` imports from its own row's neighbours or from below."""
-    found = []
+    wrong = []
     for node in ast.walk(ast.parse(source)):
         for name in imported(node, package):
             parts = name.split(".")
@@ -80,8 +80,8 @@ def wrong_imports(source: str, layer: str | None, package: tuple[str, ...]) -> l
                 continue
             target = parts[1] if len(parts) > 1 else "workbench"
             if target not in LEVEL or LEVEL[target] >= LEVEL.get(layer or "", -1):
-                found.append(f"line {node.lineno}: {name}")  # type: ignore[attr-defined]
-    return found
+                wrong.append(f"line {node.lineno}: {name}")  # type: ignore[attr-defined]
+    return wrong
 
 
 def at_import_time(tree: ast.AST) -> Iterator[ast.AST]:
@@ -201,11 +201,11 @@ def option_names(source: str) -> list[str]:
 
 def test_only_the_command_line_names_its_options():
     """A library's error names its parameter; the command line turns that into the option."""
-    found = {}
+    by_module = {}
     for module in MODULES:
         name = module.relative_to(PACKAGE).as_posix()
         if not any(name == place or name.startswith(f"{place}/") for place in NAMES_OPTIONS):
-            found[name] = option_names(module.read_text(encoding="utf-8"))
-    assert {name: lines for name, lines in found.items() if lines} == {}
+            by_module[name] = option_names(module.read_text(encoding="utf-8"))
+    assert {name: lines for name, lines in by_module.items() if lines} == {}
     assert option_names("raise InputError('no', place='--free')") == ["line 1: --free"]
     assert option_names('def f():\n    """See --free."""\n    return 1 - -1') == []

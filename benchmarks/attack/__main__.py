@@ -109,7 +109,7 @@ def table(results: Sequence[Result]) -> str:
     lines = [head]
     for kind in [*dict.fromkeys(result.kind for result in results), "all"]:
         ended = [result.ended for result in results if kind in (result.kind, "all")]
-        how = Counter(each.how for each in ended)
+        how = Counter(outcome.how for outcome in ended)
         slow, large = [e.seconds for e in ended], [e.memory_mb for e in ended]
         lines.append([
             kind, str(len(ended)), *(str(how[name]) for name in ("refused", "noted", "read", *BAD)),

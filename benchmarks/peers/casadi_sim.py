@@ -45,8 +45,8 @@ def make_replay(case: Replay, rtol: float, atol: float) -> Any:
 
 def replay(case: Replay, integrator: Any) -> Floats:
     """Motor speed at the log's samples, rad/s."""
-    found = integrator(x0=case.start)
-    return np.append(case.start[1], np.asarray(found["xf"])[1])
+    end = integrator(x0=case.start)
+    return np.append(case.start[1], np.asarray(end["xf"])[1])
 
 
 def make_loop(case: Loop, steps: int) -> Any:

@@ -21,7 +21,7 @@ def replay(case: Replay, rtol: float, atol: float, max_step_s: float) -> Floats:
         rate[:] = rates(y.tolist(), torque(t))
 
     solver = CVODE(f, method="BDF", rtol=rtol, atol=atol, max_step=max_step_s, max_num_steps=1_000_000)
-    found = solver.solve(case.time_s, np.array(case.start))
-    if not found.success:
-        raise RuntimeError(f"CVODE stopped at {found.t[-1]:.3f} s: {found.message}")
-    return np.asarray(found.y[:, 1])
+    solution = solver.solve(case.time_s, np.array(case.start))
+    if not solution.success:
+        raise RuntimeError(f"CVODE stopped at {solution.t[-1]:.3f} s: {solution.message}")
+    return np.asarray(solution.y[:, 1])

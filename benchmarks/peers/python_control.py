@@ -20,7 +20,7 @@ def replay(case: Replay, rtol: float, atol: float, max_step_s: float) -> Floats:
         return rates(y.tolist(), float(u[0]))
 
     system = control.nlsys(f, None, inputs=1, states=6, outputs=6)
-    found = control.input_output_response(
+    response = control.input_output_response(
         system,
         case.time_s,
         case.torque_nm,
@@ -28,4 +28,4 @@ def replay(case: Replay, rtol: float, atol: float, max_step_s: float) -> Floats:
         solve_ivp_method="LSODA",
         solve_ivp_kwargs={"rtol": rtol, "atol": atol, "max_step": max_step_s},
     )
-    return np.asarray(found.states[1])
+    return np.asarray(response.states[1])

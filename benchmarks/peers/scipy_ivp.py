@@ -27,10 +27,12 @@ def replay_with(p: Hoist, case: Replay, method: str, rtol: float, atol: float, m
         return rates(y.tolist(), torque(t))
 
     span = (0.0, float(case.time_s[-1]))
-    found = solve_ivp(f, span, case.start, method=method, t_eval=case.time_s, rtol=rtol, atol=atol, max_step=max_step_s)
-    if not found.success:
-        raise RuntimeError(f"{method} stopped at {found.t[-1]:.3f} s: {found.message}")
-    return np.asarray(found.y[1])
+    solution = solve_ivp(
+        f, span, case.start, method=method, t_eval=case.time_s, rtol=rtol, atol=atol, max_step=max_step_s
+    )
+    if not solution.success:
+        raise RuntimeError(f"{method} stopped at {solution.t[-1]:.3f} s: {solution.message}")
+    return np.asarray(solution.y[1])
 
 
 def closed_loop(case: Loop, rtol: float, atol: float) -> Floats:
@@ -61,5 +63,5 @@ def friction_fit(case: Replay, start: Hoist, rtol: float, atol: float, step: flo
         p = start._replace(up=float(x[0]), down=float(x[1]), slope=float(x[2]))
         return replay_with(p, case, "LSODA", rtol, atol, np.inf) - case.speed_rad_s
 
-    found = least_squares(residual, nominal, x_scale=nominal, diff_step=step, xtol=xtol, ftol=0.1 * xtol)
-    return np.asarray(found.x)
+    solution = least_squares(residual, nominal, x_scale=nominal, diff_step=step, xtol=xtol, ftol=0.1 * xtol)
+    return np.asarray(solution.x)

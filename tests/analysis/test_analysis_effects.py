@@ -207,8 +207,8 @@ def test_the_loop_command_says_what_is_in_the_loop_and_what_is_not(tmp_path: Pat
     assert "Not in the loop, for they act on the log alone: torque_scale." in said
     written = json.loads((out / "loop.json").read_text(encoding="utf-8"))
     assert written["effects"]["gearbox_inertia"] == {"inertia_kg_m2": 0.5}
-    found = margins(linear_loop(machine, _rule(machine), OperatingPoint(0.0, 5.0)))
-    assert written["loops"][0]["crossover_hz"] == pytest.approx(found.crossover_hz, rel=1e-6)
+    computed = margins(linear_loop(machine, _rule(machine), OperatingPoint(0.0, 5.0)))
+    assert written["loops"][0]["crossover_hz"] == pytest.approx(computed.crossover_hz, rel=1e-6)
 
 
 def _rule(machine: Hoist) -> PiSettings:

@@ -42,9 +42,9 @@ def test_every_member_has_its_own_look_in_every_figure(members: list[Member]):
     for figure, panels in ((bode(members), 2), (nyquist(members, 1.4), 1), (gang_of_four(members, 1.4), 4)):
         looks = set()
         for member in members:
-            found = lines(figure, member_name(member))
-            assert len(found) == panels
-            looks.add((found[0].line.color, found[0].line.dash))
+            traces = lines(figure, member_name(member))
+            assert len(traces) == panels
+            looks.add((traces[0].line.color, traces[0].line.dash))
         assert len(looks) == len(members)
 
 

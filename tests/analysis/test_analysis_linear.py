@@ -77,15 +77,15 @@ def test_the_operating_point_accelerates_nothing(motion: Any):
 
 @pytest.mark.parametrize(("payload", "hz", "zeta"), [(0.0, 3.10, 0.97), (4500.0, 2.55, 0.80), (9000.0, 2.24, 0.70)])
 def test_the_carriage_on_the_wire_with_a_free_motor_is_that_of_the_model_page(payload: float, hz: float, zeta: float):
-    found = oscillation(linearise(ideal_hoist(), OperatingPoint(payload, 10.0)))
-    assert found == pytest.approx((hz, zeta), abs=0.006)
+    hz_and_zeta = oscillation(linearise(ideal_hoist(), OperatingPoint(payload, 10.0)))
+    assert hz_and_zeta == pytest.approx((hz, zeta), abs=0.006)
 
 
 @pytest.mark.parametrize(("payload", "hz", "zeta"), [(0.0, 2.93, 0.92), (4500.0, 2.35, 0.74), (9000.0, 2.01, 0.63)])
 def test_with_a_held_motor_it_is_that_of_the_model_page_too(payload: float, hz: float, zeta: float):
     held = with_values(ideal_hoist(), {"motor.rotor_inertia_kg_m2": 1e6})
-    found = oscillation(linearise(held, OperatingPoint(payload, 10.0)))
-    assert found == pytest.approx((hz, zeta), abs=0.006)
+    hz_and_zeta = oscillation(linearise(held, OperatingPoint(payload, 10.0)))
+    assert hz_and_zeta == pytest.approx((hz, zeta), abs=0.006)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_the_height_makes_one_slow_unstable_mode_and_nothing_else_where_a_loop_w
     assert np.linalg.eigvals(free.A).real.max() == pytest.approx(0.025, abs=0.001)
     assert np.linalg.eigvals(frozen.A).real.max() < 0.0
     f = np.geomspace(0.1, 400.0, 50)
-    a, b = (sampled_plant(each, 0.001, ideal_hoist().drive).response(f)[:, 0, 0] for each in (free, frozen))
+    a, b = (sampled_plant(plant, 0.001, ideal_hoist().drive).response(f)[:, 0, 0] for plant in (free, frozen))
     np.testing.assert_allclose(a, b, rtol=2.5e-3)
     np.testing.assert_allclose(a[f > 1.0], b[f > 1.0], rtol=3e-5)
 

@@ -50,40 +50,40 @@ each_loop = pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS)
 
 @each_loop
 def test_every_margin_agrees_with_a_dense_grid(loop: LinearLoop):
-    found = margins(loop)
+    computed = margins(loop)
     f = np.unique(np.concatenate([np.geomspace(1e-3, loop.nyquist_hz, 60_000), np.linspace(0.3, 4.0, 20_000)]))
     L = np.concatenate([loop.open_response(part) for part in np.array_split(f, 20)])
     S, T = 1.0 / (1.0 + L), L / (1.0 + L)
-    assert found.ms == pytest.approx(np.abs(S).max(), rel=2e-6)
-    assert found.mt == pytest.approx(np.abs(T).max(), rel=2e-6)
-    assert found.disk == pytest.approx(2.0 / np.abs(S - T).max(), rel=2e-6)
-    assert found.bandwidth_hz == pytest.approx(f[np.argmax(np.abs(T) < math.sqrt(0.5))], rel=4e-4)
+    assert computed.ms == pytest.approx(np.abs(S).max(), rel=2e-6)
+    assert computed.mt == pytest.approx(np.abs(T).max(), rel=2e-6)
+    assert computed.disk == pytest.approx(2.0 / np.abs(S - T).max(), rel=2e-6)
+    assert computed.bandwidth_hz == pytest.approx(f[np.argmax(np.abs(T) < math.sqrt(0.5))], rel=4e-4)
 
     over = np.flatnonzero(np.diff(np.sign(np.log(np.abs(L)))) != 0)
     lag = np.degrees(np.angle(-L[over])) % 360.0
-    assert found.phase_deg == pytest.approx(np.minimum(lag, 360.0 - lag).min(), abs=0.05)
-    assert found.delay_s == pytest.approx((lag / 360.0 / f[over]).min(), rel=1e-3)
+    assert computed.phase_deg == pytest.approx(np.minimum(lag, 360.0 - lag).min(), abs=0.05)
+    assert computed.delay_s == pytest.approx((lag / 360.0 / f[over]).min(), rel=1e-3)
 
     axis = np.flatnonzero(np.diff(np.sign(L.imag[:-1])) != 0)
     gains = [-1.0 / L[k].real for k in [*axis, len(f) - 1] if L[k].real < 0.0]
-    assert found.gain_up == pytest.approx(min((g for g in gains if g >= 1.0), default=math.inf), rel=1e-3)
-    assert found.gain_down == pytest.approx(max((g for g in gains if g < 1.0), default=0.0), rel=1e-3)
+    assert computed.gain_up == pytest.approx(min((g for g in gains if g >= 1.0), default=math.inf), rel=1e-3)
+    assert computed.gain_down == pytest.approx(max((g for g in gains if g < 1.0), default=0.0), rel=1e-3)
 
 
 @each_loop
 def test_every_margin_agrees_with_python_control(loop: LinearLoop):
     import control
 
-    found = margins(loop)
+    computed = margins(loop)
     f = np.geomspace(1e-2, 0.9999 * loop.nyquist_hz, 20_000)
     gm, pm, sm, _, w_pm, _ = control.stability_margins(control.frd(loop.open_response(f), 2.0 * np.pi * f))
     # Its frequency data end below half the sample rate, where an ideal loop has its only phase crossing.
-    if found.gain_up_hz < f[-1]:
-        assert gm == pytest.approx(found.gain_up, rel=1e-5)
-    assert pm == pytest.approx(found.phase_deg, abs=1e-3)
-    assert w_pm / (2.0 * np.pi) == pytest.approx(found.crossover_hz, rel=1e-5)
-    if found.ms_hz < f[-1]:
-        assert 1.0 / sm == pytest.approx(found.ms, rel=1e-5)
+    if computed.gain_up_hz < f[-1]:
+        assert gm == pytest.approx(computed.gain_up, rel=1e-5)
+    assert pm == pytest.approx(computed.phase_deg, abs=1e-3)
+    assert w_pm / (2.0 * np.pi) == pytest.approx(computed.crossover_hz, rel=1e-5)
+    if computed.ms_hz < f[-1]:
+        assert 1.0 / sm == pytest.approx(computed.ms, rel=1e-5)
 
 
 def test_the_disk_margin_is_that_of_python_control():
@@ -93,9 +93,9 @@ def test_the_disk_margin_is_that_of_python_control():
         L, _, _ = loop.systems()
         f = loop.grid()
         disk, _, phase = control.disk_margins(L, 2.0 * np.pi * f, 0.0)
-        found = margins(loop)
-        assert found.disk == pytest.approx(disk, rel=1e-3)
-        assert found.disk_phase_deg == pytest.approx(phase, rel=1e-3)
+        computed = margins(loop)
+        assert computed.disk == pytest.approx(disk, rel=1e-3)
+        assert computed.disk_phase_deg == pytest.approx(phase, rel=1e-3)
 
 
 def with_gain(loop: LinearLoop, factor: float) -> LinearLoop:
@@ -105,14 +105,14 @@ def with_gain(loop: LinearLoop, factor: float) -> LinearLoop:
 
 @each_loop
 def test_the_loop_falls_over_at_its_gain_margin_and_not_before(loop: LinearLoop):
-    found = margins(loop)
-    assert found.stable
-    if math.isfinite(found.gain_up):
-        assert with_gain(loop, 0.999 * found.gain_up).stable
-        assert not with_gain(loop, 1.001 * found.gain_up).stable
-    if found.gain_down > 0.0:
-        assert not with_gain(loop, 0.999 * found.gain_down).stable
-    assert with_gain(loop, max(1.001 * found.gain_down, 1e-3)).stable
+    computed = margins(loop)
+    assert computed.stable
+    if math.isfinite(computed.gain_up):
+        assert with_gain(loop, 0.999 * computed.gain_up).stable
+        assert not with_gain(loop, 1.001 * computed.gain_up).stable
+    if computed.gain_down > 0.0:
+        assert not with_gain(loop, 0.999 * computed.gain_down).stable
+    assert with_gain(loop, max(1.001 * computed.gain_down, 1e-3)).stable
 
 
 @pytest.mark.parametrize("payload", [0.0, 9000.0])
@@ -130,10 +130,10 @@ def test_a_machine_that_runs_away_has_a_lower_gain_margin_and_falls_over_there()
     pushing = Effects({"guide_force_n": [lambda s, p: 2e5 * s.v]})  # friction of the wrong sign
     loop = linear_loop(SLOW_DRIVE, PI, OperatingPoint(9000.0, 10.0), effects=pushing)
     assert np.abs(loop.plant.poles()).max() > 1.0
-    found = margins(loop)
-    assert 0.0 < found.gain_down < 1.0
-    assert with_gain(loop, 1.001 * found.gain_down).stable
-    assert not with_gain(loop, 0.999 * found.gain_down).stable
+    computed = margins(loop)
+    assert 0.0 < computed.gain_down < 1.0
+    assert with_gain(loop, 1.001 * computed.gain_down).stable
+    assert not with_gain(loop, 0.999 * computed.gain_down).stable
 
 
 def test_an_unstable_loop_is_called_so():

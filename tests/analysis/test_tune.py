@@ -102,12 +102,12 @@ def test_a_bandwidth_that_the_delays_forbid_is_refused_with_one_that_they_allow(
 
 
 def test_more_delay_leaves_less_to_attain():
-    found = []
+    best = []
     for delay in (0.0, 0.004, 0.012):
         machine = with_values(slow_drive(), {"drive.speed_delay_s": delay})
-        found.append(best_rejection(make_search(machine, BASE, POINTS), 1.4))
-    assert found[0].ki > 1.2 * found[1].ki > 1.44 * found[2].ki
-    assert found[0].attainable_hz > found[1].attainable_hz > found[2].attainable_hz
+        best.append(best_rejection(make_search(machine, BASE, POINTS), 1.4))
+    assert best[0].ki > 1.2 * best[1].ki > 1.44 * best[2].ki
+    assert best[0].attainable_hz > best[1].attainable_hz > best[2].attainable_hz
 
 
 def test_a_load_step_integrates_to_one_over_ki():
@@ -235,8 +235,8 @@ def test_the_tune_command_writes_a_block_that_the_loop_command_takes(tmp_path: P
     assert "winner" in said
     assert "13.9 Hz" in said  # the widest that this drive allows
     settings = read_controller(out)
-    found = [margins(linear_loop(slow_drive(), settings, p)) for p in POINTS]
-    assert min(m.bandwidth_hz for m in found) == pytest.approx(4.0, rel=0.06)
+    reached = [margins(linear_loop(slow_drive(), settings, p)) for p in POINTS]
+    assert min(m.bandwidth_hz for m in reached) == pytest.approx(4.0, rel=0.06)
     code, said = run("loop", *words, "--controller", str(out), "--out", str(folder))
     assert code == 0, said
     assert {path.name for path in folder.iterdir()} == {"loop.html", "loop.json"}

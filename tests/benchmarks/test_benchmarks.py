@@ -65,8 +65,8 @@ def test_halving_the_references_step_changes_nothing_that_counts(log):
 
 
 def test_fit_finds_the_friction_that_the_log_was_made_with():
-    found = ours.friction_fit(ours.read(make_fit_log()))
-    assert found.values() == pytest.approx(FITTED, rel=FIT_ACCURACY)
+    fitted = ours.friction_fit(ours.read(make_fit_log()))
+    assert fitted.values() == pytest.approx(FITTED, rel=FIT_ACCURACY)
 
 
 @pytest.mark.parametrize("payload_kg", [0.0, 4500.0, 9000.0])
@@ -96,8 +96,8 @@ def test_casadis_right_hand_side_is_the_references():
     f = casadi.Function("f", [y, u], [symbolic_rates(p, y, u)])
     for w, w_s, v, sag in itertools.product((-140.0, 0.1, 90.0), (-2.0, 0.004), (-0.7, 0.0, 0.3), (-0.5, 0.0, 0.2)):
         state = (th, w, th_s, w_s, x - sag, v)
-        found = np.asarray(f(list(state), hold + 50.0)).ravel()
-        assert found == pytest.approx(rates(p, *state, hold + 50.0), rel=1e-12, abs=1e-9)
+        computed = np.asarray(f(list(state), hold + 50.0)).ravel()
+        assert computed == pytest.approx(rates(p, *state, hold + 50.0), rel=1e-12, abs=1e-9)
 
 
 def test_torque_is_linear_between_samples_and_held_after_the_last():

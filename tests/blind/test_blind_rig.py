@@ -197,7 +197,7 @@ def power_score(rig: Rig) -> Any:
 def test_the_power_is_the_size_from_which_nine_of_ten_are_named_and_what_never_is_says_so(rig: Rig):
     power = power_of(power_score(rig), {"friction_viscous": 0.5}, "the quickest one again")
     assert power is not None and power.unit == "N m"
-    never, named = sorted(power.effects, key=lambda each: each.change is not None)
+    never, named = sorted(power.effects, key=lambda effect_power: effect_power.change is not None)
     assert (named.effect, named.parameter) == ("friction_viscous", "viscous_n_s_per_m")
     assert named.change and named.amount and named.interval and named.change_interval
     assert 4.0 < named.change < 10.0  # twenty cases do not say how sharp the edge at 4 is

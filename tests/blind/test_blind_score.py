@@ -38,7 +38,7 @@ def made(
     merits: Sequence[tuple[Sequence[str], float]] = (),
     evidence: Mapping[str, float] = EVIDENCE,
     truth: Mapping[str, Mapping[str, float]] | None = None,
-    found: Mapping[str, Mapping[str, tuple[float, float]]] | None = None,
+    estimates: Mapping[str, Mapping[str, tuple[float, float]]] | None = None,
     folder: str = "001",
     family: str = "hoist_small",
     where: Mapping[str, str] = GUIDE,
@@ -55,7 +55,7 @@ def made(
             "effects": list(told), "where": [where], "torque_change_rms_nm": size, "parameters": truth or {},
             "family": family, "kind": family.partition("_")[0], "events": list(events), "alike": list(twins),
         },
-        "ranking": [[word, list(names), probability]], "evidence": dict(evidence), "estimates": found or {},
+        "ranking": [[word, list(names), probability]], "evidence": dict(evidence), "estimates": estimates or {},
         "weighed": [{"names": list(n), "merit": m, "fit": list(n)} for n, m in merits],
         "counted": [[list(n), m] for n, m in merits], "places": list(places), "windows": list(windows),
         "before": 5.0, "after": after, "noise": 0.5, "cpu_s": 12.0, "subsystem": "guide", "regime": regime,
@@ -128,8 +128,8 @@ def test_cases_stand_with_others_of_their_size_over_the_noise():
     assert sized == {"below the noise": 1, "10 and more": 9}
     at = {3.9: "3 to 10", 2.9: "1 to 3", 0.9: "below", 11.0: "10 and more"}
     for ratio, name in at.items():
-        (found,) = measures.by_size([made([VISCOUS], "no_gap", size=0.5 * ratio)])
-        assert name in found
+        (cell,) = measures.by_size([made([VISCOUS], "no_gap", size=0.5 * ratio)])
+        assert name in cell
     unknown = made([VISCOUS], "no_gap")
     unknown["label"]["torque_change_rms_nm"] = None
     assert list(measures.by_size([unknown])) == ["size not known"]
@@ -186,10 +186,10 @@ def test_methods_stand_beside_each_other_on_the_same_cases():
 
 def test_sparse_regression_that_was_not_installed_is_left_out_and_the_commonest_answer_is_of_each_kind():
     rows = [*ANSWERS, *[made([], "named", [VISCOUS], family="axis_std") for _ in range(3)]]
-    found = baselines(rows)
-    assert SPARSE not in found
-    assert {row["word"] for row in found[COMMONEST] if criteria.kind_of(row) == "axis"} == {"no_gap"}
-    assert len({(row["word"], *row["names"]) for row in found[COMMONEST] if criteria.kind_of(row) == "hoist"}) == 1
+    answered = baselines(rows)
+    assert SPARSE not in answered
+    assert {row["word"] for row in answered[COMMONEST] if criteria.kind_of(row) == "axis"} == {"no_gap"}
+    assert len({(row["word"], *row["names"]) for row in answered[COMMONEST] if criteria.kind_of(row) == "hoist"}) == 1
 
 
 @pytest.mark.parametrize(
@@ -309,14 +309,14 @@ def test_errors_are_relative_to_what_the_effect_changes():
     """A gain of 1.06 that is found as 1.09 is off by half of what is wrong with it."""
     row = made(
         ["torque_scale"], "named", ["torque_scale"],
-        truth={"torque_scale": {"gain": 1.06}}, found={"torque_scale": {"gain": (1.09, 0.02)}},
+        truth={"torque_scale": {"gain": 1.06}}, estimates={"torque_scale": {"gain": (1.09, 0.02)}},
     )  # fmt: skip
     ((name, relative, errors),) = criteria.estimates_within(row)
     assert name == "torque_scale.gain"
     assert (relative, errors) == pytest.approx((0.5, 1.5))
     assert list(criteria.estimates_within({**row, "names": [OFFSET]})) == []
     wave = {"heave": {"amplitude_m": 0.2, "phase_rad": 1.0}}
-    waves = made(["heave"], "named", ["heave"], truth=wave, found={"heave": {"phase_rad": (6.0, 0.1)}})
+    waves = made(["heave"], "named", ["heave"], truth=wave, estimates={"heave": {"phase_rad": (6.0, 0.1)}})
     assert list(criteria.estimates_within(waves)) == []
 
 
@@ -367,7 +367,7 @@ def test_the_interval_is_widened_until_nine_of_ten_true_values_are_inside():
     rows = [
         made(
             [OFFSET], "named", [OFFSET],
-            truth={OFFSET: {"offset_nm": 30.0}}, found={OFFSET: {"offset_nm": (30.0 + 0.1 * k, 1.0)}},
+            truth={OFFSET: {"offset_nm": 30.0}}, estimates={OFFSET: {"offset_nm": (30.0 + 0.1 * k, 1.0)}},
         )
         for k in range(1, 51)
     ]  # fmt: skip

@@ -200,7 +200,7 @@ def test_a_run_goes_on_where_it_stopped_and_a_part_can_be_scored(made: Made):
     assert second.opened == first.opened
     assert second.after_opening == ("002", "003", "004")
     openings = json.loads((made.folder / OPENED).read_text())["openings"]
-    assert [len(each["answers"]) for each in openings] == [1, 4]
+    assert [len(opening["answers"]) for opening in openings] == [1, 4]
     open_and_score(made.folder, made.key)
     assert len(json.loads((made.folder / OPENED).read_text())["openings"]) == 2
 

@@ -155,9 +155,9 @@ def test_an_effect_takes_the_force_of_its_law(name):
     time = np.arange(len(record)) * RECORD_S
     moving = under_way(axis, record)
     expected = law(p, record, time)[moving]
-    found = (record[:, FORCE] - plain_force(p, record))[moving]
+    extra_force = (record[:, FORCE] - plain_force(p, record))[moving]
     assert rms(expected) > 0.01 * axis.force
-    assert rms(found - expected) < 0.01 * axis.force
+    assert rms(extra_force - expected) < 0.01 * axis.force
 
 
 def test_friction_before_sliding_comes_back_over_its_distance():

@@ -321,8 +321,8 @@ def test_an_unlisted_cause_shows_in_the_log(name):
     content = dataclasses.replace(content, runs=content.runs[2:3])
     if name == "dead_band":  # it acts on the samples of the log
         held, free = (
-            sum(logged(each, 12, 0)[f"torque_motor{k}_nm"][0] for k in (1, 2))
-            for each in (content, dataclasses.replace(content, causes=()))
+            sum(logged(case, 12, 0)[f"torque_motor{k}_nm"][0] for k in (1, 2))
+            for case in (content, dataclasses.replace(content, causes=()))
         )
         band = content.causes[0].log["dead_band"]
         assert 0.2 * band < np.std(held - free) < band

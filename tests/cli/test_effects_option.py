@@ -167,8 +167,8 @@ def test_replay_and_identify_take_a_machine_with_the_user_s_effect(
     plain, windy = (json.loads((tmp_path / name / "replay.json").read_text()) for name in ("plain", "windy"))
     rms = "torque_residual_rms_nm"
     assert abs(windy["overall"][rms] - plain["overall"][rms]) > 1.0
-    found = workbench("identify", campaign, "--machine", windy_machine, "--effects", wind, "--out", tmp_path / "found")
-    assert found.status == 0, found.err
+    ended = workbench("identify", campaign, "--machine", windy_machine, "--effects", wind, "--out", tmp_path / "found")
+    assert ended.status == 0, ended.err
     identified = load_machine(tmp_path / "found" / "machine.yaml")
     assert identified.effects == {"wind": {"wind_n_s2_per_m2": 30000.0}}
 

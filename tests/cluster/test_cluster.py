@@ -144,10 +144,10 @@ def test_processes_of_local_n_have_one_thread_each_and_listen_on_loopback_only()
     with spread_on("local:2"):
         here = psutil.Process()
         listening = [
-            each.laddr
+            connection.laddr
             for process in (here, *here.children(recursive=True))
-            for each in process.net_connections()
-            if each.status == "LISTEN"
+            for connection in process.net_connections()
+            if connection.status == "LISTEN"
         ]
         from distributed import default_client
 

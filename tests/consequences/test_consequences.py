@@ -33,10 +33,10 @@ def with_effects(**effects: dict[str, float]) -> Hoist:
     return default_hoist().model_copy(update={"effects": effects})
 
 
-def found_for(corrected: Hoist, nominal: Hoist | None = None, **how: object) -> Consequences:
-    found, why = consequences_of(nominal or default_hoist(), corrected, payloads_kg=PAYLOADS, **how)  # type: ignore[arg-type]
-    assert found is not None, why
-    return found
+def consequences_for(corrected: Hoist, nominal: Hoist | None = None, **how: object) -> Consequences:
+    changes, why = consequences_of(nominal or default_hoist(), corrected, payloads_kg=PAYLOADS, **how)  # type: ignore[arg-type]
+    assert changes is not None, why
+    return changes
 
 
 HEAVIER = ideal_hoist().model_copy(update={"effects": {"gearbox_inertia": {"inertia_kg_m2": 0.3}}})
@@ -45,27 +45,27 @@ HEAVIER = ideal_hoist().model_copy(update={"effects": {"gearbox_inertia": {"iner
 @pytest.fixture(scope="module")
 def heavier() -> Consequences:
     """Behind an ideal drive: margins and gains that the shaft's inertia alone decides."""
-    return found_for(HEAVIER, ideal_hoist())
+    return consequences_for(HEAVIER, ideal_hoist())
 
 
 @pytest.fixture(scope="module")
 def overloaded() -> Consequences:
-    return found_for(with_effects(payload_mass_error={"payload_scale": 4.0}))
+    return consequences_for(with_effects(payload_mass_error={"payload_scale": 4.0}))
 
 
-def said(found: Consequences, start: str) -> str:
-    (one,) = [sentence for sentence in found.sentences if sentence.startswith(start)]
+def said(changes: Consequences, start: str) -> str:
+    (one,) = [sentence for sentence in changes.sentences if sentence.startswith(start)]
     return one
 
 
 def test_the_same_machine_twice_changes_nothing_and_says_so():
-    found = found_for(default_hoist())
-    assert found.effects == ()
-    assert all(row.before == row.after for row in found.rows)
-    assert found.loop_before == found.loop_after
-    assert found.gains_before == found.gains_after
-    assert not found.better_reference_changes
-    text = " ".join(found.sentences)
+    changes = consequences_for(default_hoist())
+    assert changes.effects == ()
+    assert all(row.before == row.after for row in changes.rows)
+    assert changes.loop_before == changes.loop_after
+    assert changes.gains_before == changes.gains_after
+    assert not changes.better_reference_changes
+    text = " ".join(changes.sentences)
     assert "before and after its correction" in text
     for unchanged in ("torque peak per motor does not change", "margins do not change", "recommended gains stay"):
         assert unchanged in text
@@ -112,46 +112,46 @@ def test_the_loop_is_the_weakest_of_the_family_of_each_machine(heavier: Conseque
 
 def test_the_gain_for_the_same_bandwidth_grows_with_the_inertia():
     # Far above the wire's frequency the motor turns alone.
-    found = found_for(HEAVIER, ideal_hoist(), goal=Goal(30.0))
-    ratio = found.gains_after.kp_nm_s_per_rad / found.gains_before.kp_nm_s_per_rad
+    changes = consequences_for(HEAVIER, ideal_hoist(), goal=Goal(30.0))
+    ratio = changes.gains_after.kp_nm_s_per_rad / changes.gains_before.kp_nm_s_per_rad
     assert ratio == pytest.approx(1.0 + 0.3 / INERTIA, rel=0.02)
-    assert found.gains_goal == (30.0, 1.4)
-    assert found.old_gains_bandwidth_hz < 28.0
-    words = said(found, "For a bandwidth of 30 Hz")
+    assert changes.gains_goal == (30.0, 1.4)
+    assert changes.old_gains_bandwidth_hz < 28.0
+    words = said(changes, "For a bandwidth of 30 Hz")
     assert "others now" in words
     assert "the old ones give" in words
 
 
 def test_a_goal_out_of_reach_is_a_sentence_and_no_error():
-    found = found_for(with_effects(friction_viscous={"viscous_n_s_per_m": 4000.0}), goal=Goal(900.0))
-    assert not found.gains_before.ok
-    assert "finds no gains, nor before: 900 Hz is out of reach" in said(found, "For a bandwidth of 900 Hz")
+    changes = consequences_for(with_effects(friction_viscous={"viscous_n_s_per_m": 4000.0}), goal=Goal(900.0))
+    assert not changes.gains_before.ok
+    assert "finds no gains, nor before: 900 Hz is out of reach" in said(changes, "For a bandwidth of 900 Hz")
 
 
 def test_an_effect_on_a_sensor_changes_no_run_and_no_loop_and_the_sentence_says_why():
-    found = found_for(with_effects(torque_scale={"gain": 1.1}))
-    assert all(row.before == row.after for row in found.rows)
-    assert found.loop_before == found.loop_after
-    assert "torque_scale" in said(found, "On the log alone")
+    changes = consequences_for(with_effects(torque_scale={"gain": 1.1}))
+    assert all(row.before == row.after for row in changes.rows)
+    assert changes.loop_before == changes.loop_after
+    assert "torque_scale" in said(changes, "On the log alone")
 
 
 def test_heave_counts_with_the_worst_of_four_phases_figure_by_figure():
     wave = {"amplitude_m": 1.0, "frequency_rad_s": 1.1}
-    found = found_for(with_effects(heave=wave))
-    each = [_at_phase(wave, k * math.pi / 2.0, found) for k in range(4)]
-    for i, row in enumerate(found.rows):
-        assert row.after.peak_torque_motor_nm == max(figures[i]["peak_torque_motor_nm"] for figures in each)
-        assert row.after.min_wire_tension_n == min(figures[i]["min_wire_tension_n"] for figures in each)
-    peaks = [figures[0]["peak_torque_motor_nm"] for figures in each]
+    changes = consequences_for(with_effects(heave=wave))
+    by_phase = [_at_phase(wave, k * math.pi / 2.0, changes) for k in range(4)]
+    for i, row in enumerate(changes.rows):
+        assert row.after.peak_torque_motor_nm == max(figures[i]["peak_torque_motor_nm"] for figures in by_phase)
+        assert row.after.min_wire_tension_n == min(figures[i]["min_wire_tension_n"] for figures in by_phase)
+    peaks = [figures[0]["peak_torque_motor_nm"] for figures in by_phase]
     assert max(peaks) > 1.01 * min(peaks)
-    assert "4 phases" in said(found, "In each run heave")
+    assert "4 phases" in said(changes, "In each run heave")
 
 
-def _at_phase(wave: dict[str, float], phase: float, found: Consequences) -> list[dict[str, float]]:
-    machine, s = with_effects(heave=wave | {"phase_rad": phase}), found.study
+def _at_phase(wave: dict[str, float], phase: float, changes: Consequences) -> list[dict[str, float]]:
+    machine, s = with_effects(heave=wave | {"phase_rad": phase}), changes.study
     steps = [Step(by_m=s.travel_m), Step(dwell_s=2.0), Step(by_m=-s.travel_m)]
     cases = []
-    for row in found.rows:
+    for row in changes.rows:
         plan = plan_motion(row.reference, steps, s.start_position_m, s.limits, (0.0, 25.0), 1.0, 2.0)
         slowest = plan_motion("ruckig", steps, s.start_position_m, s.limits, (0.0, 25.0), 1.0, 2.0).duration_s
         speed = plan.sample(0.001, slowest).speed_m_s
@@ -170,46 +170,48 @@ def test_a_load_that_the_motors_no_longer_hold_is_a_row_with_its_reason_and_a_se
 
 
 def test_a_load_that_could_be_held_all_along_is_said_the_other_way_round():
-    found = found_for(default_hoist(), nominal=with_effects(payload_mass_error={"payload_scale": 4.0}))
-    assert said(found, "At 9000 kg with either reference the move is possible now; before: holding the load takes")
+    changes = consequences_for(default_hoist(), nominal=with_effects(payload_mass_error={"payload_scale": 4.0}))
+    assert said(changes, "At 9000 kg with either reference the move is possible now; before: holding the load takes")
 
 
 def test_a_wide_tight_stretch_makes_the_reference_indifferent_and_that_is_another_choice():
     stretch = {"peak_n": 70_000.0, "centre_m": 8.0, "width_m": 0.5}
-    found = found_for(with_effects(friction_position_dependent=stretch))
-    moved = [c for c in found.choices if c.changed and c.metric == "peak_torque_motor_nm"]
-    assert found.better_reference_changes
+    changes = consequences_for(with_effects(friction_position_dependent=stretch))
+    moved = [c for c in changes.choices if c.changed and c.metric == "peak_torque_motor_nm"]
+    assert changes.better_reference_changes
     assert {(c.payload_kg, c.before, c.after) for c in moved} >= {(0.0, "ruckig", "alike")}
-    assert "at 0 kg neither instead of ruckig" in said(found, "By torque peak at equal limits the better")
+    assert "at 0 kg neither instead of ruckig" in said(changes, "By torque peak at equal limits the better")
 
 
 def test_friction_that_warms_up_is_taken_cold():
-    found = found_for(with_effects(friction_thermal_drift={"friction_fraction": 0.8, "time_constant_s": 100.0}))
-    assert "friction_thermal_drift is as on the cold machine" in said(found, "Time counts")
-    assert all(row.after.min_wire_tension_n < row.before.min_wire_tension_n for row in found.rows)
+    changes = consequences_for(
+        with_effects(friction_thermal_drift={"friction_fraction": 0.8, "time_constant_s": 100.0})
+    )
+    assert "friction_thermal_drift is as on the cold machine" in said(changes, "Time counts")
+    assert all(row.after.min_wire_tension_n < row.before.min_wire_tension_n for row in changes.rows)
 
 
 def test_what_the_nominal_machine_knows_already_is_not_counted_as_new():
     known = with_effects(wire_mass={"mass_kg_per_m": 4.0})
     both = with_effects(wire_mass={"mass_kg_per_m": 4.0}, friction_viscous={"viscous_n_s_per_m": 4000.0})
-    found = found_for(both, nominal=known)
-    assert found.effects == ("friction_viscous",)
+    changes = consequences_for(both, nominal=known)
+    assert changes.effects == ("friction_viscous",)
 
 
 def test_a_measured_correction_is_new_too_and_its_friction_is_in_the_runs():
     levels = (4000.0, 4000.0, 4000.0)
     table = with_correction(default_hoist(), "position_carriage_m", "guide", (2.0, 8.0, 20.0), levels, levels)
-    found = found_for(table)
-    assert found.effects == ("measured_correction",)
+    changes = consequences_for(table)
+    assert changes.effects == ("measured_correction",)
     level = 4000.0 * default_hoist().lift_m_per_rad / 2.0  # seen by one of two motors
-    for row in (row for row in found.rows if row.reference == "ruckig"):
+    for row in (row for row in changes.rows if row.reference == "ruckig"):
         more = row.after.peak_torque_motor_nm - row.before.peak_torque_motor_nm
         assert 0.9 * level < more < 1.4 * level
 
 
 def test_an_axis_has_no_consequences_but_a_reason():
-    found, why = consequences_of(linear_axis(), linear_axis())
-    assert found is None
+    changes, why = consequences_of(linear_axis(), linear_axis())
+    assert changes is None
     assert "'hoist'" in why
 
 
@@ -284,9 +286,9 @@ def test_moves_of_a_campaign_at_the_ends_of_the_rail_stay_on_it():
     run = measured(0.0, 0.05, 24.0, 1)
     study = small_study(default_hoist(), [run])
     assert 0.2 < study.start_position_m < study.start_position_m + study.travel_m < 24.8
-    found, _ = consequences_of(default_hoist(), default_hoist(), runs=[run])
-    assert found is not None
-    assert all(row.ok for row in found.rows)
+    changes, _ = consequences_of(default_hoist(), default_hoist(), runs=[run])
+    assert changes is not None
+    assert all(row.ok for row in changes.rows)
 
 
 def test_a_machine_of_a_tenth_the_size_has_a_study_of_its_own_size():
@@ -302,18 +304,18 @@ def test_a_machine_of_a_tenth_the_size_has_a_study_of_its_own_size():
         },
     )
     corrected = small.model_copy(update={"effects": {"friction_viscous": {"viscous_n_s_per_m": 500.0}}})
-    found, _ = consequences_of(small, corrected)
-    assert found is not None
-    assert found.study.payloads_kg == (0.0, 150.0, 300.0)
-    assert found.study.controller.kp_nm_s_per_rad < 5.0
-    assert all(row.ok for row in found.rows)
+    changes, _ = consequences_of(small, corrected)
+    assert changes is not None
+    assert changes.study.payloads_kg == (0.0, 150.0, 300.0)
+    assert changes.study.controller.kp_nm_s_per_rad < 5.0
+    assert all(row.ok for row in changes.rows)
 
 
 def test_a_given_controller_is_kept_and_named():
     settings = PiSettings(kp_nm_s_per_rad=40.0, ki_nm_per_rad=200.0)
-    found = found_for(default_hoist(), controller=settings)
-    assert found.study.controller == settings
-    assert "kp 40 N m s/rad, ki 200 N m/rad)" in found.sentences[0]
+    changes = consequences_for(default_hoist(), controller=settings)
+    assert changes.study.controller == settings
+    assert "kp 40 N m s/rad, ki 200 N m/rad)" in changes.sentences[0]
 
 
 def test_it_takes_less_than_three_seconds_of_computing_once_warm(heavier: Consequences):

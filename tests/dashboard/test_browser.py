@@ -119,10 +119,10 @@ def validate(visit: Visit, campaign: Path, tmp_path: Path) -> None:
     with page.expect_download() as machine:
         page.get_by_role("button", name="machine.yaml").click()
     machine.value.save_as(tmp_path / "machine.yaml")
-    found = load_machine(tmp_path / "machine.yaml", check_effects=check)
-    assert isinstance(found, Hoist)
+    identified = load_machine(tmp_path / "machine.yaml", check_effects=check)
+    assert isinstance(identified, Hoist)
     truth = true_machine().guide.coulomb_hoisting_n
-    assert found.guide.coulomb_hoisting_n == pytest.approx(truth, rel=0.1)
+    assert identified.guide.coulomb_hoisting_n == pytest.approx(truth, rel=0.1)
 
 
 def gap(visit: Visit, tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def address(app: AppTest) -> str:
 
 
 def words(app: AppTest) -> str:
-    return " ".join(each.value for each in [*app.markdown, *app.caption, *app.info]).replace("\\", "")
+    return " ".join(element.value for element in [*app.markdown, *app.caption, *app.info]).replace("\\", "")
 
 
 def test_a_scenario_says_what_it_would_run_before_it_runs():
@@ -101,7 +101,7 @@ def test_a_batch_is_started_watched_and_opened(server: Path):
     assert "jog" in words(app)
     assert "4 runs" in words(app)
     assert app.subheader[0].value == "jog · 4 runs"
-    assert {each.label: each.value.split()[-1] for each in app.metric} == {
+    assert {element.label: element.value.split()[-1] for element in app.metric} == {
         "Largest torque peak": "%",
         "Largest speed error": "rad/s",
         "Least wire tension": "kN",
@@ -109,7 +109,7 @@ def test_a_batch_is_started_watched_and_opened(server: Path):
     }
     assert [tab.label for tab in app.tabs] == ["Conclusions", "Figures", "Runs", "What was run"]
     assert len(app.get("plotly_chart")) >= 3
-    assert [each.proto.label for each in app.get("download_button")] == [
+    assert [element.proto.label for element in app.get("download_button")] == [
         "Report", "Index (CSV)", "Index (Parquet)", "Scenario",
     ]  # fmt: skip
     index = app.dataframe[-2].value
@@ -204,13 +204,13 @@ def test_a_bad_upload_shows_its_one_error_and_no_start(old: str, new: str, sente
     (shown,) = errors(app)
     assert sentence in shown
     assert str(server) not in shown
-    assert "batches start" not in [each.key for each in app.button]
+    assert "batches start" not in [button.key for button in app.button]
 
 
 def test_an_uploaded_scenario_may_extend_one_that_ships(server: Path):
     app = uploaded("extends: references_at_their_best.yaml\nname: mine\npayloads_kg: [700]\n")
     assert errors(app) == [] and not app.exception
-    assert "batches start" in [each.key for each in app.button]
+    assert "batches start" in [button.key for button in app.button]
     assert "24 runs" in words(app)  # eight references, three kinds of feed-forward
 
 
@@ -231,7 +231,7 @@ def test_a_batch_can_run_on_another_machine_than_the_scenario_names(server: Path
     app.toggle(key="batches other machine").set_value(True).run()
     assert errors(app) == []
     app.selectbox(key="batches machine").select("upload a machine.yaml").run()
-    assert "batches start" not in [each.key for each in app.button]
+    assert "batches start" not in [button.key for button in app.button]
     named = MACHINE.replace("name:", "name: another, once", 1).encode()
     app.file_uploader(key="batches machine file").set_value(("m.yaml", named, "application/yaml")).run()
     assert "another, once" in words(app)

@@ -72,13 +72,13 @@ def finished(
     asked: dict[str, Any] = {"folder": str(spring), "name": title, "most_effects": 2, "candidates": None}
     job = make(workspace, gap_choose.KIND, title, {}, lambda _: {"call": "", "arguments": asked})
     with monkeypatch.context() as patch:
-        patch.setattr(gap_work, "diagnose", lambda campaign, **_: found(kind))
+        patch.setattr(gap_work, "diagnose", lambda campaign, **_: made_diagnosis_of(kind))
         gap_work.run(job.file("result"), Teller(job.file("progress.json")), **asked)
     write(job.file("ended.json"), {"status": 0, "at_s": time.time()})
     return number, job
 
 
-def found(kind: str) -> Diagnosis:
+def made_diagnosis_of(kind: str) -> Diagnosis:
     return made_diagnosis(kind, kind in ("named", "pair"))
 
 
@@ -98,11 +98,11 @@ def turned(app: AppTest, job: jobs.Job, tab: str) -> AppTest:
 
 
 def titles(app: AppTest) -> list[str]:
-    return [json.loads(each.proto.spec)["layout"]["title"].get("text", "") for each in app.get("plotly_chart")]
+    return [json.loads(chart.proto.spec)["layout"]["title"].get("text", "") for chart in app.get("plotly_chart")]
 
 
 def words(app: AppTest) -> str:
-    return " ".join(each.value for each in [*app.markdown, *app.caption, *app.info]).replace("\\", "")
+    return " ".join(element.value for element in [*app.markdown, *app.caption, *app.info]).replace("\\", "")
 
 
 def the_job(server: Path) -> jobs.Job:
@@ -138,7 +138,7 @@ def test_a_campaign_is_shown_before_it_is_diagnosed(server):
     assert "Campaign spring" in words(app) and "which effect the model lacks" in words(app)
     assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full"]
     assert not list(server.glob("work-*"))
-    assert [each.proto.label for each in app.get("download_button")] == []
+    assert [button.proto.label for button in app.get("download_button")] == []
 
 
 def test_the_campaign_that_ships_is_offered(monkeypatch):
@@ -188,8 +188,8 @@ def test_the_answer_stands_first_and_each_tab_draws_its_own_figures_only(server,
     app = shown(number)
     assert "#### The machine lacks friction_viscous." in words(app)
     assert "That probability means: of a hundred campaigns judged like this one" in words(app)
-    assert [each.label for each in app.metric] == ["Torque residual", "Noise floor", "Shrinks by", "Speed error"]
-    assert all(each.delta.startswith("-") for each in app.metric if each.delta)
+    assert [metric.label for metric in app.metric] == ["Torque residual", "Noise floor", "Shrinks by", "Speed error"]
+    assert all(metric.delta.startswith("-") for metric in app.metric if metric.delta)
     assert [tab.label for tab in app.tabs] == TABS
     assert titles(app) == ["Probability of each hypothesis", "How the gap shows"]
     drawn = {
@@ -211,7 +211,7 @@ def test_the_figures_are_the_reports(server, monkeypatch, spring):
     from workbench.reports.diagnosis.page import sections_of
 
     _, job = finished(server, monkeypatch, spring, "named")
-    view, sections = read_view(job.file(VIEW)), sections_of(found("named"))
+    view, sections = read_view(job.file(VIEW)), sections_of(made_diagnosis_of("named"))
     assert list(view.sections) == list(sections)
     for name in set(sections) - {"answer", "verdict"}:
         kept = [(json.loads(figure.to_json()), note) for figure, note in view.sections[name].figures]
@@ -234,14 +234,14 @@ def test_what_is_alike_and_the_next_run_are_said(server, monkeypatch, spring):
     assert "These runs cannot tell it from carriage_mass_error" in words(app)
     assert "The next run.** A slow run tells friction_viscous from carriage_mass_error." in words(app)
     assert app.dataframe[0].value["signals to log too"].tolist() == ["tension_dead_line_n"]
-    assert [each.value for each in app.warning] == ["No run logs the dead line's tension."]
+    assert [warning.value for warning in app.warning] == ["No run logs the dead line's tension."]
 
 
 def test_no_gap_has_nothing_to_shrink_and_no_place(server, monkeypatch, spring):
     number, job = finished(server, monkeypatch, spring, "no_gap")
     app = shown(number)
-    assert [each.label for each in app.metric] == ["Torque residual", "Noise floor", "Speed error"]
-    assert not any(each.delta for each in app.metric)
+    assert [metric.label for metric in app.metric] == ["Torque residual", "Noise floor", "Speed error"]
+    assert not any(metric.delta for metric in app.metric)
     assert titles(app) == ["Probability of each hypothesis"]
     assert "there is no place of it" in words(turned(app, job, "Where it lies"))
     assert "not asked for" in words(turned(app, job, "Control study"))
@@ -258,9 +258,13 @@ def test_an_axis_is_shown_in_newtons(server, monkeypatch, spring):
 def test_the_three_files_are_offered_and_the_corrected_machine_can_be_kept_for_study(server, monkeypatch, spring):
     number, job = finished(server, monkeypatch, spring, "named")
     app = shown(number)
-    assert [each.proto.label for each in app.get("download_button")] == ["Report", "diagnosis.json", "machine.yaml"]
+    assert [element.proto.label for element in app.get("download_button")] == [
+        "Report",
+        "diagnosis.json",
+        "machine.yaml",
+    ]
     app.button(key="gap keep").click().run()
-    assert [each.value for each in app.toast] == ["Kept as corrected by lifts"]
+    assert [element.value for element in app.toast] == ["Kept as corrected by lifts"]
     corrected = load_machine(job.file("result") / "machine.yaml", check_effects=check)
     assert app.session_state["machines kept"] == {"corrected by lifts": corrected}
     study = page("Study")
@@ -381,7 +385,7 @@ def test_the_bar_moves_on_within_the_search(tmp_path):
 
 
 def test_a_view_is_read_as_it_was_written(tmp_path):
-    view = gap_work.view_of(found("named"))
+    view = gap_work.view_of(made_diagnosis_of("named"))
     write_view(view, tmp_path / VIEW)
     again = read_view(tmp_path / VIEW)
     assert (again.sentence, again.numbers, list(again.sections)) == (view.sentence, view.numbers, list(view.sections))

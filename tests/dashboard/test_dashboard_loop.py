@@ -29,7 +29,7 @@ def figures(app: Any) -> list[dict[str, Any]]:
 
 
 def number(app: Any, label: str) -> str:
-    return next(each.value for each in app.metric if each.label == label)
+    return next(metric.value for metric in app.metric if metric.label == label)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_a_larger_gain_costs_margin_and_the_delta_says_so():
     before = number(app, "Largest Ms")
     app.select_slider(key=KP).set_value(kp_steps(default_hoist())[110]).run()
     assert float(number(app, "Largest Ms")) > float(before)
-    assert next(each for each in app.metric if each.label == "Largest Ms").delta.startswith("+")
+    assert next(metric for metric in app.metric if metric.label == "Largest Ms").delta.startswith("+")
 
 
 def test_gains_that_lose_the_loop_are_called_unstable():
@@ -95,13 +95,13 @@ def test_tune_fills_the_sliders_and_keeps_to_its_goal():
     assert len(block) == 1
     assert float(number(app, "Largest Ms")) <= 1.4
     assert float(number(app, "Slowest bandwidth").split()[0]) >= 4.99
-    found = PiSettings(
+    tuned = PiSettings(
         kp_nm_s_per_rad=app.session_state[KP], ki_nm_per_rad=app.session_state[KI],
         set_point_weight=app.session_state[WEIGHT],
     )  # fmt: skip
-    assert found.kp_nm_s_per_rad != usual_controller(default_hoist()).kp_nm_s_per_rad
+    assert tuned.kp_nm_s_per_rad != usual_controller(default_hoist()).kp_nm_s_per_rad
     assert "winner" in app.dataframe[0].value["what"].tolist()
-    assert app.select_slider(key=KP).value == found.kp_nm_s_per_rad
+    assert app.select_slider(key=KP).value == tuned.kp_nm_s_per_rad
 
 
 def test_a_bandwidth_out_of_reach_says_what_the_drive_allows(lagging):
@@ -153,9 +153,9 @@ def test_the_step_response_is_that_of_the_loop_taken_sample_by_sample():
     machine = with_values(default_hoist(), drive)
     (member,) = family(machine, usual_controller(machine), operating_points(machine, (4500.0,), (9.0,)))
     for column, name in enumerate(INPUTS):
-        found = step_response(member.loop, name, 1.5)
-        inputs = np.zeros((len(found.time_s), len(INPUTS)))
+        response = step_response(member.loop, name, 1.5)
+        inputs = np.zeros((len(response.time_s), len(INPUTS)))
         inputs[:, column] = 1.0
         slowly = member.loop.closed.run(inputs)
         for signal, values in zip(SHOWN, slowly.T, strict=True):
-            assert found.signals[signal] == pytest.approx(values, abs=1e-9 * np.max(np.abs(values)))
+            assert response.signals[signal] == pytest.approx(values, abs=1e-9 * np.max(np.abs(values)))

@@ -60,7 +60,7 @@ def at_once(kind: str, what: jobs.Call, workspace: Path, title: str, inputs: Map
 
 
 def words(app: Any) -> str:
-    return " ".join(each.value for each in [*app.markdown, *app.caption]).replace("\\", "")
+    return " ".join(element.value for element in [*app.markdown, *app.caption]).replace("\\", "")
 
 
 def test_both_models_are_compared_by_a_job_and_shown(server, tmp_path):
@@ -76,10 +76,10 @@ def test_both_models_are_compared_by_a_job_and_shown(server, tmp_path):
     expected = compare_models(campaign.machine, campaign.runs)
     line = app.dataframe[-1].value.iloc[0]
     assert float(line.iloc[3]) == pytest.approx(expected.runs[0].apart_percent, abs=2e-3)
-    titles = [json.loads(each.proto.spec)["layout"]["title"].get("text", "") for each in app.get("plotly_chart")]
+    titles = [json.loads(chart.proto.spec)["layout"]["title"].get("text", "") for chart in app.get("plotly_chart")]
     assert titles[-3:] == ["Motor speed of both models", "Difference of both models", "Forces of rollers and cylinders"]
     assert "The paper's models took 3.46 s and 91.53 s" in words(app)
-    assert [each.proto.label for each in app.get("download_button")][-2:] == ["Report", "models.json"]
+    assert [button.proto.label for button in app.get("download_button")][-2:] == ["Report", "models.json"]
     app.run()
     assert len(jobs.jobs_of(work, "models")) == 1
 
@@ -102,7 +102,7 @@ def test_an_axis_has_one_model_only(server, tmp_path):
     app = page("Validate").run()
     app.selectbox(key="validate campaign").set_value("drive").run()
     assert not app.exception and errors(app) == []
-    assert "validate models" not in [each.key for each in app.button]
+    assert "validate models" not in [button.key for button in app.button]
 
 
 def test_what_cannot_be_compared_is_said_without_the_servers_folder(server, tmp_path):

@@ -57,7 +57,7 @@ controller: {kp_nm_s_per_rad: 25.0, ki_nm_per_rad: 90.0}
 
 
 def metrics(app: Any) -> dict[str, tuple[str, str]]:
-    return {each.label: (each.value, each.delta) for each in app.metric}
+    return {metric.label: (metric.value, metric.delta) for metric in app.metric}
 
 
 def upload(app: Any, text: str) -> Any:
@@ -91,7 +91,7 @@ def test_the_numbers_are_those_of_the_library(drawn):
 
 
 def test_less_torque_is_green_and_more_time_is_red(drawn):
-    by_label = {each.label: each.proto for each in drawn.metric}
+    by_label = {metric.label: metric.proto for metric in drawn.metric}
     green = type(by_label["Move time"]).MetricColor.Value("GREEN")
     red = type(by_label["Move time"]).MetricColor.Value("RED")
     assert by_label["Torque peak per motor"].color == green
@@ -306,7 +306,7 @@ def test_a_bad_scenario_is_one_clear_error_and_leaves_the_controls(text: str, sa
 def test_an_uploaded_machine_is_what_is_run(drawn):
     app = page("Study").run()
     app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
-    assert not app.exception and "Choose a machine.yaml." in [each.value for each in app.info]
+    assert not app.exception and "Choose a machine.yaml." in [info.value for info in app.info]
     assert len(app.get("plotly_chart")) == 4  # of the machine chosen before
     from workbench.machine.files import machine_text
 
@@ -549,10 +549,10 @@ def test_streamlit_run_and_the_command_set_the_server_up_alike():
     file = tomllib.loads((ROOT / ".streamlit" / "config.toml").read_text(encoding="utf-8"))
 
     def flat(block: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        options: dict[str, Any] = {}
         for key, value in block.items():
-            found |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-        return found
+            options |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+        return options
 
     assert flat(file) == OPTIONS
     assert "--server.headless=true" in flags({})

@@ -73,7 +73,7 @@ def told(given_: list[Uploaded], workspace: Path) -> str:
 
 def limit_uploads(monkeypatch: pytest.MonkeyPatch, **limits: Any) -> None:
     """Every log format with other limits for what is uploaded."""
-    smaller = [replace(each, uploaded=replace(each.uploaded, **limits)) for each in known.FORMATS]
+    smaller = [replace(log_format, uploaded=replace(log_format.uploaded, **limits)) for log_format in known.FORMATS]
     monkeypatch.setattr(known, "FORMATS", smaller)
 
 

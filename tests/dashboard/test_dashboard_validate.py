@@ -58,7 +58,7 @@ def titles(app: Any) -> list[str]:
 
 
 def number(app: Any, label: str) -> float:
-    return float(next(each.value for each in app.metric if each.label == label).split()[0])
+    return float(next(element.value for element in app.metric if element.label == label).split()[0])
 
 
 def test_the_owners_campaigns_are_offered_by_name_never_by_path(offered):
@@ -83,7 +83,7 @@ def test_the_replay_is_the_librarys_own(offered):
     assert number(app, "Torque residual, moving") == pytest.approx(expected.residual_rms_moving, rel=1e-2)
     assert titles(app)[0] == "Measured and simulated speed" and titles(app)[1].startswith("Torque residual")
     assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full", "all runs"]
-    said = " ".join(each.value for each in app.markdown)
+    said = " ".join(element.value for element in app.markdown)
     assert "Identify fits the values. The page Gap names what the model lacks." in said
     assert "workbench" not in said
 
@@ -93,7 +93,7 @@ def test_fewer_runs_can_be_chosen_and_none_asks_for_one(offered):
     app.multiselect[0].set_value(["half"]).run()
     assert app.dataframe[0].value["run"].tolist() == ["half"]
     app.multiselect[0].set_value([]).run()
-    assert [each.value for each in app.info] == ["Choose at least one run."]
+    assert [element.value for element in app.info] == ["Choose at least one run."]
 
 
 def test_identification_finds_the_friction_and_the_machine_can_be_kept_and_downloaded(offered, tmp_path):
@@ -113,16 +113,16 @@ def test_identification_finds_the_friction_and_the_machine_can_be_kept_and_downl
     expected = identify(read_campaign(offered)).machine
     assert isinstance(expected, Hoist)
     assert kept["identified from spring"].guide == expected.guide
-    assert [each.value for each in app.toast] == ["Kept as identified from spring"]
+    assert [element.value for element in app.toast] == ["Kept as identified from spring"]
     assert len(app.get("download_button")) == 1
 
 
 def test_the_downloaded_machine_is_one_that_every_command_reads(offered, tmp_path):
     from workbench.machine.files import machine_text
 
-    found = identify(read_campaign(offered)).machine
-    (tmp_path / "machine.yaml").write_text(machine_text(found))
-    assert load_machine(tmp_path / "machine.yaml") == found
+    identified = identify(read_campaign(offered)).machine
+    (tmp_path / "machine.yaml").write_text(machine_text(identified))
+    assert load_machine(tmp_path / "machine.yaml") == identified
 
 
 def test_a_kept_machine_can_be_replayed_on_the_campaign(offered):
@@ -132,13 +132,15 @@ def test_a_kept_machine_can_be_replayed_on_the_campaign(offered):
     app.button(key="validate keep").click().run()
     app.selectbox(key="validate machine").set_value("identified from spring").run()
     assert number(app, "Torque residual, moving") < 0.5 * before
-    assert "Identified machine" not in " ".join(each.value for each in app.markdown)
+    assert "Identified machine" not in " ".join(element.value for element in app.markdown)
 
 
 def test_without_campaigns_the_page_asks_for_an_upload(nothing_offered):
     app = page("Validate").run()
     assert app.selectbox(key=BOX).options == [campaigns.UPLOAD]
-    assert [each.value for each in app.info] == ["A campaign is machine.yaml, runs.yaml and the logs that it names."]
+    assert [element.value for element in app.info] == [
+        "A campaign is machine.yaml, runs.yaml and the logs that it names."
+    ]
 
 
 def test_an_uploaded_zip_is_replayed_and_stays_choosable(nothing_offered, simulated):
@@ -236,14 +238,14 @@ def test_an_axis_is_replayed_and_identified_too(monkeypatch, tmp_path):
 
 
 def test_estimates_stand_at_their_distance_with_their_error():
-    found = [Estimate("level", 1.9, 0.4, "7728 ± 385"), Estimate("mass", -0.2, 0.1, "7990 ± 12")]
-    figure = estimates(found, "tolerances", 1.0)
+    fitted = [Estimate("level", 1.9, 0.4, "7728 ± 385"), Estimate("mass", -0.2, 0.1, "7990 ± 12")]
+    figure = estimates(fitted, "tolerances", 1.0)
     (dots,) = figure.data
     assert list(dots.x) == [1.9, -0.2] and list(dots.error_x.array) == [0.4, 0.1]
     assert (figure.layout.shapes[0].x0, figure.layout.shapes[0].x1) == (-1.0, 1.0)
     assert figure.layout.xaxis.range[1] >= 2.3
     assert [note.text for note in figure.layout.annotations] == ["7728 ± 385", "7990 ± 12"]
-    assert not estimates(found, "% of nominal").layout.shapes
+    assert not estimates(fitted, "% of nominal").layout.shapes
 
 
 def test_machines_that_are_kept_here_are_offered_elsewhere(offered):

@@ -83,15 +83,15 @@ def test_every_name_of_the_formats_is_an_effect_and_acts_where_it_makes_sense():
     assert set(NAMES) <= set(names())
     assert set(NAMES) - AXIS_ONLY <= set(names("hoist"))
     assert AXIS_ONLY | {"friction_viscous", "backlash", "torque_scale"} <= set(names("axis-linear"))
-    assert {each.id for each in library_effects() if each.listed} == set(NAMES) | MORE
+    assert {effect.id for effect in library_effects() if effect.listed} == set(NAMES) | MORE
 
 
-@pytest.mark.parametrize("each", library_effects(), ids=lambda each: f"{each.id}-{each.kinds[0]}")
-def test_a_declaration_is_whole(each: Effect):
-    assert problems(each) == []
-    assert each.meaning.endswith(".") and each.kinds
-    for kind in each.kinds:
-        for parameter in each.parameters:
+@pytest.mark.parametrize("effect", library_effects(), ids=lambda effect: f"{effect.id}-{effect.kinds[0]}")
+def test_a_declaration_is_whole(effect: Effect):
+    assert problems(effect) == []
+    assert effect.meaning.endswith(".") and effect.kinds
+    for kind in effect.kinds:
+        for parameter in effect.parameters:
             name = parameter.named(kind)
             assert UNITS.search(name) or WITHOUT_UNIT.search(name), f"{name} has no unit"
 
@@ -99,9 +99,9 @@ def test_a_declaration_is_whole(each: Effect):
 @pytest.mark.parametrize(("kind", "name"), EVERY)
 def test_bounds_scale_and_start_grow_with_the_machine(kind, name):
     machine = MACHINES[kind]
-    for each in ranges_of(find(name, kind), machine):
-        assert each.lowest <= each.start <= each.highest and each.scale > 0.0
-        assert each.symbol == f"{name}__{each.name}"
+    for amount in ranges_of(find(name, kind), machine):
+        assert amount.lowest <= amount.start <= amount.highest and amount.scale > 0.0
+        assert amount.symbol == f"{name}__{amount.name}"
 
 
 def test_a_force_scales_with_the_weight_of_the_carriage():
@@ -120,9 +120,9 @@ def test_an_axis_asks_its_runs_how_large_a_force_is_and_knows_without_friction_t
 
 
 def test_parameters_have_the_units_of_the_machine():
-    each = effects_for("hoist")["friction_viscous_asymmetric"]
-    assert [p.named("hoist") for p in each.parameters] == ["viscous_hoisting_n_s_per_m", "viscous_lowering_n_s_per_m"]
-    assert each.parameters[0].named("axis-rotary") == "viscous_forward_nm_s_per_rad"
+    effect = effects_for("hoist")["friction_viscous_asymmetric"]
+    assert [p.named("hoist") for p in effect.parameters] == ["viscous_hoisting_n_s_per_m", "viscous_lowering_n_s_per_m"]
+    assert effect.parameters[0].named("axis-rotary") == "viscous_forward_nm_s_per_rad"
 
 
 def test_nothing_chosen_is_the_plain_plant():
@@ -266,7 +266,7 @@ def test_an_entry_point_s_effects_are_known(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_every_place_of_the_plants_is_one_that_some_effect_uses():
-    used = {each.place_on(kind) for kind in KINDS for each in effects_for(kind).values()}
+    used = {effect.place_on(kind) for kind in KINDS for effect in effects_for(kind).values()}
     assert set(PLACES) <= used
 
 

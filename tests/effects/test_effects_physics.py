@@ -232,7 +232,7 @@ def test_play_frees_the_motor_of_the_drum_while_the_wire_is_slack_within_it_and_
     model = PlantModel(HOIST, of(MACHINES["hoist"], play))
     s = SimpleNamespace(slack=0.02, load=33.0)  # 2 cm of slack, 3 cm of play
     p = model.values(MACHINES["hoist"], PAYLOAD, 0.0)
-    (piece,) = [each for each in effects_for("hoist").values() if each.id == "backlash"]
+    (piece,) = [effect for effect in effects_for("hoist").values() if effect.id == "backlash"]
     assert piece.function(s, piece.own(p, "hoist"), p) == 33.0
 
 

@@ -53,9 +53,9 @@ def shaped(kind: str, seed: int) -> dict[str, float]:
     active = all_off(MACHINES[kind])
     drawn = dict(active.values_of(float(rng.uniform(0.0, 500.0))))
     for name in effects_for(kind):
-        for each in ranges_of(find(name, kind), MACHINES[kind]):
-            if each.vanishes_at is None and each.symbol in drawn:
-                drawn[each.symbol] = float(rng.uniform(each.lowest, each.highest))
+        for amount in ranges_of(find(name, kind), MACHINES[kind]):
+            if amount.vanishes_at is None and amount.symbol in drawn:
+                drawn[amount.symbol] = float(rng.uniform(amount.lowest, amount.highest))
     return drawn
 
 
@@ -126,12 +126,12 @@ def test_switched_off_the_whole_library_leaves_the_closed_loop_bit_for_bit(many)
         assert a.metrics == b.metrics
 
 
-DISSIPATIVE = [(kind, name) for kind in KINDS for name, each in effects_for(kind).items() if each.dissipative]
+DISSIPATIVE = [(kind, name) for kind in KINDS for name, effect in effects_for(kind).items() if effect.dissipative]
 
 
 @pytest.mark.parametrize(("kind", "name"), DISSIPATIVE)
 def test_what_is_called_dissipative_only_ever_takes_energy(kind, name):
-    each = find(name, kind)
+    effect = find(name, kind)
     rng = np.random.default_rng(5)
     p = SimpleNamespace(**vars(PLANTS[kind].values(MACHINES[kind])), start_time_s=0.0)
     lost = []
@@ -141,24 +141,24 @@ def test_what_is_called_dissipative_only_ever_takes_energy(kind, name):
             t=rng.uniform(0.0, 400.0), v=v, w=v, x=rng.uniform(0.0, 25.0), load=rng.normal(0.0, 1e4),
             switch=float(np.clip(v / 0.01, -1.0, 1.0)), friction=2000.0 * np.clip(v / 0.01, -1.0, 1.0),
         )  # fmt: skip
-        e = SimpleNamespace(**drawn_size(each, kind, rng), z=rng.uniform(0.0, 100.0))
-        lost.append(each.function(s, e, p) * v)
+        e = SimpleNamespace(**drawn_size(effect, kind, rng), z=rng.uniform(0.0, 100.0))
+        lost.append(effect.function(s, e, p) * v)
     assert max(lost) <= 0.0 and min(lost) < 0.0
 
 
-def drawn_size(each: Effect, kind: str, rng: np.random.Generator) -> dict[str, float]:
+def drawn_size(effect: Effect, kind: str, rng: np.random.Generator) -> dict[str, float]:
     values = {}
-    for parameter, on in zip(each.parameters, ranges_of(each, MACHINES[kind]), strict=True):
+    for parameter, on in zip(effect.parameters, ranges_of(effect, MACHINES[kind]), strict=True):
         lowest = on.lowest if on.vanishes_at is None else on.vanishes_at
         values[parameter.symbol] = float(rng.uniform(lowest, on.highest))
     return values
 
 
 def at_start(name: str, kind: str) -> dict[str, float]:
-    return {each.name: each.start for each in ranges_of(find(name, kind), MACHINES[kind])}
+    return {amount.name: amount.start for amount in ranges_of(find(name, kind), MACHINES[kind])}
 
 
-@pytest.mark.parametrize("name", [name for name, each in effects_for("hoist").items() if not each.on_sensor])
+@pytest.mark.parametrize("name", [name for name, effect in effects_for("hoist").items() if not effect.on_sensor])
 def test_with_any_effect_a_load_that_is_held_hangs_still(name):
     machine = MACHINES["hoist"]
     model = PlantModel(HOIST, of(machine, {name: at_start(name, "hoist")}))
@@ -196,26 +196,26 @@ def test_a_scenario_that_an_effect_does_not_move_starts_bit_for_bit_as_the_plain
 
 def test_the_library_is_one_kernel_for_one_kind_of_plant():
     machine = MACHINES["hoist"]
-    found = {id(of(machine, {name: at_start(name, "hoist")}).effects) for name in effects_for("hoist")}
-    assert len(found - {id(NO_EFFECTS)}) == 1
+    compiled = {id(of(machine, {name: at_start(name, "hoist")}).effects) for name in effects_for("hoist")}
+    assert len(compiled - {id(NO_EFFECTS)}) == 1
 
 
 def test_every_effect_on_a_sensor_gives_back_what_it_was_given_and_vanishes():
     rng = np.random.default_rng(3)
     time = np.sort(rng.uniform(0.0, 20.0, 2001))
     value = np.sin(time) * 100.0 + 5.0
-    for each in (each for each in library_effects() if each.on_sensor):
+    for effect in (effect for effect in library_effects() if effect.on_sensor):
         series = SimpleNamespace(time_s=time, value=value)
-        on = at_start(each.id, "hoist")
-        e = SimpleNamespace(**{q.symbol: on[q.named("hoist")] for q in each.parameters})
-        shown = each.function(series, e, None)
+        on = at_start(effect.id, "hoist")
+        e = SimpleNamespace(**{q.symbol: on[q.named("hoist")] for q in effect.parameters})
+        shown = effect.function(series, e, None)
         assert not np.allclose(shown, value)
-        assert each.inverse is not None
-        back = each.inverse(SimpleNamespace(time_s=time, value=shown), e, None)
+        assert effect.inverse is not None
+        back = effect.inverse(SimpleNamespace(time_s=time, value=shown), e, None)
         assert back[100:-100] == pytest.approx(value[100:-100], abs=0.5)
-        off = SimpleNamespace(**{q.symbol: q.vanishes_at for q in each.parameters})
-        assert np.array_equal(each.function(series, off, None), value)
-        assert np.array_equal(each.inverse(series, off, None), value)
+        off = SimpleNamespace(**{q.symbol: q.vanishes_at for q in effect.parameters})
+        assert np.array_equal(effect.function(series, off, None), value)
+        assert np.array_equal(effect.inverse(series, off, None), value)
 
 
 @pytest.fixture(scope="module")

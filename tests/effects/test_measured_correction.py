@@ -49,7 +49,11 @@ VISCOUS = 4000.0
 
 def choices(machine: Hoist | Axis) -> list[tuple[str, str]]:
     """(over, acts_on) that a machine's block may say."""
-    record = next(each for each in get_args(type(machine).model_fields["measured_correction"].annotation) if each)
+    record = next(
+        record_type
+        for record_type in get_args(type(machine).model_fields["measured_correction"].annotation)
+        if record_type
+    )
     over, acts_on = (get_args(record.model_fields[name].annotation) for name in ("over", "acts_on"))
     return [(x, place) for x in over for place in acts_on if (x, place) != ("torque_load_nm", "guide")]
 
@@ -226,12 +230,14 @@ def moved(machines: Sequence[Hoist]) -> list[LoopResult]:
     """A closed loop that goes both ways, on each machine."""
     time = np.arange(5000) * 0.001
     speed = 130.0 * np.sin(2.0 * time)
-    return simulate_loop([LoopCase(f"{j}", each, 4500.0, 9.0, SETTINGS, speed) for j, each in enumerate(machines)])
+    return simulate_loop(
+        [LoopCase(f"{j}", machine, 4500.0, 9.0, SETTINGS, speed) for j, machine in enumerate(machines)]
+    )
 
 
 def test_in_the_closed_loop_a_table_of_b_v_is_viscous_friction():
     plain, effect, table = moved([HOIST, viscous_effect(HOIST), viscous_table(HOIST)])
-    torque = [each.run["torque_motor_nm"] for each in (plain, effect, table)]
+    torque = [result.run["torque_motor_nm"] for result in (plain, effect, table)]
     assert np.max(np.abs(torque[1] - torque[0])) > 10.0
     assert np.max(np.abs(torque[2] - torque[1])) < 0.01
 
@@ -242,7 +248,7 @@ def test_a_table_over_the_motor_angle_is_its_ripple_within_the_table_s_steps():
     against = -20.0 * np.sin(at + 0.4)
     table = with_correction(HOIST, "angle_motor_rad", "motor", at, against, -against)
     plain, effect, corrected = moved([HOIST, HOIST.model_copy(update={"effects": ripple}), table])
-    torque = [each.run["torque_motor_nm"] for each in (plain, effect, corrected)]
+    torque = [result.run["torque_motor_nm"] for result in (plain, effect, corrected)]
     assert np.max(np.abs(torque[1] - torque[0])) > 5.0
     assert np.max(np.abs(torque[2] - torque[1])) < 0.3
 
@@ -259,7 +265,7 @@ def test_balance_and_replay_see_the_table_as_they_see_the_effect(campaign: Path)
     runs = read_campaign(campaign).runs
     benches = [Bench(machine, runs) for machine in (HOIST, viscous_effect(HOIST), viscous_table(HOIST, 33))]
     plain, effect, table = (np.concatenate([b.residual[b.moving] for b in bench.balances()]) for bench in benches)
-    rms = [float(np.sqrt(np.mean(each**2))) for each in (plain, effect, table)]
+    rms = [float(np.sqrt(np.mean(residual**2))) for residual in (plain, effect, table)]
     assert rms[0] > 3.0 * rms[1]
     assert rms[2] == pytest.approx(rms[1], rel=0.01)
     speeds = [simulate_replays(bench.machine, bench)[0][:, 3] for bench in benches]
@@ -320,8 +326,8 @@ def test_replay_and_identify_take_a_corrected_machine(
     assert ended.status == 0, ended.err
     said = [json.loads((tmp_path / name / "replay.json").read_text())["overall"] for name in ("nominal", "corrected")]
     assert said[1]["torque_residual_rms_nm"] < 0.4 * said[0]["torque_residual_rms_nm"]
-    found = workbench("identify", campaign, "--machine", corrected_file, "--out", tmp_path / "found")
-    assert found.status == 0, found.err
+    identified = workbench("identify", campaign, "--machine", corrected_file, "--out", tmp_path / "found")
+    assert identified.status == 0, identified.err
     kept = load_machine(tmp_path / "found" / "machine.yaml").measured_correction
     assert kept == viscous_table(HOIST).measured_correction
 

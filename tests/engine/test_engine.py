@@ -243,8 +243,8 @@ def test_two_threads_give_bit_for_bit_what_one_gives():
 
 def test_one_clock_serves_every_scenario():
     p, times, torques, starts = scenarios(5)
-    each = np.repeat(times[:, None], 5, axis=1)
-    assert np.array_equal(replay(p, times, torques, starts), replay(p, each, torques, starts))
+    own_times = np.repeat(times[:, None], 5, axis=1)
+    assert np.array_equal(replay(p, times, torques, starts), replay(p, own_times, torques, starts))
 
 
 def test_the_caller_keeps_what_it_gave():

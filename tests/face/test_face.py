@@ -185,9 +185,9 @@ def test_a_wrong_table_figure_metric_or_signal_suggests_the_nearest():
 def test_a_campaign_may_be_a_path_and_take_another_machine():
     whole = wb.replay(str(DEMO))
     assert len(whole.runs) == 6
-    found = result("Identification")
-    better = wb.replay(result("Campaign"), machine=found.machine)
-    assert better.residual_rms_moving == pytest.approx(found.after.residual_rms_moving)
+    identified = result("Identification")
+    better = wb.replay(result("Campaign"), machine=identified.machine)
+    assert better.residual_rms_moving == pytest.approx(identified.after.residual_rms_moving)
     axis = wb.LinearAxis.model_validate(
         {"mass_kg": 1.0, "friction": {"coulomb_forward_n": 1.0, "coulomb_backward_n": 1.0, "viscous_n_s_per_m": 1.0}}
     )

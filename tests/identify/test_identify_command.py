@@ -40,7 +40,7 @@ def campaign(folder: Path) -> Campaign:
 
 
 @pytest.fixture(scope="module")
-def found(campaign: Campaign) -> Identification:
+def identified(campaign: Campaign) -> Identification:
     return identify(campaign, date="2026-01-02T03:04:05+00:00")
 
 
@@ -69,36 +69,36 @@ def read_json(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
 
 
-def test_friction_levels_are_found_within_three_standard_errors(found: Identification):
-    values, errors = found.fit.values(), dict(zip(found.fit.values(), found.fit.std_error, strict=True))
+def test_friction_levels_are_found_within_three_standard_errors(identified: Identification):
+    values, errors = identified.fit.values(), dict(zip(identified.fit.values(), identified.fit.std_error, strict=True))
     for key in LEVELS:
         assert abs(values[key] - TRUTH[key]) < 3.0 * errors[key], key
         assert errors[key] < 300.0
 
 
-def test_what_the_nominal_machine_knew_stays_within_three_standard_errors(found: Identification):
-    for free, value, error in zip(found.fit.free, found.fit.value, found.fit.std_error, strict=True):
+def test_what_the_nominal_machine_knew_stays_within_three_standard_errors(identified: Identification):
+    for free, value, error in zip(identified.fit.free, identified.fit.value, identified.fit.std_error, strict=True):
         # The slope's error is one of its logarithm: a factor, not a distance.
         if free.key not in LEVELS and not free.logarithmic:
             assert abs(value - free.nominal) < 3.0 * error, free.key
 
 
-def test_the_papers_iteration_finds_the_levels_where_all_else_is_nominal(found: Identification):
-    assert found.levels.settled
-    assert found.levels.forward[0] == 6000.0
-    assert found.levels.forward[-1] == pytest.approx(TRUTH[LEVELS[0]], rel=0.02)
-    assert found.levels.backward[-1] == pytest.approx(TRUTH[LEVELS[1]], rel=0.02)
+def test_the_papers_iteration_finds_the_levels_where_all_else_is_nominal(identified: Identification):
+    assert identified.levels.settled
+    assert identified.levels.forward[0] == 6000.0
+    assert identified.levels.forward[-1] == pytest.approx(TRUTH[LEVELS[0]], rel=0.02)
+    assert identified.levels.backward[-1] == pytest.approx(TRUTH[LEVELS[1]], rel=0.02)
 
 
-def test_the_identified_machine_leaves_only_noise(found: Identification):
-    assert found.before.residual_rms_moving > 5.0 * found.before.noise_rms
-    assert found.after.residual_rms_moving < 1.2 * found.after.noise_rms
-    assert found.after.speed_rmse_percent < 0.3 < found.before.speed_rmse_percent
+def test_the_identified_machine_leaves_only_noise(identified: Identification):
+    assert identified.before.residual_rms_moving > 5.0 * identified.before.noise_rms
+    assert identified.after.residual_rms_moving < 1.2 * identified.after.noise_rms
+    assert identified.after.speed_rmse_percent < 0.3 < identified.before.speed_rmse_percent
 
 
-def test_two_levels_alone_are_found_far_more_surely(campaign: Campaign, found: Identification):
+def test_two_levels_alone_are_found_far_more_surely(campaign: Campaign, identified: Identification):
     alone = identify(campaign, free=LEVELS)
-    errors = dict(zip(found.fit.values(), found.fit.std_error, strict=True))
+    errors = dict(zip(identified.fit.values(), identified.fit.std_error, strict=True))
     for key, value, error in zip(LEVELS, alone.fit.value, alone.fit.std_error, strict=True):
         assert value == pytest.approx(TRUTH[key], rel=0.01)
         assert error < 0.5 * errors[key]
@@ -121,19 +121,19 @@ def test_standard_errors_are_those_of_repeated_campaigns(tmp_path: Path):
     assert np.all(scatter > 0.2 * errors)
 
 
-def test_written_machine_is_the_identified_one_with_its_record(written: Path, found: Identification):
+def test_written_machine_is_the_identified_one_with_its_record(written: Path, identified: Identification):
     machine = load_machine(written / "machine.yaml")
     assert isinstance(machine, Hoist)
-    for key, value in found.fit.values().items():
+    for key, value in identified.fit.values().items():
         assert get_value(machine, key) == pytest.approx(value, rel=1e-6)
-    untouched = set(value_names(default_hoist())) - set(found.fit.values())
+    untouched = set(value_names(default_hoist())) - set(identified.fit.values())
     assert all(get_value(machine, key) == get_value(default_hoist(), key) for key in untouched)
     record: Any = machine.identified
     assert record["campaign"] == "lifts"
     assert record["runs"] == ["empty", "half", "full"]
     assert record["version"] == __version__
     assert str(record["date"]).startswith("20")
-    assert set(record["parameters"]) == set(found.fit.values())
+    assert set(record["parameters"]) == set(identified.fit.values())
     assert all(entry["std_error"] > 0.0 for entry in record["parameters"].values())
 
 
@@ -183,15 +183,15 @@ def test_an_identified_machine_can_be_studied(workbench: Commands, written: Path
     assert done.status == 0, done.err
 
 
-def test_identify_json_is_complete(written: Path, found: Identification):
+def test_identify_json_is_complete(written: Path, identified: Identification):
     said = read_json(written / "identify.json")
-    keys = list(found.fit.values())
+    keys = list(identified.fit.values())
     assert list(said["parameters"]) == said["correlation"]["keys"] == keys
     matrix = np.array(said["correlation"]["matrix"])
     np.testing.assert_allclose(np.diag(matrix), 1.0)
     np.testing.assert_allclose(matrix, matrix.T, atol=1e-4)
     assert said["paper_iteration"]["hoisting"][0] == 6000.0
-    assert said["statements"] == list(found.fit.statements)
+    assert said["statements"] == list(identified.fit.statements)
     assert said["after"]["torque_residual_rms_moving_nm"] < said["before"]["torque_residual_rms_moving_nm"]
 
 
@@ -203,13 +203,13 @@ def test_the_page_shows_figures_6_to_8_and_how_sure_the_fit_is(written: Path):
     assert {p.name for p in written.iterdir()} == {"machine.yaml", "replay.json", "identify.json", "identify.html"}
 
 
-def test_the_friction_figure_shows_levels_over_the_combined_weight(found: Identification):
-    figure = identify_page.friction(found)
-    weight = combined_weight(found.machine, found.after)
+def test_the_friction_figure_shows_levels_over_the_combined_weight(identified: Identification):
+    figure = identify_page.friction(identified)
+    weight = combined_weight(identified.machine, identified.after)
     assert weight is not None
     assert weight == pytest.approx((8000.0 + 4500.0) * 9.81, rel=0.02)
     (line,) = [trace for trace in figure.data if trace.name == "identified"]
-    level = found.fit.values()[LEVELS[0]]
+    level = identified.fit.values()[LEVELS[0]]
     assert line.y.max() == pytest.approx(level / weight, rel=0.02)
     (cloud,) = [trace for trace in figure.data if trace.name == "force balance of the log"]
     assert np.median(cloud.y[cloud.x > 0.1]) == pytest.approx(level / weight, rel=0.05)
@@ -232,33 +232,35 @@ def _plant_values() -> Any:
     return plant_of(default_hoist()).values(default_hoist())
 
 
-def test_values_that_hang_together_are_said_as_one_group(found: Identification):
-    grouped = [s for s in found.fit.statements if "told apart poorly" in s]
+def test_values_that_hang_together_are_said_as_one_group(identified: Identification):
+    grouped = [s for s in identified.fit.statements if "told apart poorly" in s]
     assert any(
         all(key in s for key in ("motor.rotor_inertia_kg_m2", "sensors.payload_scale", "sensors.torque_gain"))
         for s in grouped
     )
-    named = [key for s in grouped for key in found.fit.values() if key in s]
+    named = [key for s in grouped for key in identified.fit.values() if key in s]
     assert len(named) == len(set(named))
 
 
-def test_a_value_far_off_or_a_residual_above_the_noise_leads_to_diagnose(campaign: Campaign, found: Identification):
-    assert not any("diagnose" in sentence for sentence in sentences(found))
-    free, value = found.fit.free[0], list(found.fit.value)
+def test_a_value_far_off_or_a_residual_above_the_noise_leads_to_diagnose(
+    campaign: Campaign, identified: Identification
+):
+    assert not any("diagnose" in sentence for sentence in sentences(identified))
+    free, value = identified.fit.free[0], list(identified.fit.value)
     assert free.prior_std is not None and not free.logarithmic
     value[0] = free.nominal + 7.0 * free.scale * free.prior_std
     assert tolerances_off(free, value[0]) == pytest.approx(7.0)
-    far = replace(found, fit=replace(found.fit, value=tuple(value)))
+    far = replace(identified, fit=replace(identified.fit, value=tuple(value)))
     assert sentences(far)[-1] == (
         "A value is 7 tolerances off: the model may lack something; `workbench diagnose` names what."
     )
-    above = replace(found, after=replace(found.after, residual_rms_moving=2.0 * found.after.noise_rms))
+    above = replace(identified, after=replace(identified.after, residual_rms_moving=2.0 * identified.after.noise_rms))
     assert sentences(above)[-1].startswith("The residual while moving is 2.0 times the noise: the model may lack")
 
 
-def test_every_line_of_the_table_says_whether_a_tolerance_holds_the_value(found: Identification):
-    lines = table(found.fit).rows
-    assert [line[0] for line in lines] == list(found.fit.values())
+def test_every_line_of_the_table_says_whether_a_tolerance_holds_the_value(identified: Identification):
+    lines = table(identified.fit).rows
+    assert [line[0] for line in lines] == list(identified.fit.values())
     assert {line[-1] for line in lines} == {held(True)}
     assert all("nan" not in cell for line in lines for cell in line)
 

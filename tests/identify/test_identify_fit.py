@@ -135,8 +135,8 @@ def test_standard_errors_are_as_large_as_the_errors_are(draws):
 
 def test_the_sum_of_the_friction_levels_is_found_within_2_per_cent(draws):
     for d in draws:
-        found = sum(d.fit.values()[key] for key in LEVELS)
-        assert found == pytest.approx(sum(float(get_value(d.truth, key)) for key in LEVELS), rel=0.02)
+        level_sum = sum(d.fit.values()[key] for key in LEVELS)
+        assert level_sum == pytest.approx(sum(float(get_value(d.truth, key)) for key in LEVELS), rel=0.02)
 
 
 def test_the_fit_leaves_the_noise_and_not_much_more(draws):
@@ -210,19 +210,19 @@ def test_without_noise_the_values_are_those_of_the_machine():
     rng = np.random.default_rng(7)
     truth = with_values(NOMINAL, {LEVELS[0]: 7000.0, LEVELS[1]: 4000.0, "motor.rotor_inertia_kg_m2": 0.84})
     runs = campaign(truth, rng, noise=0.0)
-    found = fitted(runs, (*LEVELS, "motor.rotor_inertia_kg_m2")).values()
-    assert found[LEVELS[0]] == pytest.approx(7000.0, rel=0.005)
-    assert found[LEVELS[1]] == pytest.approx(4000.0, rel=0.005)
-    assert found["motor.rotor_inertia_kg_m2"] == pytest.approx(0.84, rel=0.005)
+    values = fitted(runs, (*LEVELS, "motor.rotor_inertia_kg_m2")).values()
+    assert values[LEVELS[0]] == pytest.approx(7000.0, rel=0.005)
+    assert values[LEVELS[1]] == pytest.approx(4000.0, rel=0.005)
+    assert values["motor.rotor_inertia_kg_m2"] == pytest.approx(0.84, rel=0.005)
 
 
 def test_the_speed_model_finds_the_levels_too(levels_only):
     """The paper's own figure: simulated against measured speed, from a log whose torque is beyond doubt."""
     truth = levels_only[0].truth
     runs = campaign(truth, np.random.default_rng(3), noise=0.0)[2:3]
-    found = fit(SpeedModel(Bench(NOMINAL, runs)), free_parameters(NOMINAL, runs, LEVELS)).values()
-    assert found[LEVELS[0]] == pytest.approx(7100.0, rel=0.02)
-    assert found[LEVELS[1]] == pytest.approx(3900.0, rel=0.02)
+    values = fit(SpeedModel(Bench(NOMINAL, runs)), free_parameters(NOMINAL, runs, LEVELS)).values()
+    assert values[LEVELS[0]] == pytest.approx(7100.0, rel=0.02)
+    assert values[LEVELS[1]] == pytest.approx(3900.0, rel=0.02)
 
 
 def statements(result: Fit) -> str:
@@ -276,24 +276,26 @@ AXIS = LinearAxis.model_validate(
 
 
 def test_an_axis_is_found_from_far_away_and_its_levels_and_load_are_said_to_hang_together():
-    found = identify(axis_campaign(AXIS))
-    values = found.fit.values()
+    identified = identify(axis_campaign(AXIS))
+    values = identified.fit.values()
     assert values["mass_kg"] == pytest.approx(95.0, rel=0.01)
     assert values["friction.viscous_n_s_per_m"] == pytest.approx(203.0, rel=0.01)
     # Levels 20 and 24 with a load of 3 move as 23 and 21: alike levels of 22 with a load of 1.
     assert values["friction.coulomb_forward_n"] == pytest.approx(22.0, abs=0.3)
     assert values["friction.coulomb_backward_n"] == pytest.approx(22.0, abs=0.3)
     assert values["gravity.constant_n"] == pytest.approx(1.0, abs=0.3)
-    assert "cannot be told apart from the constant load by these data: they were held alike" in statements(found.fit)
+    assert "cannot be told apart from the constant load by these data: they were held alike" in statements(
+        identified.fit
+    )
 
 
 def test_levels_of_an_axis_with_a_known_load_are_found_each():
     known = AXIS.model_copy(update={"gravity": AXIS.gravity.model_copy(update={"constant_n": 3.0})})
     keys = ("mass_kg", "friction.viscous_n_s_per_m", "friction.coulomb_forward_n", "friction.coulomb_backward_n")
-    found = identify(axis_campaign(known), free=keys).fit
-    assert found.values()["friction.coulomb_forward_n"] == pytest.approx(20.0, abs=0.3)
-    assert found.values()["friction.coulomb_backward_n"] == pytest.approx(24.0, abs=0.3)
-    assert "held alike" not in statements(found)
+    fitted_values = identify(axis_campaign(known), free=keys).fit
+    assert fitted_values.values()["friction.coulomb_forward_n"] == pytest.approx(20.0, abs=0.3)
+    assert fitted_values.values()["friction.coulomb_backward_n"] == pytest.approx(24.0, abs=0.3)
+    assert "held alike" not in statements(fitted_values)
 
 
 @pytest.mark.parametrize(
@@ -330,6 +332,8 @@ def test_a_machine_that_stands_still_is_nothing_to_fit():
 def test_a_log_without_noise_claims_no_more_than_its_sampling_allows(monkeypatch, sample_time_s):
     """Sampling alone shifts what a balance finds: without noise that is all there is, and the errors have to say it."""
     monkeypatch.setattr("tests.support.noisy_runs.SAMPLE_TIME_S", sample_time_s)
-    found = identify(Campaign("clean", Path("clean"), NOMINAL, hoist_runs(NOMINAL, noise=0.0))).fit
-    off = np.array([v - f.nominal for f, v in zip(found.free, found.value, strict=True)]) / np.array(found.std_error)
+    fitted_values = identify(Campaign("clean", Path("clean"), NOMINAL, hoist_runs(NOMINAL, noise=0.0))).fit
+    off = np.array([v - f.nominal for f, v in zip(fitted_values.free, fitted_values.value, strict=True)]) / np.array(
+        fitted_values.std_error
+    )
     assert np.max(np.abs(off)) < 2.0

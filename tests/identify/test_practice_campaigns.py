@@ -86,11 +86,11 @@ def test_a_machine_with_a_gap_gives_finite_and_sensible_figures(
     words = ("--runs", "half_slow,full_fast", "--out", tmp_path / "found")
     done = workbench("identify", campaigns / number, *words)
     assert done.status == 0, done.err
-    found = read_json(tmp_path / "found" / "identify.json")
-    assert_finite(found)
-    before, after = found["before"], found["after"]
+    identified = read_json(tmp_path / "found" / "identify.json")
+    assert_finite(identified)
+    before, after = identified["before"], identified["after"]
     assert after["torque_residual_rms_moving_nm"] <= before["torque_residual_rms_moving_nm"]
     assert after["torque_residual_rms_moving_nm"] > 0.5 * after["noise_rms_nm"]
     for key in LEVELS:
-        assert 0.0 <= found["parameters"][key]["value"] < 4.0 * found["parameters"][key]["nominal"], key
-    assert found["paper_iteration"]["settled"]
+        assert 0.0 <= identified["parameters"][key]["value"] < 4.0 * identified["parameters"][key]["nominal"], key
+    assert identified["paper_iteration"]["settled"]

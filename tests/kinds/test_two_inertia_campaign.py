@@ -44,14 +44,14 @@ def test_its_replay_is_reported_as_that_of_any_axis(capsys: pytest.CaptureFixtur
 
 
 def test_identification_finds_load_and_coupling_within_their_errors(campaign: Path):
-    found = identify(read_campaign(campaign))
-    at = {free.key: number for number, free in enumerate(found.fit.free)}
+    identified = identify(read_campaign(campaign))
+    at = {free.key: number for number, free in enumerate(identified.fit.free)}
     for key, true in TRUE.items():
-        value, error = found.fit.value[at[key]], found.fit.std_error[at[key]]
+        value, error = identified.fit.value[at[key]], identified.fit.std_error[at[key]]
         assert value == pytest.approx(true, rel=0.005)
         assert abs(value - true) < 4.0 * error
-    assert found.after.residual_rms_moving < 1.3 * found.after.noise_rms
-    assert found.before.residual_rms_moving > 10.0 * found.before.noise_rms
+    assert identified.after.residual_rms_moving < 1.3 * identified.after.noise_rms
+    assert identified.before.residual_rms_moving > 10.0 * identified.before.noise_rms
 
 
 def test_an_identified_machine_comes_back_from_its_file(

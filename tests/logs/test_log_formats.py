@@ -36,7 +36,8 @@ def add(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LogFormat]:
         made = LogFormat("made-up", (".made",), opener, about="arrays that numpy has saved.", own=SMALL, uploaded=SMALL)
         made = replace(made, **more)  # type: ignore[arg-type]
         monkeypatch.setattr(
-            "workbench.log_formats.known.FORMATS", [*(each for each in formats() if each.name != made.name), made]
+            "workbench.log_formats.known.FORMATS",
+            [*(log_format for log_format in formats() if log_format.name != made.name), made],
         )
         return made
 

@@ -174,7 +174,7 @@ def test_irregular_samples_count_each_until_the_next():
 
 def test_every_metric_is_tested():
     here = Path(__file__)
-    asserted = "".join(each.read_text(encoding="utf-8") for each in (here, here.with_name("test_metrics_more.py")))
+    asserted = "".join(file.read_text(encoding="utf-8") for file in (here, here.with_name("test_metrics_more.py")))
     assert [m.name for m in metrics() if isinstance(m, LoopMetric) and f'metric("{m.name}", ' not in asserted] == []
 
 

@@ -37,8 +37,8 @@ def test_importing_it_loads_neither_the_engine_nor_the_lumped_plant():
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=PACKAGE.parents[1], capture_output=True, text=True, check=True
     )
-    found = [name for name in ast.literal_eval(done.stdout) if name.startswith(("exudyn", "workbench"))]
-    assert found == []
+    loaded = [name for name in ast.literal_eval(done.stdout) if name.startswith(("exudyn", "workbench"))]
+    assert loaded == []
 
 
 def test_without_the_extra_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch):

@@ -272,7 +272,7 @@ def test_a_run_leaves_nothing_of_itself_in_the_engine(monkeypatch: pytest.Monkey
     monkeypatch.setattr(motion._Motion, "begin", noted)
     move(MACHINE, 4500.0, 9.0, torque(lambda t: 0.0), 0.1)
     gc.collect()
-    assert [each() for each in made] == [None]
+    assert [reference() for reference in made] == [None]
 
 
 def test_a_motion_that_does_not_converge_ends_with_time_and_state():

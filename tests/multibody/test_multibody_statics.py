@@ -94,8 +94,8 @@ def test_reactions_are_those_of_statics_by_hand(payload: float):
 
     rest = hang(STIFF, payload, 9.0)
     size = max(map(abs, (*upper, *lower)))
-    found = [-rest.normal_n[f"{dolly}_dolly_{end}"] for dolly in ("upper", "lower") for end in ("top", "bottom")]
-    assert found == pytest.approx([*upper, *lower], abs=1e-4 * size)
+    reactions = [-rest.normal_n[f"{dolly}_dolly_{end}"] for dolly in ("upper", "lower") for end in ("top", "bottom")]
+    assert reactions == pytest.approx([*upper, *lower], abs=1e-4 * size)
     assert rest.cylinder_n == pytest.approx(-K, rel=1e-4)
     assert math.hypot(*rest.joint_n["head_pivot"]) == pytest.approx(math.hypot(Hx, Hy), rel=1e-4)
     assert math.hypot(*rest.joint_n["upper_pivot"]) == pytest.approx(math.hypot(Bx, By), rel=1e-3)

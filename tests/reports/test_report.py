@@ -164,11 +164,11 @@ def test_a_sweep_of_limits_has_its_fronts_with_the_knee_named_and_no_curves_with
 
 def test_a_sweep_of_gains_shows_what_changes_and_leaves_out_what_does_not(results) -> None:
     result = read_finished(results(GAINS))
-    found = titles(result)
-    assert found[0] == "Over kp"
-    assert "Over anti windup" not in found  # nothing winds up here
-    assert "Closed loop over time" in found
-    curves = figures_of(result)[found.index("Closed loop over time")][0]
+    shown = titles(result)
+    assert shown[0] == "Over kp"
+    assert "Over anti windup" not in shown  # nothing winds up here
+    assert "Closed loop over time" in shown
+    curves = figures_of(result)[shown.index("Closed loop over time")][0]
     assert {trace.name for trace in curves.data} == {"kp 15 N m s/rad", "kp 31 N m s/rad", "set points"}
     assert any(text.startswith("Anti windup makes no difference") for text in conclusions(result))
 

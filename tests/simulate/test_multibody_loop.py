@@ -96,13 +96,13 @@ def test_the_compiled_metrics_are_those_of_a_log(pair):
     )
     seen = {name: run[name] for name in run.signals}
     sums = observe(observer(), p, {**seen, "time_s": run.time_s}, 0.004)
-    found = observer().finish(sums, p, 0.004 * len(run.time_s))
+    metrics = observer().finish(sums, p, 0.004 * len(run.time_s))
     short = Run("short", run.time_s[:400], {name: values[:400] for name, values in seen.items()}, 4500.0, 9.0)
     some = observe(observer(), p, {**dict(short.signals), "time_s": short.time_s}, 0.004)
     by_log = measure(short, p)
     for name, value in observer().finish(some, p, 0.004 * 400).items():
         assert value == pytest.approx(by_log[name], rel=1e-6, abs=1e-9), name
-    assert found["energy_motoring_j"] > 0.0
+    assert metrics["energy_motoring_j"] > 0.0
 
 
 def test_a_lagging_drive_with_a_counted_late_speed_is_the_same_drive_here():

@@ -130,8 +130,8 @@ def test_a_replay_of_a_run_s_own_torque_gives_its_own_speed(runs):
 def test_the_figures_over_all_runs_pool_those_of_each(runs):
     result = replay_runs(MACHINE, runs)
     n = np.array([len(run.time_s) for run in runs])
-    each = np.array([r.speed_rmse_percent for r in result.runs])
-    assert result.speed_rmse_percent == pytest.approx(np.sqrt(np.sum(n * each**2) / np.sum(n)))
+    of_runs = np.array([r.speed_rmse_percent for r in result.runs])
+    assert result.speed_rmse_percent == pytest.approx(np.sqrt(np.sum(n * of_runs**2) / np.sum(n)))
     assert [r.name for r in result.runs] == ["fast", "slow"]
 
 

@@ -139,9 +139,9 @@ def test_a_batch_on_one_core_or_several_stopped_or_not_gives_the_same_bytes(smal
             run_batch(small, stopped, spread=partial(stopping_after, done))
         assert not stopped.folder.exists()
     run_batch(small, stopped)
-    found = {path.read_bytes() for path in tmp_path.glob("*/index.parquet")}
+    indices = {path.read_bytes() for path in tmp_path.glob("*/index.parquet")}
     assert len(list(tmp_path.glob("*/index.parquet"))) == 4
-    assert len(found) == 1
+    assert len(indices) == 1
 
 
 def test_progress_counts_what_was_kept_and_what_failed(small: Study, tmp_path: Path) -> None:
@@ -153,7 +153,7 @@ def test_progress_counts_what_was_kept_and_what_failed(small: Study, tmp_path: P
     run_batch(heavy, place, tell=told.append)
     assert (told[0].done, told[0].kept, told[0].failed) == (128, 128, 64)
     assert (told[-1].done, told[-1].kept, told[-1].failed) == (300, 128, 150)
-    assert [each.done for each in told] == sorted(each.done for each in told)
+    assert [progress.done for progress in told] == sorted(progress.done for progress in told)
 
 
 def test_runs_that_fail_are_rows_with_a_reason_and_the_rest_goes_on(small: Study, tmp_path: Path) -> None:

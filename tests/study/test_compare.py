@@ -54,7 +54,7 @@ def test_metrics_that_nothing_changed_have_no_runs_that_moved() -> None:
 
 
 def test_runs_of_other_ids_are_matched_by_payload_reference_and_assigned_values() -> None:
-    renamed = [replace(each, run_id=f"new_{each.run_id}") for each in B]
+    renamed = [replace(of_run, run_id=f"new_{of_run.run_id}") for of_run in B]
     pairs, only_a, only_b = matched(A, renamed)
     assert [(pair.a.run_id, pair.b.run_id) for pair in pairs] == [("a", "new_a"), ("b", "new_b"), ("c", "new_c")]
     assert not only_a and not only_b
@@ -68,10 +68,10 @@ def test_runs_that_values_cannot_tell_apart_are_not_matched_by_chance() -> None:
 
 
 def test_runs_without_a_partner_and_runs_that_newly_fail_are_named() -> None:
-    found = compare([*A, row("gone", 5.0)], [B[0], failed(B[1]), B[2], row("new", 6.0)])
-    assert (found.only_a, found.only_b) == (("gone",), ("new",))
-    assert [pair.name for pair in found.newly_failed] == ["b"]
-    assert found.changes[0].runs == 2
+    comparison = compare([*A, row("gone", 5.0)], [B[0], failed(B[1]), B[2], row("new", 6.0)])
+    assert (comparison.only_a, comparison.only_b) == (("gone",), ("new",))
+    assert [pair.name for pair in comparison.newly_failed] == ["b"]
+    assert comparison.changes[0].runs == 2
 
 
 @pytest.mark.parametrize(
@@ -88,11 +88,11 @@ def test_runs_without_a_partner_and_runs_that_newly_fail_are_named() -> None:
     ],
 )
 def test_worse_is_what_the_metric_says_is_worse(metric: str, a: float, b: float, percent: float | None) -> None:
-    found = compare([row("a", **{metric: a})], [row("a", **{metric: b})])
-    hits = regressions(found, parse_limits([f"{metric}=5%"], fixed_columns()))
-    assert [each.worse for each in hits] == ([] if percent is None else [pytest.approx(percent)])
-    still = regressions(found, parse_limits([f"{metric}=7%"], fixed_columns()))
-    assert [each.worse for each in still] == ([percent] if percent == float("inf") else [])
+    comparison = compare([row("a", **{metric: a})], [row("a", **{metric: b})])
+    hits = regressions(comparison, parse_limits([f"{metric}=5%"], fixed_columns()))
+    assert [hit.worse for hit in hits] == ([] if percent is None else [pytest.approx(percent)])
+    still = regressions(comparison, parse_limits([f"{metric}=7%"], fixed_columns()))
+    assert [hit.worse for hit in still] == ([percent] if percent == float("inf") else [])
 
 
 def test_one_bad_run_among_good_ones_is_a_regression() -> None:
@@ -182,7 +182,7 @@ KP = "sweep.controller.kp_nm_s_per_rad"
 )
 def test_why_no_run_matches_is_said_by_what_differs(other: dict[str, Any], why: str) -> None:
     ours = [replace(row("a"), assigned={KP: 30.0}), replace(row("b"), assigned={KP: 30.0})]
-    theirs = [replace(each, run_id=f"new_{each.run_id}", **other) for each in ours]
+    theirs = [replace(of_run, run_id=f"new_{of_run.run_id}", **other) for of_run in ours]
     assert why_unmatched(ours, theirs).startswith(why)
 
 
@@ -195,11 +195,11 @@ def test_runs_that_share_every_value_but_no_combination_say_so() -> None:
 def test_what_nobody_can_notice_has_no_per_cent() -> None:
     """An end position that goes from 0.1 to 59 micrometres is no change of 59,000 per cent."""
     end = "position_error_end_m"
-    found = compare([row("a", **{end: 1e-7})], [row("a", **{end: -5.9e-5})])
-    (change,) = [change for change in found.changes if change.metric == end]
+    comparison = compare([row("a", **{end: 1e-7})], [row("a", **{end: -5.9e-5})])
+    (change,) = [change for change in comparison.changes if change.metric == end]
     assert change.mean_percent == 0.0
     assert change.worst and not change.noticeable
-    assert regressions(found, parse_limits([f"{end}=5%"], fixed_columns())) == []
+    assert regressions(comparison, parse_limits([f"{end}=5%"], fixed_columns())) == []
     assert percent(end, 1e-7, 2e-3) == float("inf")  # from nothing to 2 mm is worse
     assert percent(end, 1e-3, 2e-3) == pytest.approx(100.0)
 
@@ -237,7 +237,7 @@ def test_long_ids_are_wrapped_and_what_hardly_moves_is_named_below(folders: tupl
 
 
 def test_runs_that_failed_in_either_are_not_said_to_be_the_same(folders: tuple[Path, Path]) -> None:
-    pq.write_table(index_table([failed(each) for each in B]), folders[1] / "index.parquet")
+    pq.write_table(index_table([failed(of_run) for of_run in B]), folders[1] / "index.parquet")
     assert "3 runs compared; none of them ran to its end in both." in called(folders).output
 
 

@@ -49,12 +49,12 @@ costs = st.lists(st.tuples(st.integers(0, 12), st.integers(0, 12)), max_size=40)
 @given(costs)
 def test_front_is_what_brute_force_finds(points: list[tuple[int, int]]) -> None:
     first, second = np.array([p[0] for p in points], float), np.array([p[1] for p in points], float)
-    found = [points[i] for i in non_dominated(first, second)]
+    front = [points[i] for i in non_dominated(first, second)]
 
     def beaten(p: tuple[int, int]) -> bool:
         return any(q[0] <= p[0] and q[1] <= p[1] and q != p for q in points)
 
-    assert found == sorted({p for p in points if not beaten(p)})
+    assert front == sorted({p for p in points if not beaten(p)})
 
 
 def test_each_payload_has_its_front_and_failed_runs_are_not_on_it() -> None:

@@ -114,16 +114,16 @@ def test_expansion_and_runs_can_be_sent_to_another_process() -> None:
 
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3), st.integers(2, 200))
 def test_a_linear_range_has_its_ends_and_even_steps(low: float, width: float, steps: int) -> None:
-    found = RangeBlock.model_validate({"from": low, "to": low + width, "steps": steps}).values()
-    assert len(found) == steps and found[0] == low and found[-1] == low + width
-    np.testing.assert_allclose(found, np.linspace(low, low + width, steps), rtol=1e-10, atol=1e-9)
+    values = RangeBlock.model_validate({"from": low, "to": low + width, "steps": steps}).values()
+    assert len(values) == steps and values[0] == low and values[-1] == low + width
+    np.testing.assert_allclose(values, np.linspace(low, low + width, steps), rtol=1e-10, atol=1e-9)
 
 
 @given(st.floats(1e-3, 1e3), st.floats(1.01, 1e3), st.integers(2, 100))
 def test_a_logarithmic_range_goes_in_equal_ratios(low: float, ratio: float, steps: int) -> None:
-    found = RangeBlock.model_validate({"from": low, "to": low * ratio, "steps": steps, "scale": "log"}).values()
-    assert len(found) == steps
-    np.testing.assert_allclose(found, np.geomspace(low, low * ratio, steps), rtol=1e-10)
+    values = RangeBlock.model_validate({"from": low, "to": low * ratio, "steps": steps, "scale": "log"}).values()
+    assert len(values) == steps
+    np.testing.assert_allclose(values, np.geomspace(low, low * ratio, steps), rtol=1e-10)
 
 
 def test_a_range_by_step_reads_as_it_is_written_and_may_fall() -> None:

@@ -103,7 +103,7 @@ def test_a_sweep_of_gains_is_no_matter_of_move_time():
 def test_an_axis_is_said_from_end_to_end_and_its_extreme_between_them():
     peaks = {1.0: 500.0, 2.0: 450.0, 3.0: 520.0}
     rows = [row({JERK: j}, peak_torque_motor_nm=p, speed_error_max_rad_s=j) for j, p in peaks.items()]
-    (text,) = [each for each in sentences(rows, LIMIT) if each.startswith("Jerk from")]
+    (text,) = [sentence for sentence in sentences(rows, LIMIT) if sentence.startswith("Jerk from")]
     assert text == (
         "Jerk from 1 m/s³ to 3 m/s³: at 9000 kg the torque peak per motor goes from 500 to 520 N m, with its least, "
         "450 N m, at 2 m/s³ and the largest speed error goes from 1 to 3 rad/s."
@@ -112,7 +112,7 @@ def test_an_axis_is_said_from_end_to_end_and_its_extreme_between_them():
 
 def test_an_axis_without_effect_is_said_to_have_none():
     rows = [row({"sweep.controller.anti_windup": w}) for w in ("none", "conditional")]
-    assert any(each.startswith("Anti windup makes no difference at 9000 kg") for each in sentences(rows, LIMIT))
+    assert any(sentence.startswith("Anti windup makes no difference at 9000 kg") for sentence in sentences(rows, LIMIT))
 
 
 def test_words_are_said_one_by_one():
@@ -138,8 +138,8 @@ def sample_rows(n: int = 200) -> list[Row]:
 
 def test_the_scatter_is_said_with_its_quantiles_and_what_it_hangs_on():
     rows = sample_rows()
-    peaks = [each["peak_torque_motor_nm"] for each in rows]
-    (text,) = [each for each in sentences(rows, LIMIT) if "median" in each]
+    peaks = [of_run["peak_torque_motor_nm"] for of_run in rows]
+    (text,) = [sentence for sentence in sentences(rows, LIMIT) if "median" in sentence]
     assert f"{np.median(peaks):.0f} N m in the median" in text
     assert f"{np.quantile(peaks, 0.05):.0f} to {np.quantile(peaks, 0.95):.0f} N m in nine of ten" in text
     assert text.endswith("it goes with carriage mass (rank correlation +1.00).")
@@ -151,9 +151,9 @@ def test_rank_correlation_is_that_of_scipy_with_ties():
     rng = np.random.default_rng(5)
     values = rng.integers(0, 6, 60).astype(float)
     rows = [row({"sample.x_s": v}, speed_error_max_rad_s=float(v + rng.integers(0, 5))) for v in values]
-    (found,) = rank_correlations(rows, drawn_columns(rows), "speed_error_max_rad_s")
-    wanted = spearmanr(values, [each["speed_error_max_rad_s"] for each in rows]).statistic
-    assert found.value == pytest.approx(wanted, rel=1e-12)
+    (correlation,) = rank_correlations(rows, drawn_columns(rows), "speed_error_max_rad_s")
+    wanted = spearmanr(values, [of_run["speed_error_max_rad_s"] for of_run in rows]).statistic
+    assert correlation.value == pytest.approx(wanted, rel=1e-12)
 
 
 def test_quantiles_are_of_each_payload_and_reference_and_failures_are_counted():
@@ -181,7 +181,7 @@ def test_a_drawn_run_is_said_with_the_number_of_its_draw():
 
 def test_a_carriage_that_ends_elsewhere_is_told_with_by_how_much():
     rows = [row({JERK: float(j)}, position_error_end_m=-j) for j in range(3)]
-    (text,) = [each for each in sentences(rows, LIMIT) if "does not end" in each]
+    (text,) = [sentence for sentence in sentences(rows, LIMIT) if "does not end" in sentence]
     assert text.endswith("farthest off 9000 kg, ruckig, jerk 2 m/s³, 2.00 m below it.")
 
 

@@ -41,10 +41,10 @@ def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_duckdb_answers_the_query_of_the_docs(results: Path) -> None:
     duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
     (query,) = re.findall(r"```sql\n(.*?)```", DOCS, re.DOTALL)
-    found = duckdb.sql(query).fetchall()
+    lines = duckdb.sql(query).fetchall()
     rows = [row for row in read_rows(results) if row.ok]
-    assert [line[:2] for line in found] == [(0.0, 20.0), (0.0, 40.0)]  # the loads of 60 t ran off the rail
-    for payload, kp, peak, error in found:
+    assert [line[:2] for line in lines] == [(0.0, 20.0), (0.0, 40.0)]  # the loads of 60 t ran off the rail
+    for payload, kp, peak, error in lines:
         here = [
             row for row in rows if (row.payload_kg, row.assigned["sweep.controller.kp_nm_s_per_rad"]) == (payload, kp)
         ]

@@ -80,8 +80,8 @@ def test_a_shift_of_two_sigma_is_found_within_ten_cycles_with_its_beginning():
     x = rng.normal(size=(200, 3))
     x[120:] += [2.0, 0.0, 0.0]
     baseline, detector = learn(x[:100]), Detector(100, threshold(3, 100, 1000.0))
-    found = [(k, ago) for k in range(100, 200) if (ago := detector.add(baseline.z(x[k] - baseline.line[0], 0.0)))]
-    first, ago = found[0]
+    alarms = [(k, ago) for k in range(100, 200) if (ago := detector.add(baseline.z(x[k] - baseline.line[0], 0.0)))]
+    first, ago = alarms[0]
     assert 120 < first < 130 and abs(first - ago + 1 - 120) <= 4
 
 
@@ -141,8 +141,8 @@ def test_a_change_is_named_by_the_parameters_that_explain_it():
 def test_a_change_that_goes_on_is_one_alarm():
     judge = Judge(FEW)
     made = [judge.add(c) for c in cycles(160, {80: np.array([0.0, 0.0, 0.0, 0.005, 0.0])})]
-    alarms = [each for each in made if each.alarm is not None]
-    assert len(alarms) > 5 and sum(not each.again for each in alarms) == 1
+    alarms = [judged for judged in made if judged.alarm is not None]
+    assert len(alarms) > 5 and sum(not judged.again for judged in alarms) == 1
     assert judge.baseline is not None and judge.baseline.count in (60, 120)  # it does not learn the fault
 
 
