@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from workbench.analysis.discrete import Late, Sampled
-from workbench.analysis.jacobian import jacobian
 from workbench.control import PiSettings, full_pi, loop_values
 from workbench.errors import InputError
 from workbench.machine import Hoist
 from workbench.plants import HOIST
 from workbench.run import Array
+from workbench.trace.derive import jacobian
 from workbench.trace.expr import symbol
 
 FAR = 1e30

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from workbench.analysis.jacobian import values
 from workbench.engine.text import state_symbols
 from workbench.errors import InputError
 from workbench.plants import Effects, Plant
 from workbench.run import Array
-from workbench.trace.derive import derivative
+from workbench.trace.derive import derivative, values
 from workbench.trace.emit import evaluate
 from workbench.trace.expr import Expr, Scalar, symbol
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from workbench.errors import InputError
 from workbench.log_formats.declared import Limits, LogFormat, Opened
@@ -24,9 +24,7 @@ def open_mat(file: Path) -> Opened:
     if not start:
         raise InputError("is empty")
     if _HDF5 in start or start.startswith(b"MATLAB 7.3"):
-        from workbench.log_formats.mat73_file import open_mat73
-
-        return open_mat73(file)
+        return _open73(file)
     if not any(start):
         raise InputError("is not a readable MAT file: it begins with zeros")
     import scipy.io
@@ -50,10 +48,54 @@ def _pieces(file: Path, wanted: Sequence[str], lengths: dict[str, int], limits: 
     for index, name in enumerate(wanted):
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # scipy warns where it guesses
-            values = np.asarray(scipy.io.loadmat(str(file), variable_names=[name])[name]).ravel()
-        if values.dtype.kind not in "fiub":
-            raise InputError(f"holds {values.dtype}, expected real numbers", place=name)
-        yield index, np.ascontiguousarray(values, dtype=np.float64)
+            values = scipy.io.loadmat(str(file), variable_names=[name])[name]
+        yield index, _real(name, np.asarray(values).ravel())
+
+
+def _open73(file: Path) -> Opened:
+    """A file of version 7.3, which is HDF5."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise InputError(
+            "is a version 7.3 file (HDF5); save it with: save('log.mat', '-v7'), or install the extra 'import'"
+        ) from error
+    held = h5py.File(file, "r")
+    names = [name for name, item in held.items() if isinstance(item, h5py.Dataset) and _is_vector73(item)]
+
+    def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
+        return _pieces73(held, wanted, limits)
+
+    return Opened(names, pieces)
+
+
+def _is_vector73(item: Any) -> bool:
+    kind = item.attrs.get("MATLAB_class", b"double")
+    kind = kind.encode() if isinstance(kind, str) else bytes(kind)
+    return (
+        kind in [name.encode() for name in _KINDS]
+        and len(item.shape) == 2
+        and min(item.shape) == 1
+        and max(item.shape) > 1
+    )
+
+
+def _pieces73(held: Any, wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
+    import numpy as np
+
+    from workbench.log_formats.table import check_size
+
+    check_size(max(held[name].size for name in wanted), sum(held[name].size for name in wanted), limits)
+    for index, name in enumerate(wanted):
+        yield index, _real(name, np.asarray(held[name][()]).ravel())
+
+
+def _real(name: str, values: Array) -> Array:
+    import numpy as np
+
+    if values.dtype.kind not in "fiub":
+        raise InputError(f"holds {values.dtype}, expected real numbers", place=name)
+    return np.ascontiguousarray(values, dtype=np.float64)
 
 
 MAT = LogFormat(

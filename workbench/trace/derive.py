@@ -5,6 +5,12 @@ At a kink (`where`, `abs`) the derivative is that of the branch taken.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from workbench.run import Array
+from workbench.trace.emit import evaluate
 from workbench.trace.expr import Expr, Scalar, constant, cos, exp, sin, where
 
 
@@ -17,6 +23,18 @@ def derivative(of: Scalar, by: Expr, _memo: dict[tuple[int, int], Scalar] | None
     if key not in memo:
         memo[key] = _rule(of, by, memo)
     return memo[key]
+
+
+def jacobian(of: Sequence[Scalar], by: Sequence[Expr], at: Sequence[float] | Array) -> Array:
+    """(outputs, inputs): d(of)/d(by) where the symbols `by` have the values `at`."""
+    memo: dict[tuple[int, int], Scalar] = {}
+    flat = [derivative(f, x, memo) for f in of for x in by]
+    return np.array(evaluate(flat, values(by, at))).reshape(len(of), len(by))
+
+
+def values(symbols: Sequence[Expr], at: Sequence[float] | Array) -> dict[str, float]:
+    """The argument of `evaluate`: each symbol's name with its number."""
+    return {s.args[0]: float(x) for s, x in zip(symbols, at, strict=True)}
 
 
 def _rule(e: Expr, by: Expr, memo: dict[tuple[int, int], Scalar]) -> Scalar:
