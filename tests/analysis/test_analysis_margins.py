@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,17 +28,18 @@ def with_drive(base: Hoist | None = None, **drive: float) -> Hoist:
 
 SLOW_DRIVE = with_drive(torque_lag_s=0.004, speed_filter_s=0.003, speed_delay_s=0.0025)
 LIGHTLY_DAMPED = with_values(ideal_hoist(), {"wire.damping_time_s": 0.004})
+# name -> arguments of `linear_loop`
 LOOPS = {
-    "ideal drive": linear_loop(ideal_hoist(), PI, OperatingPoint(0.0, 10.0)),
-    "slow drive": linear_loop(SLOW_DRIVE, PI, OperatingPoint(9000.0, 2.0, "lowering")),
-    "fast gains": linear_loop(
+    "ideal drive": (ideal_hoist(), PI, OperatingPoint(0.0, 10.0)),
+    "slow drive": (SLOW_DRIVE, PI, OperatingPoint(9000.0, 2.0, "lowering")),
+    "fast gains": (
         SLOW_DRIVE,
         PiSettings(sample_time_s=0.002, kp_nm_s_per_rad=90.0, ki_nm_per_rad=900.0),
         OperatingPoint(4500.0, 20.0),
     ),
-    "at rest": linear_loop(SLOW_DRIVE, PI, OperatingPoint(9000.0, 10.0, "at_rest")),
-    "light damping": linear_loop(LIGHTLY_DAMPED, PI, OperatingPoint(9000.0, 10.0)),
-    "notch": linear_loop(
+    "at rest": (SLOW_DRIVE, PI, OperatingPoint(9000.0, 10.0, "at_rest")),
+    "light damping": (LIGHTLY_DAMPED, PI, OperatingPoint(9000.0, 10.0)),
+    "notch": (
         with_drive(LIGHTLY_DAMPED, speed_delay_s=0.004),
         PiSettings(
             kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, notch=Notch(frequency_hz=2.2, depth=0.3), low_pass_hz=80.0
@@ -45,7 +47,19 @@ LOOPS = {
         OperatingPoint(9000.0, 10.0),
     ),
 }
-each_loop = pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS)
+
+
+@cache
+def made_loop(name: str) -> LinearLoop:
+    return linear_loop(*LOOPS[name])
+
+
+@pytest.fixture
+def loop(request: pytest.FixtureRequest) -> LinearLoop:
+    return made_loop(request.param)
+
+
+each_loop = pytest.mark.parametrize("loop", LOOPS, indirect=True)
 
 
 @each_loop
@@ -89,7 +103,7 @@ def test_every_margin_agrees_with_python_control(loop: LinearLoop):
 def test_the_disk_margin_is_that_of_python_control():
     import control
 
-    for loop in LOOPS.values():
+    for loop in map(made_loop, LOOPS):
         L, _, _ = loop.systems()
         f = loop.grid()
         disk, _, phase = control.disk_margins(L, 2.0 * np.pi * f, 0.0)

@@ -28,11 +28,15 @@ from workbench.study.execute.batch import Progress, run_batch
 from workbench.study.results.folder import place_for
 from workbench.study.scenario.load import Study, load_study
 
-pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
-
 KEEPS_SIGNALS = f"""\
 {SCENARIO.replace("name: batch", "name: signals").replace(f"steps: {RUNS // 4}", "steps: 20")}
 """
+
+
+@pytest.fixture(scope="module", autouse=True)
+def distributed() -> None:
+    """Imported here and not above: it takes a quarter of a second of every collection."""
+    pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.signal import TransferFunction
-from scipy.signal import step as step_response
 
 from tests.support.ideal import ideal_hoist
 from workbench.control import PI, Controller, FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
@@ -198,6 +196,8 @@ def test_feed_forward_asks_for_what_the_machine_s_own_values_say():
 
 
 def test_behind_the_wire_the_load_swings_as_its_step_response_says():
+    from scipy.signal import TransferFunction, step
+
     p = numbers(only_proportional(feed_forward=FeedForward(inertia=1.0, wire=1.0)))
     squared, damping = swing_of(p)
     assert squared == pytest.approx(2.0 * 1e11 * 3.4e-4 / 25.0 / 12500.0)  # two falls carry it
@@ -206,7 +206,7 @@ def test_behind_the_wire_the_load_swings_as_its_step_response_says():
         carried, stretch, rate = behind_the_wire(p, stretch, rate, 20.0, DT)
         loads.append(carried)
     system = TransferFunction([damping, squared], [1.0, damping, squared])
-    _, expected = step_response(system, T=0.5 * DT * np.arange(1600))
+    _, expected = step(system, T=0.5 * DT * np.arange(1600))
     assert np.array(loads) == pytest.approx(20.0 * expected[1::2], abs=20.0 * 5e-5)
 
 
