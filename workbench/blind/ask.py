@@ -81,8 +81,11 @@ def _of_the_users(asked: Asked, seed: int) -> tuple[list[Order], Rig]:
     if asked.kind not in (None, rig.family.kind):
         raise InputError(f"{asked.kind}, but the machine is of kind {rig.family.kind}", place="kind")
     for name in asked.sources:
-        if name != "simulator" and rig.family.kind != "hoist":
-            raise InputError(f"{name} plays hoists only, and the machine is an axis", place="source")
+        plays = source_of(name).kind_of(rig.family).name
+        if plays != rig.family.kind:
+            raise InputError(
+                f"{name} plays machines of kind {plays}, and yours is of kind {rig.family.kind}", place="source"
+            )
     effects = _effects(asked.effects, set(kind_of(rig.family).listed)) or rig.effects
     played = {name: [rig.family] for name in dict.fromkeys(asked.sources) if source_of(name)}
     counts = {asked.case: asked.cases} if asked.case else None

@@ -25,6 +25,7 @@ from workbench.blind.sources.simulator.campaign import make_campaign
 from workbench.blind.sources.simulator.content import Content
 from workbench.blind.sources.simulator.kind import RunPlan
 from workbench.errors import InputError
+from workbench.kinds import kind_of as machine_kind
 
 NEXT, BETWEEN_S = "next_runs", 60.0
 Tell = Callable[[str], None]
@@ -168,7 +169,7 @@ def _trials(rig: Rig) -> list[tuple[str, RunPlan]]:
     again = replace(longest, name="one_more", start_time_s=began)
     slow = np.repeat(np.asarray(longest.reference), 4) / 4.0
     slower = replace(again, reference=tuple(map(float, slow)), duration_s=4.0 * longest.duration_s)
-    if rig.kind == "axis":
+    if not machine_kind(rig.drawn.machine).holds_load:
         return [("the quickest one again", again), ("the quickest one at a quarter of its speed", slower)]
     tried = []
     for load in dict.fromkeys([0.0, loads[-1]]):

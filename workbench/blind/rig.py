@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 
 from workbench.blind.orders import Order
-from workbench.blind.sources.simulator.axis.machines import Drawn as DrawnAxis
 from workbench.blind.sources.simulator.content import Content
 from workbench.blind.sources.simulator.families import FAMILIES, Family
-from workbench.blind.sources.simulator.hoist.machines import Drawn as DrawnHoist
 from workbench.blind.sources.simulator.kind import Logging, RunPlan
 from workbench.blind.sources.simulator.kinds import kind_of
-from workbench.machine import Hoist, LinearAxis, RotaryAxis
 
 YOURS = "yours"  # the family's name
 _BASED_ON = {"hoist": "hoist_middle", "axis": "axis_std"}  # its nuisances
@@ -70,13 +67,8 @@ class Rig:
 
 def rig_from(said: Mapping[str, Any]) -> Rig:
     """The rig that `Rig.said` said."""
-    machine, kind = dict(said["machine"]), said["kind"]
-    drawn: Any
-    if kind == "hoist":
-        drawn = DrawnHoist(Hoist.model_validate(machine), **said["drawn"])
-    else:
-        record = LinearAxis if machine.get("motion") == "linear" else RotaryAxis
-        drawn = DrawnAxis(record.model_validate(machine), **said["drawn"])
+    kind = said["kind"]
+    drawn = kind_of(family_of(kind)).rebuilt(said["machine"], said["drawn"])
     runs = tuple(RunPlan(**{**run, "reference": run["reference"] and tuple(run["reference"])}) for run in said["runs"])
     logging = Logging(**{**said["logging"], "logs": tuple(said["logging"]["logs"])})
     return Rig(kind, drawn, runs, logging, said["sensors"], tuple(said["effects"]), said["unit"])

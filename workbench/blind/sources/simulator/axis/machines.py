@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +41,11 @@ class Drawn:
     def loaded(self) -> bool:
         """Whether it works against gravity."""
         return any(self.machine.role(f"gravity_{part}") != 0.0 for part in ("constant", "sine"))
+
+
+def rebuilt(machine: Mapping[str, Any], own: Mapping[str, Any]) -> Drawn:
+    record = LinearAxis if machine.get("motion") == "linear" else RotaryAxis
+    return Drawn(record.model_validate(dict(machine)), **own)
 
 
 def drawn_axis(rng: np.random.Generator, motion: str, loaded: bool | None = None) -> Drawn:

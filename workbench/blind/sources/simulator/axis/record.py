@@ -18,7 +18,7 @@ from workbench.blind.sources.simulator.axis.listed import (
     scales_of,
     usual,
 )
-from workbench.blind.sources.simulator.axis.machines import MOTIONS, Drawn, drawn_axis
+from workbench.blind.sources.simulator.axis.machines import MOTIONS, Drawn, drawn_axis, rebuilt
 from workbench.blind.sources.simulator.axis.profiles import KINDS as PROFILES
 from workbench.blind.sources.simulator.axis.profiles import excitation as excited
 from workbench.blind.sources.simulator.axis.truth import Truth, ailing, true_truth
@@ -161,6 +161,7 @@ AXIS = Kind(
     usual=lambda family: usual("axis"),
     pair=lambda rng, family, first: drawn_pair(rng, "axis", first),
     drawn=drawn,
+    rebuilt=rebuilt,
     plan=plan,
     shown_by=shown_by,
     scales=scales,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -74,6 +76,10 @@ class Drawn:
     def travel_m(self) -> float:
         """How far down a long move goes at most."""
         return 0.24 * self.machine.wire.segment_length_m
+
+
+def rebuilt(machine: Mapping[str, Any], own: Mapping[str, Any]) -> Drawn:
+    return Drawn(Hoist.model_validate(dict(machine)), **own)
 
 
 def drawn_hoist(rng: np.random.Generator, family: Family) -> Drawn:

@@ -11,7 +11,7 @@ from workbench.blind.sources.simulator.causes import TURN, Cause, about
 from workbench.blind.sources.simulator.families import Family
 from workbench.blind.sources.simulator.hoist.kernel import HEIGHT, RECORD_S, SPEED, TENSION, TORQUE, simulate
 from workbench.blind.sources.simulator.hoist.listed import LISTED, USUAL, Scales, drawn_pair, scales_of
-from workbench.blind.sources.simulator.hoist.machines import Drawn, drawn_hoist
+from workbench.blind.sources.simulator.hoist.machines import Drawn, drawn_hoist, rebuilt
 from workbench.blind.sources.simulator.hoist.profiles import USUAL_S, reference
 from workbench.blind.sources.simulator.hoist.truth import Truth, ailing, true_truth
 from workbench.blind.sources.simulator.hoist.unlisted import EVENTS, UNLISTED
@@ -184,6 +184,7 @@ HOIST = Kind(
     usual=lambda family: USUAL,
     pair=lambda rng, family, first: drawn_pair(rng, first),
     drawn=lambda rng, family, names: drawn_hoist(rng, family),
+    rebuilt=rebuilt,
     plan=plan,
     shown_by=_shown_by,
     scales=scales,
