@@ -13,18 +13,20 @@ from workbench.cli.options import effects_option
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
 @click.option("--machine", required=True, type=click.Path(path_type=Path), help="The machine.yaml of the campaign.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the campaign.")
-@click.option("--payload", "payload", multiple=True, type=float, help="In kg; once for all files, or once for each.")
+@click.option(
+    "--payload", "payload", multiple=True, type=float, help="Payload in kg: one value for all files, or one for each."
+)
 @click.option(
     "--start-position",
     "start_position",
     multiple=True,
     type=float,
-    help="Height at the first sample, in m; as --payload.",
+    help="Height at the first sample, in m: one value for all files, or one for each.",
 )
 @click.option(
-    "--map", "mapped", multiple=True, metavar="SIGNAL=COLUMN", help="A column of your choice; may be repeated."
+    "--map", "mapped", multiple=True, metavar="SIGNAL=COLUMN", help="Column to use for a signal; may be repeated."
 )
-@click.option("--yes", is_flag=True, help="Take the proposal without asking.")
+@click.option("--yes", is_flag=True, help="Accept the proposed mapping without asking.")
 @effects_option
 def command(
     files: tuple[Path, ...],
@@ -37,8 +39,8 @@ def command(
 ) -> int:
     """Make a campaign of logs: MDF4, TDMS, MAT 7.3, TwinCAT Scope and other CSV with header lines or decimal commas.
 
-    Columns and units are looked at, a mapping to signals is proposed, drawn, and asked about unless --yes. Channels of
-    several rates are brought to the fastest one's time. MDF4, TDMS and MAT 7.3 need the extra 'import'.
+    The command proposes a mapping of columns to signals, draws it, and asks for confirmation unless --yes is given.
+    Channels of different rates are resampled to the fastest one. MDF4, TDMS and MAT 7.3 need the extra 'import'.
     """
     from workbench.cli.show import print_table, print_text
     from workbench.effects import check

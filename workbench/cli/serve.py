@@ -19,15 +19,17 @@ from workbench.cli.options import effects_option
     show_default=True,
     help="modbus and opcua need the extra 'serve'.",
 )
-@click.option("--rate", type=float, default=1000.0, show_default=True, help="Steps a second.")
+@click.option("--rate", type=float, default=1000.0, show_default=True, help="Steps of the plant per second.")
 @click.option(
     "--address",
     default="127.0.0.1",
     show_default=True,
-    help="Address to listen on. The default is reached from this computer only.",
+    help="Address to listen on. The default is reachable from this computer only.",
 )
 @click.option(
-    "--port", type=click.IntRange(0, 65535), help="Default: 5560 (udp), 5020 (modbus), 4840 (opcua); 0: a free one."
+    "--port",
+    type=click.IntRange(0, 65535),
+    help="Port. Default: 5560 (udp), 5020 (modbus), 4840 (opcua); 0: any free port.",
 )
 @click.option("--payload", type=float, default=0.0, show_default=True, help="Payload at the start, in kg.")
 @click.option("--start-position", type=float, help="Height at the start, in m. Default: mid rail.")
@@ -36,14 +38,14 @@ from workbench.cli.options import effects_option
     type=float,
     default=0.1,
     show_default=True,
-    help="A client silent for so long, in s, loses its torque.",
+    help="Time without a message, in s, after which the torque is set to zero.",
 )
-@click.option("--leave-brake", is_flag=True, help="The brake stays open when the watchdog takes the torque.")
-@click.option("--ready", help="Effects that may be set while the plant runs, separated by commas, or 'all'.")
-@click.option("--send-every", type=click.IntRange(1), default=1, show_default=True, help="A state every so many steps.")
-@click.option("--lock-step", is_flag=True, help="A step for every command instead of a clock (udp); for tests.")
-@click.option("--priority", is_flag=True, help="Ask the system to run the plant before other programs.")
-@click.option("--for", "seconds", type=float, help="End after so many seconds. Default: Ctrl-C ends it.")
+@click.option("--leave-brake", is_flag=True, help="Keep the brake open when the watchdog acts.")
+@click.option("--ready", help="Effects that clients may set while the plant runs, separated by commas, or 'all'.")
+@click.option("--send-every", type=click.IntRange(1), default=1, show_default=True, help="Send a state every N steps.")
+@click.option("--lock-step", is_flag=True, help="Step once per command instead of in real time (udp); for tests.")
+@click.option("--priority", is_flag=True, help="Ask the operating system for a higher priority.")
+@click.option("--for", "seconds", type=float, help="Run time in s. Default: until Ctrl-C.")
 @click.option("--status", "status_file", type=click.Path(path_type=Path), help="Write the last status to a JSON file.")
 @effects_option
 def command(
@@ -65,8 +67,8 @@ def command(
 ) -> None:
     """Serve the plant of MACHINE, a machine.yaml: torque in, speed, height and tensions out, faults on command.
 
-    docs/serve.md has the packets, registers and nodes. The plant hangs still until the first torque comes. Ctrl-C ends
-    it with a histogram of how late its steps began.
+    docs/serve.md lists packets, registers and nodes. The plant is held at rest until the first torque arrives. Ctrl-C
+    stops it; a histogram shows how late the steps began.
     """
     import math
     import signal

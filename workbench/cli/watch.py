@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -63,9 +62,10 @@ def command(
     from workbench.watch.change import HEALTHY
     from workbench.watch.diagnosed import diagnosed
     from workbench.watch.judge import Rules
+    from workbench.watch.limits import read_limits
     from workbench.watch.watch import Watch, run
 
-    rules = Rules(cycles_between, healthy or HEALTHY, pause, warm_up, _limits(limits))
+    rules = Rules(cycles_between, healthy or HEALTHY, pause, warm_up, read_limits(limits))
     read = load_machine(machine, check_effects=check)
     stop = threading.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
@@ -83,22 +83,3 @@ def command(
         return EXIT_ALARM if watch.new_alarms else 0
     finally:
         watch.close()
-
-
-def _limits(words: Sequence[str]) -> dict[str, float]:
-    """KEY=VALUE words. InputError for any other form."""
-    import math
-
-    from workbench.errors import InputError
-
-    limits = {}
-    for word in words:
-        key, _, value = word.partition("=")
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not (key.strip() and math.isfinite(number)):
-            raise InputError(f"'{word}', expected KEY=VALUE", place="limits")
-        limits[key.strip()] = number
-    return limits
