@@ -14,7 +14,7 @@ from workbench.errors import InputError
 
 if TYPE_CHECKING:
     from workbench.study.execute.batch import Spread, Tell
-    from workbench.study.results.folder import Place
+    from workbench.study.results.folder import ResultFolder
     from workbench.study.scenario.load import Study
 
 MOST_ON_PAGE = 60
@@ -80,7 +80,7 @@ def _spread(cluster: str | None) -> Iterator[Spread]:
         yield spread
 
 
-def _run(study: Study, place: Place, spread: Spread, tell: Tell) -> None:
+def _run(study: Study, place: ResultFolder, spread: Spread, tell: Tell) -> None:
     from workbench.figures.study_page import save_study_page
     from workbench.study.execute.batch import run_batch
 
@@ -90,7 +90,7 @@ def _run(study: Study, place: Place, spread: Spread, tell: Tell) -> None:
     run_batch(study, place, spread=spread, tell=tell, extras=page)
 
 
-def _report(study: Study, place: Place) -> None:
+def _report(study: Study, place: ResultFolder) -> None:
     from workbench.cli.show import print_table, print_text
     from workbench.study.conclude import tables
     from workbench.study.conclude.damping import damping_sentence

@@ -19,7 +19,7 @@ from workbench.dashboard.uploads.zip_members import MB, Files, unzipped
 from workbench.effects import check
 from workbench.errors import InputError, nearest
 from workbench.logs import Campaign, read_campaign
-from workbench.yaml_strict import Document, loads
+from workbench.yaml_strict import Document, Place, loads
 
 MACHINE, RUNS = "machine.yaml", "runs.yaml"
 MOST_UPLOADED, MOST_FILES = 50 * MB, 200
@@ -118,9 +118,6 @@ def _forget_oldest(workspace: Path, newest: Path) -> None:
     older = sorted((f for f in workspace.glob(f"{_PREFIX}*") if f != newest), key=lambda f: f.stat().st_mtime)
     for folder in older[: max(0, len(older) + 1 - KEPT)]:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-Place = tuple[str | int, ...]
 
 
 def _logs(content: bytes) -> list[tuple[PurePosixPath, Place, Document]]:

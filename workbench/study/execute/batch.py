@@ -18,7 +18,7 @@ from workbench.machine import save_machine
 from workbench.study.execute.chunk import run_specs
 from workbench.study.execute.run import StudyResult
 from workbench.study.execute.store import Chunk, Part, open_part
-from workbench.study.results.folder import Place, SavedRuns, arrow, holds
+from workbench.study.results.folder import ResultFolder, SavedRuns, arrow, holds
 from workbench.study.results.index import index_table, rows_of
 from workbench.study.results.manifest import manifest
 from workbench.study.scenario.load import Study
@@ -105,7 +105,7 @@ def _windowed(work: Work, numbers: Iterable[int], at_once: int) -> Iterator[tupl
 
 def run_batch(
     study: Study,
-    place: Place,
+    place: ResultFolder,
     *,
     spread: Spread = on_this_computer,
     tell: Tell = lambda progress: None,

@@ -28,7 +28,7 @@ MOST_SAMPLES = 40_000_000  # an hour at 0.1 ms
 
 
 @dataclass(frozen=True)
-class Place:
+class ResultFolder:
     """Where a study's results go, and where what is unfinished is kept.
 
     finished: they are there already. note: why not under the usual name.
@@ -40,7 +40,7 @@ class Place:
     note: str = ""
 
 
-def place_for(study: Study, out: Path | None = None) -> Place:
+def place_for(study: Study, out: Path | None = None) -> ResultFolder:
     """Where this study's results belong.
 
     out: the wanted folder; InputError where it is a file or holds something else than this very study's
@@ -51,14 +51,14 @@ def place_for(study: Study, out: Path | None = None) -> Place:
         finished = holds(out, study)
         if not finished:
             _check_free(out)
-        return Place(out, _part(out, out.resolve().name, study), finished)
+        return ResultFolder(out, _part(out, out.resolve().name, study), finished)
     first = DEFAULT_FOLDER / study.scenario.name
     folder, number = first, 1
     while not is_free(folder) and not holds(folder, study):
         number += 1
         folder = first.with_name(f"{first.name}-{number}")
     note = "" if number == 1 else f"{first} {_what_is_in(first)}, so this one is in {folder}."
-    return Place(folder, _part(folder, first.name, study), holds(folder, study), note)
+    return ResultFolder(folder, _part(folder, first.name, study), holds(folder, study), note)
 
 
 def holds(folder: Path, study: Study) -> bool:
