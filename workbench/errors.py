@@ -1,4 +1,4 @@
-"""What goes wrong in a way the user can mend."""
+"""The error for bad input, which the user can correct."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ def plain(record: Any, digits: int = 6) -> Any:
 
 
 def rounded(value: float, digits: int = 6) -> float | None:
-    """So many significant digits; None for what is no finite number."""
+    """A number with so many significant digits; None if it is not finite."""
     if not math.isfinite(value):
         return None
     shortened = float(f"{value:.{digits}g}")

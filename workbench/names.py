@@ -1,4 +1,4 @@
-"""What a name of a value says: its words, and the unit at its end."""
+"""The words of a value's name, and the unit at its end."""
 
 from __future__ import annotations
 

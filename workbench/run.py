@@ -22,8 +22,8 @@ class Run(Shown):
     time_s: (n,) rising, need not be regular. signals: name -> (n,), names and units of
     the campaign format; up, hoisting and forward positive. `payload_kg` is what the
     carriage holds (0 on an axis), `start_position_m` the carriage height at the first
-    sample, `start_time_s` when the run began in its campaign. `notes` say what was
-    repaired or pointed out while reading.
+    sample, `start_time_s` when the run began in its campaign. `notes` list repairs and
+    warnings of the reader.
     """
 
     name: str

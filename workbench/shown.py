@@ -1,7 +1,7 @@
 """Results that show themselves: `table()`, `plot()`, `to_pandas()` and a repr of a few lines.
 
-How a record is worded and drawn stands in `workbench.face`, above reports and figures. A record does not know
-them: it asks by name, at the time of the call, as pandas asks its plotting backend.
+`workbench.face`, above reports and figures, has the tables and figures of each record. A record finds them by name
+when it is asked, as pandas finds its plotting backend.
 """
 
 from __future__ import annotations

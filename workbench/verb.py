@@ -9,7 +9,7 @@ from typing import Any
 
 
 def attribute(name: str) -> Any:
-    """What `package.module:name` means, imported now: the one way in which a lower layer asks a higher one."""
+    """The object `package.module:name`, imported now: the only way for a lower layer to use a higher one."""
     module, _, inner = name.partition(":")
     return getattr(importlib.import_module(module), inner)
 

@@ -22,7 +22,7 @@ def is_free(folder: Path) -> bool:
 
 
 def what_is_in(folder: Path) -> str:
-    """Why a folder that is not free cannot be written to."""
+    """The reason why a folder that is not free cannot be written to."""
     return "is not empty" if folder.is_dir() else "is a file, expected a folder to be made"
 
 
@@ -66,7 +66,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 
 def replace_json(path: Path, data: Mapping[str, object], mark: str) -> None:
-    """A JSON file that the user names: whole or not at all, over nothing but a file that has the same key `mark`.
+    """Write a JSON file, whole or not at all. An existing file is replaced only if it has the same key `mark`.
 
     InputError where something else stands there, or it cannot be written. What is no number becomes null.
     """

@@ -26,7 +26,7 @@ def diagnose(
     band_hz: float | None = None,
     **options: Any,
 ) -> Diagnosis:
-    """Name what the machine of a campaign lacks: where the gap lies, its cause, how sure, how far it shrinks.
+    """Find the effect that the machine of a campaign lacks: location, cause, probability, held-out residual.
 
     options: those of `workbench.diagnose.diagnose.diagnose`: baseline, candidates, most_effects, seed, study.
     The result's `corrected` machine goes into `replay`, `study` and the rest.

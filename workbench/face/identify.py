@@ -1,4 +1,4 @@
-"""Identify a campaign's machine, and how the identification is shown."""
+"""Identify a campaign's machine; the view of an identification."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measured runs: a campaign from its folder, and how campaigns and runs are shown."""
+"""Read measured runs of a campaign; the views of campaigns and runs."""
 
 from __future__ import annotations
 

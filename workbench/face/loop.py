@@ -30,7 +30,7 @@ class LoopAnalysis(Shown):
 
     @property
     def weakest(self) -> Weakest:
-        """The least of each margin, with the loop that it is of; an unstable loop if there is any."""
+        """The smallest of each margin, with its loop; an unstable loop if there is any."""
         return weakest(self.members)
 
 
@@ -45,7 +45,7 @@ def loop(
     ms_limit: float = 1.4,
     scenario: PathLike | None = None,
 ) -> LoopAnalysis:
-    """Linearise the speed loop as it is simulated, drive and sampling included, and take its margins.
+    """Linearise the simulated speed loop, including drive and sampling, and compute its margins.
 
     Without them: the default hoist, a controller by rule, 0, 4500 and 9000 kg, heights at bottom, middle and top.
     scenario: a file that machine, controller and payloads are taken from. motion: hoisting, lowering or at_rest.
@@ -64,7 +64,7 @@ def given(controller: PiSettings | None) -> tuple[PiSettings, str] | None:
 
 
 def columns(members: Sequence[Member]) -> Mapping[str, Sequence[Any]]:
-    """One row a loop: where, and its margins."""
+    """One row per loop: operating point and margins."""
     places: dict[str, Sequence[Any]] = {
         "payload_kg": [m.point.payload_kg for m in members],
         "height_m": [m.point.height_m for m in members],

@@ -1,4 +1,4 @@
-"""Replay a campaign on its machine, and how the replay is shown."""
+"""Replay a campaign on its machine; the view of a replay."""
 
 from __future__ import annotations
 

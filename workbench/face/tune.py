@@ -1,4 +1,4 @@
-"""Tune the speed loop, and how the outcome is shown."""
+"""Tune the speed loop; the view of the result."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def tune(
     """Find kp, ki and the set-point weight: loop shaping first, then runs of the nonlinear closed loop.
 
     bandwidth_hz: of the slowest payload; without it the best rejection of load steps is sought. ms_limit: of the worst
-    payload. controller: settings that stay as they are (filters, feed-forward). tell: hears how far it is, and may
-    raise to end it. InputError for a goal out of reach, which says why.
+    payload. controller: settings that stay as they are (filters, feed-forward). tell: receives the progress, and may
+    raise to stop. InputError, with the reason, for a goal out of reach.
     """
     goal = Goal(bandwidth_hz, ms_limit)
     case = loop_case(machine, given(controller), payloads_kg, heights_m, scenario)

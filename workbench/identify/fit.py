@@ -52,11 +52,11 @@ def fit(
     """Least squares of the model's residuals over their noise, and of z over its tolerances.
 
     own: residuals (samples,) at z of the fitted model's own log, sampled as the machine's: what sampling alone leaves.
-    By as much as it shifts a value, that is uncertain.
+    The shift of a value by it is added to its uncertainty.
 
     The noise is the larger of the sensor's and of what the fit leaves, found in three
     rounds: an honest model error widens the error bars. `ties` are pairs of keys that the
-    data cannot tell apart from a third: they are held alike, which is said.
+    data cannot tell apart from a third: they are kept equal, and a statement says so.
     """
     if sum(model.run_lengths) <= len(free):
         raise InputError("the machine hardly moves in these runs: nothing to fit; choose runs with motion")

@@ -1,8 +1,8 @@
-"""What a fit compares: a model's outputs, for many sets of parameters at once.
+"""The outputs of a model that a fit compares with the log, for many sets of parameters at once.
 
 `BalanceModel` predicts the torque (force) that the measured motion takes; its noise is
 the sensor's, and no bias is integrated. `SpeedModel` predicts the speed under the
-measured input, the paper's own figure; use it where the input is beyond doubt.
+measured input, the paper's own figure; use it if the measured input is reliable.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The files that logs come in: each format declared once, and parsed out of harm's way.
+"""Formats of log files: each declared once, and parsed in a worker process.
 
 declared.py   what a format is; limits of what a file may hold
 known.py      the formats that are read, and which one a file has

@@ -1,6 +1,6 @@
-"""What a process and its worker say to each other: frames of a kind, a number and bytes.
+"""Messages between a process and its worker: frames of a kind, a number and bytes.
 
-The bytes are JSON, or samples as they lie in memory. Nothing that a worker says is unpickled or run.
+The bytes are JSON, or samples as they lie in memory. Nothing from a worker is unpickled or executed.
 """
 
 from __future__ import annotations

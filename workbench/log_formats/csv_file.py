@@ -94,7 +94,7 @@ def _is_header_only(file: Path) -> bool:
 
 
 def _located(file: Path, raw: Sequence[str], wanted: Sequence[str], error: Exception) -> InputError:
-    """Where the fault is: reads again, slowly, up to the first row that does not fit."""
+    """The place of the fault, by a slow second reading up to the first row that does not fit."""
     places = [list(raw).index(name) for name in wanted]
     try:
         for line, fields in _records(file):
@@ -140,7 +140,7 @@ def _records(file: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def line_of(file: Path, row: int) -> str:
-    """The line a data row stands on; blank lines make it differ from row + 2."""
+    """The line number of a data row; blank lines make it differ from row + 2."""
     try:
         for number, (line, _) in enumerate(_records(file)):
             if number == row:

@@ -1,4 +1,4 @@
-"""What a log format is. A new one is a record of this kind in a file of its own, listed in known.py."""
+"""The declaration of a log format. A new format is a `LogFormat` in a file of its own, listed in known.py."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MB = 1_000_000
 
 @dataclass(frozen=True)
 class Limits:
-    """What one log may take, counted in what is produced from it, never in what the file says of itself.
+    """Limits for one log, measured on the data produced from it, not on the sizes that its header claims.
 
     rows: of the columns that are read. bytes: of these columns, 8 a sample. seconds: of processor time.
     memory_bytes: beyond what the worker holds before it opens the file.
@@ -33,10 +33,10 @@ UPLOADED = Limits(rows=5 * MB, bytes=400 * MB, seconds=8.0, memory_bytes=1000 * 
 
 @dataclass(frozen=True)
 class Opened:
-    """A file that an opener has looked into, its samples not yet read.
+    """An opened file whose samples are not read yet.
 
     names: the columns of numbers that it may hold. pieces(wanted): (index in wanted, some of that column's
-    samples, NaN where one is missing), in the order of the file, until all is told; it may raise anything.
+    samples, NaN where one is missing), in the order of the file; it may raise any exception.
     """
 
     names: Sequence[str]
@@ -44,7 +44,7 @@ class Opened:
 
 
 def row_number(file: Path, row: int) -> str:
-    """How a user finds data row `row`, counted from 0, in a file that has no lines."""
+    """The name of data row `row`, counted from 0, in a file without lines."""
     return f"row {row + 1}"
 
 

@@ -63,7 +63,7 @@ def _text(file: Path) -> str:
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """What stands between cells: a tab or a semicolon before a comma, which may be decimal."""
+    """The separator of cells: a tab or a semicolon before a comma, which may be the decimal mark."""
     sample = lines[-min(len(lines), 20) :]
     for mark in ("\t", ";"):
         if all(mark in line for line in sample):

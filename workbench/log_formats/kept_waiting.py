@@ -1,4 +1,4 @@
-"""How long processes were ready to run and did not: time that a busy computer took, not they."""
+"""The time that processes waited for a processor on a busy computer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def kept_waiting_s(pid: int, thread: int) -> float:
-    """Of the process `pid`, its children and a thread of this process, up to now. Linux only; elsewhere 0.
+    """The waiting time of process `pid`, its children and a thread of this process so far. Linux only; elsewhere 0.
 
     Source: /proc/PID/schedstat, second number: time spent waiting on a run queue, ns.
     """
@@ -23,5 +23,5 @@ def kept_waiting_s(pid: int, thread: int) -> float:
 
 
 def this_thread() -> int:
-    """As `kept_waiting_s` takes it."""
+    """The id of this thread for `kept_waiting_s`."""
     return threading.get_native_id()

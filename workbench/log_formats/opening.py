@@ -18,11 +18,11 @@ from workbench.run import Array
 
 @contextmanager
 def open_log(file: Path, *, uploaded: bool = False) -> Iterator[LogFile]:
-    """Looks into a log file without reading its samples.
+    """Open a log file without reading its samples.
 
-    uploaded: it came from elsewhere: it is parsed in a worker whatever its format, and may take less.
-    InputError, naming the file, for a format that is not read and for all that is wrong with the file; a worker that
-    dies of it, runs out of time or of memory is such an error, too.
+    uploaded: the file is from another person; it is parsed in a worker whatever its format, with lower limits.
+    InputError, naming the file, for an unknown format and for a damaged file, including one on
+    which the worker crashes or runs out of time or memory.
     """
     log_format = format_of(file)
     limits = log_format.uploaded if uploaded else log_format.own
@@ -47,7 +47,7 @@ def open_log(file: Path, *, uploaded: bool = False) -> Iterator[LogFile]:
 
 
 def expect(files: Iterable[Path], *, uploaded: bool = False) -> None:
-    """Starts the worker that these logs will need, if any, so that it is there when the first one is opened."""
+    """Start the worker that these logs will need, if any, so that it is ready for the first one."""
     known = [log_format for file in files if (log_format := _known(file)) is not None]
     imports = [name for log_format in known if uploaded or log_format.isolated for name in log_format.imports]
     if imports:
@@ -75,7 +75,7 @@ def _opened_here(file: Path, log_format: LogFormat, limits: Limits) -> Iterator[
 
 @contextmanager
 def _naming(file: Path) -> Iterator[None]:
-    """The file's name for errors that do not have it yet."""
+    """Add the file's name to errors without one."""
     try:
         yield
     except InputError as error:

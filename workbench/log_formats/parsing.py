@@ -1,4 +1,4 @@
-"""The opener's work with its errors made plain; the same in this process and in a worker."""
+"""Errors of parsers as one InputError, in this process and in a worker."""
 
 from __future__ import annotations
 

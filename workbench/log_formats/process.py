@@ -1,4 +1,4 @@
-"""The worker process that parses logs, as the process that asks sees it."""
+"""The worker process that parses logs, seen from the process that uses it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _lock = threading.Lock()
 
 @contextmanager
 def opened(file: Path, log_format: LogFormat, limits: Limits) -> Iterator[Opened]:
-    """Opens a log in a worker. InputError without the file's name for whatever it does to the worker."""
+    """Open a log in a worker. InputError, without the file's name, for whatever happens to the worker."""
     worker = _taken()
     try:
         names = worker.names(file, log_format, limits)
@@ -78,7 +78,7 @@ class Worker:
 
     @property
     def usable(self) -> bool:
-        """Whether it can be asked: it is there, and will not end itself before the question comes."""
+        """Whether the worker runs and will not end before the next request."""
         return self.state == "idle" and self.process.poll() is None and time.monotonic() - self.used_s < IDLE_S / 2
 
     def ask(self, kind: bytes, what: object) -> None:
@@ -118,7 +118,7 @@ class Worker:
                 yield column, piece
 
     def close(self) -> None:
-        """Done with the log; a worker that is in the middle of it is ended."""
+        """Close the log. A worker that is still reading it is ended."""
         if self.state == "open":
             self.ask(channel.CLOSE, None)
             with contextlib.suppress(InputError), self._watched():
@@ -180,7 +180,7 @@ class Worker:
                 return
 
     def _obituary(self, limits: Limits) -> str:
-        """What the worker died of."""
+        """The cause of the worker's end, as a sentence."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(timeout=2.0)
         status, late = self.process.poll(), self.late
@@ -205,7 +205,7 @@ def _taken() -> Worker:
 
 
 def _given_back(worker: Worker) -> None:
-    """Kept for the next log where it forks for each one; elsewhere it has touched a file and ends."""
+    """Keep the worker for the next log if it forks for each one; otherwise it has parsed a file and ends."""
     if worker.state == "idle" and hasattr(os, "fork"):
         worker.used_s = time.monotonic()
         with _lock:

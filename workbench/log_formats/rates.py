@@ -28,7 +28,7 @@ def titled(name: str, unit: str) -> str:
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """The names, the second of a kind with a number behind it."""
+    """Unique names: repeated ones get a number."""
     seen: dict[str, int] = {}
     out = []
     for name in names:

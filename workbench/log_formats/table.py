@@ -34,7 +34,7 @@ class Table:
 
 @dataclass(frozen=True)
 class LogFile:
-    """A log that is open for choice: its column names, and a reader for those one wants."""
+    """An open log: its column names, and a reader of chosen columns."""
 
     file: Path
     names: tuple[str, ...]
@@ -42,7 +42,7 @@ class LogFile:
 
 
 class Meter:
-    """Counts what is really produced. InputError as soon as it is more than the limits allow."""
+    """Counts the samples produced. InputError as soon as they exceed the limits."""
 
     def __init__(self, columns: int, limits: Limits):
         self.limits = limits
@@ -69,7 +69,7 @@ def _count(rows: int) -> str:
 
 
 def gathered(count: int, pieces: Iterable[tuple[int, Array]], limits: Limits) -> list[Array]:
-    """Whole columns of what an opener gives piece by piece, within the limits. Frees the pieces as it joins them."""
+    """Whole columns from the pieces of an opener, within the limits. Pieces are freed as they are joined."""
     meter = Meter(count, limits)
     parts: list[list[Array]] = [[] for _ in range(count)]
     for column, piece in pieces:

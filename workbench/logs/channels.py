@@ -1,4 +1,4 @@
-"""A signal for itself: infinite, dead, frozen or clipped channels."""
+"""Checks of single signals: infinite, dead, frozen or clipped channels."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def drop_dead(
 
 
 def clipped(time_s: Array, column: Array) -> str | None:
-    """A sentence when a noisy signal rests at its largest or smallest value again and again, as a clipped one does."""
+    """A sentence if a noisy signal often rests at its largest or smallest value, as a clipped signal does."""
     if is_constant(column):
         return None
     for extreme, word in ((float(column.max()), "largest"), (float(column.min()), "smallest")):

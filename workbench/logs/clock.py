@@ -1,4 +1,4 @@
-"""A run's time: it must rise; repeated stamps are merged, irregular steps and gaps pointed out."""
+"""Checks of a run's time: it must rise; repeated stamps are merged, irregular steps and gaps are noted."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def merge_repeated(time_s: Array, values: dict[str, Array], fault: Fault) -> tup
 
 
 def time_notes(time_s: Array) -> list[str]:
-    """What is to be said of a strictly rising time."""
+    """Notes on a strictly rising time."""
     steps = np.diff(time_s)
     median = float(np.median(steps))
     notes = []

@@ -1,4 +1,4 @@
-"""Dropouts: stretches in which a channel stands exactly still although what it measures does not."""
+"""Dropouts: stretches in which a channel is exactly constant although the measured quantity is not."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CARRIES_ON = 0.7  # of the sum around it: what the motors give together where on
 
 @dataclass(frozen=True)
 class Part:
-    """The samples first … end − 1 of a run, and what is to be said of the rest."""
+    """The samples first … end − 1 of a run, and notes on the others."""
 
     first: int
     end: int
@@ -70,7 +70,7 @@ def whole_part(
 def drop_frozen(
     time_s: Array, values: dict[str, Array], optional: tuple[str, ...], label: Callable[[str], str]
 ) -> tuple[dict[str, Array], list[str]]:
-    """Without the optional channels that stand still for a while although they are noisy, or jump on from there."""
+    """The signals without optional channels that are frozen for a while: noisy elsewhere, or with a jump at the end."""
     notes = []
     kept = dict(values)
     for name in optional:
@@ -117,7 +117,7 @@ def _moves(values: Mapping[str, Array], stretch: Stretch, kind: Kind, moving: fl
 
 
 def _longest_whole(n: int, lost: list[Stretch]) -> Stretch:
-    """The longest part between stretches that overlap or follow each other."""
+    """The longest part outside the given stretches, which may overlap."""
     parts, at = [], 0
     for start, end in lost:
         if start > at:

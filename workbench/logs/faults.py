@@ -1,4 +1,4 @@
-"""How the reader words what it finds: one form for time, one for errors of a run."""
+"""The wording of the reader's messages: times, and errors of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Missing samples: short gaps are bridged, what is too long is refused or dropped. Never silently."""
+"""Missing samples: short gaps are bridged; longer gaps are errors or drop the signal. Each is reported."""
 
 from __future__ import annotations
 

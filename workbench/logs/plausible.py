@@ -1,4 +1,4 @@
-"""A run's signals against its machine: units, dead channels, sizes that cannot be."""
+"""A run's signals compared with its machine: units, dead channels, impossible sizes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def check_plausible(
     label: Callable[[str], str],
     fault: Fault,
 ) -> list[str]:
-    """Notes on what is odd. InputError for what cannot be this machine in these units.
+    """Notes on unusual signals. InputError for signals that are impossible for this machine in these units.
 
     start_position: m or rad. Sizes are judged for kinds whose machine.yaml says what they are built for.
     """
@@ -109,7 +109,7 @@ def _rail(
     label: Callable[[str], str],
     fault: Fault,
 ) -> list[str]:
-    """The integrated speed must keep the carriage on the rail: that finds a wrong unit in slow runs, too."""
+    """The integrated speed must keep the carriage on the rail. This detects a wrong unit in slow runs too."""
     steps = np.diff(time_s)
     height = start_m + kind.lever_of(machine) * np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps)
     low, high, length = limits.lowest, limits.highest, limits.length

@@ -1,4 +1,4 @@
-"""One run: from its file to checked, repaired signals. The order of the steps matters and stands here."""
+"""One run, from its file to checked and repaired signals. This module has the order of the steps, which matters."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def _with_sum(kind: Kind, values: dict[str, Array], raw: Raw) -> tuple[dict[str,
 
 
 def _without_dead_motion(kind: Kind, values: dict[str, Array], raw: Raw) -> tuple[dict[str, Array], list[str]]:
-    """Where position and speed are both logged and one is zero throughout, the other stands alone."""
+    """The signals without a position (or speed) that is zero throughout, if both are logged."""
     motion = [name for name in driven_signals(kind) if name in values]
     zero = [name for name in motion if not values[name].any()]
     if len(motion) < 2 or len(zero) != 1:
@@ -168,7 +168,7 @@ def _without_dead_motion(kind: Kind, values: dict[str, Array], raw: Raw) -> tupl
 
 
 def _start(kind: Kind, entry: Entry, values: Mapping[str, Array]) -> float:
-    """Where the run begins: as runs.yaml says, else at its first logged position."""
+    """The start position: from runs.yaml, else the first logged position."""
     if entry.start_position_m is not None:
         return entry.start_position_m
     position = values.get(kind.plant.positions[0]) if kind.moved.placed_by_log else None
@@ -176,7 +176,7 @@ def _start(kind: Kind, entry: Entry, values: Mapping[str, Array]) -> float:
 
 
 def _true_zeros(kind: Kind, values: Mapping[str, Array]) -> tuple[str, ...]:
-    """References that may well be zero throughout: those of a machine that stands still."""
+    """References that may be zero throughout: those of a machine at rest."""
     reference, signal = kind.reference
     if signal not in values:
         return ()

@@ -83,7 +83,7 @@ def read_runs(file: Path, machine: Hoist | Axis, signals: tuple[str, ...]) -> tu
 
 
 def _check_entry(entry: Entry, index: int, machine: Hoist | Axis, fail: Fail) -> None:
-    """What runs of this kind of machine have to say."""
+    """Check the keys that runs of this kind of machine need."""
     kind = kind_of(machine)
     if kind.payload and entry.payload_kg is None:
         raise fail(f"run '{entry.name}' needs payload_kg, in kg and at least 0", "runs", index, "payload_kg")

@@ -1,4 +1,4 @@
-"""Optional signals against those that say the same thing: another unit, sign or size shows in their ratio."""
+"""Redundant signals: an error of unit, sign or size of an optional signal shows in its ratio to the other one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def drop_wrong_scale(
     values: dict[str, Array],
     label: Callable[[str], str],
 ) -> tuple[dict[str, Array], list[str]]:
-    """Without optional signals that are in another unit or upside down, and why."""
+    """The signals without optional ones of another unit or sign, and the reasons."""
     reasons: dict[str, str] = {}
     for name, (other, twin) in _twins(kind, machine, time_s, values).items():
         slope = _slope(twin, values[name])
@@ -41,7 +41,7 @@ def drop_wrong_scale(
 def check_sizes(
     values: dict[str, Array], needed: tuple[str, ...], label: Callable[[str], str], fault: Fault
 ) -> tuple[dict[str, Array], list[str]]:
-    """Without optional signals that no sensor measures. InputError for a needed one."""
+    """The signals without optional ones of impossible size. InputError for a needed signal."""
     kept, notes = dict(values), []
     for name, column in values.items():
         largest = max(abs(float(column.min())), abs(float(column.max())))
@@ -58,7 +58,7 @@ def check_sizes(
 def _twins(
     kind: Kind, machine: Hoist | Axis, time_s: Array, values: Mapping[str, Array]
 ) -> dict[str, tuple[str, Array]]:
-    """Optional signal -> the signal that says the same, and it in the optional one's unit."""
+    """Optional signal -> the redundant signal, and its values in the optional signal's unit."""
     reference, follows = kind.reference
     twins = {reference: (follows, values[follows])} if follows in values else {}
     speed, placed = kind.plant.speeds[0], kind.plant.positions[kind.plant.placed]

@@ -1,4 +1,4 @@
-"""Samples far off their neighbours on both sides, one or two of them: no machine moves or pulls like that."""
+"""Spikes: one or two samples far from their neighbours on both sides, which no machine produces."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def bridge_spikes(
 
 
 def find_spikes(time_s: Array, column: Array) -> list[tuple[int, int]]:
-    """(first sample, one after the last) of each spike; [] where there are so many that the signal is like that."""
+    """(first sample, one after the last) of each spike; [] if there are so many that they belong to the signal."""
     if len(column) < 10:
         return []
     steps = np.diff(column)

@@ -1,4 +1,4 @@
-"""Stretches in which a channel stands exactly still, and whether its noise or its jumps say that it should not."""
+"""Stretches in which a channel is exactly constant, and whether its noise or its jumps make that a fault."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class Channel:
         return _pairs(starts[lasting], ends[lasting])
 
     def brief_freezes(self) -> list[Stretch]:
-        """Shorter ones, of a noisy channel: too long for chance."""
+        """Shorter stretches of a noisy channel that are too long for chance."""
         starts, ends = self._equal
         return _pairs(*(ends_[~self._lasting & (ends - starts > self._most_by_chance(0))] for ends_ in (starts, ends)))
 
     def brief_jumps(self) -> list[Stretch]:
-        """Shorter ones that the channel jumps to and from."""
+        """Shorter stretches with a jump of the channel before and after."""
         starts, ends = self._equal
         between = ~self._lasting & (starts > 0) & (ends < len(self.column))
         starts, ends = starts[between], ends[between]
@@ -47,19 +47,19 @@ class Channel:
         return _pairs(starts[sudden], ends[sudden]) if self._least_jump > 0.0 else []
 
     def jumps(self, stretch: Stretch) -> bool:
-        """Whether a channel that stands still jumps at an end of it, as no motion does that has really stopped."""
+        """Whether the channel jumps at an end of the stretch, which the motion of a stopped machine does not."""
         start, end = stretch
         before = abs(self.column[start] - self.column[start - 1]) if start else 0.0
         after = abs(self.column[end] - self.column[end - 1]) if end < len(self.column) else 0.0
         return self._least_jump > 0.0 and bool(max(before, after) > self._least_jump)
 
     def inside(self, stretch: Stretch) -> bool:
-        """Not at an end of the channel's range, where a clipped one rests."""
+        """Whether the value is inside the channel's range: at an end a clipped channel rests."""
         low, high = self._range
         return bool(low < self.column[stretch[0]] < high)
 
     def too_long(self, stretch: Stretch) -> bool:
-        """Whether a channel that is noisy elsewhere cannot rest for so long by chance."""
+        """Whether the stretch is too long for chance, in a channel that is noisy elsewhere."""
         length = stretch[1] - stretch[0]
         return length > self._most_by_chance(length)
 
@@ -97,7 +97,7 @@ class Channel:
 
     @cached_property
     def _least_jump(self) -> float:
-        """A larger step is no motion, as this channel shows motion; 0 where it shows none."""
+        """The largest step that the motion of this channel explains; 0 for a channel without motion."""
         size = np.abs(np.diff(self.column[:: max(1, len(self.column) // 200_000)]))
         low, high = self._range
         return max(JUMP * float(np.percentile(size, 98.0)), 0.05 * (high - low))

@@ -1,4 +1,4 @@
-"""`measured_correction`: what a machine was measured to lack, as a table; for a cause that nobody knows.
+"""`measured_correction`: a measured force or torque that the model lacks, as a table; for an unknown cause.
 
 A force (torque) against the motion over one variable, a level for each way. It is no effect:
 it has no cause, no name, and holds within the runs it was measured in only.

@@ -1,4 +1,4 @@
-"""The sizes that quantities of such machines can have: a type each, with its bounds and their reason.
+"""Bounds of the quantities of such machines: one type for each, with the reason for its bounds.
 
 Wider than any machine that is built, so that no honest value is refused; narrow enough that a slip of units or a
 damaged file is refused where it stands, and that no arithmetic on them overflows. docs/bounds.md lists them.

@@ -1,4 +1,4 @@
-"""What every record of machine.yaml shares: frozen, strict about keys and about numbers."""
+"""The base of all records of machine.yaml: frozen, strict about keys and numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plain data into a pydantic record; what does not fit becomes one line an engineer can act on."""
+"""Plain data to a pydantic record, with one-line errors for what does not fit."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def _choices(field: FieldInfo | None) -> tuple[Any, ...]:
 
 
 def _expectation(field: FieldInfo | None) -> str:
-    """What a field wants, from its declaration."""
+    """The expected value of a field, from its declaration."""
     if field is None:
         return "a value"
     if models := _models_in(field.annotation):
@@ -221,7 +221,7 @@ class Bounds:
 
 
 def bounds_of(field: FieldInfo | None) -> Bounds | None:
-    """A field's bounds where they are declared with their reason; None of any other field."""
+    """A field's bounds if they are declared with their reason, otherwise None."""
     if field is None:
         return None
     for marks in [field.metadata, *(getattr(part, "__metadata__", ()) for part in get_args(field.annotation))]:
