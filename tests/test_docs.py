@@ -15,6 +15,7 @@ from types import ModuleType
 import click
 import pytest
 
+from tests.support.commands import Commands
 from workbench.cli import COMMANDS
 from workbench.diagnose.diagnose import diagnose
 from workbench.logs import Campaign
@@ -270,6 +271,18 @@ def test_the_first_what_if_of_the_start_page_is_a_study(tmp_path: Path):
     (tmp_path / "softer.yaml").write_text(blocks[0], encoding="utf-8")
     study = load_study(tmp_path / "softer.yaml")
     assert (study.scenario.name, study.scenario.limits.jerk_m_s3, len(study.specs)) == ("softer", 0.4, 9)
+
+
+def test_the_first_result_of_the_start_page_is_what_the_study_prints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    page = (DOCS / "start.md").read_text(encoding="utf-8").partition("## The first result")[2].partition("## ")[0]
+    shown = [line for line in page.splitlines() if line.startswith("    ") and "payload" not in line]
+    assert len(shown) == 6
+    study = Commands(capsys)("study", ROOT / "scenarios" / "payloads.yaml", "--out", tmp_path / "out")
+    said = " ".join(study.out.split())
+    for line in (*shown[1:4], " ".join(shown[4:])):
+        assert " ".join(line.split()) in said
 
 
 def test_the_generator_is_pinned_where_it_is_named():
