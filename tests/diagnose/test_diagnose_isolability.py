@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.found_campaign import simulated_found
+from tests.support.searched_campaign import simulated_search
 from workbench.diagnose.hypotheses.fits import Projection
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.isolability import angle_between, groups, isolability, separations, smallest_amount
@@ -23,7 +23,7 @@ TRIED = (
 def heavier(tmp_path_factory: pytest.TempPathFactory) -> SearchResult:
     """A carriage 500 kg heavier than stated: in motor signals alone, much like an offset of the torque."""
     truth = {"carriage_mass_error": {"mass_kg": 500.0}}
-    return simulated_found(tmp_path_factory.mktemp("isolability") / "heavier", truth, TRIED)[1]
+    return simulated_search(tmp_path_factory.mktemp("isolability") / "heavier", truth, TRIED)[1]
 
 
 def unit(*angles_deg: float) -> np.ndarray:

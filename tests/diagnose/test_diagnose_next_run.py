@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.found_campaign import simulated_found
+from tests.support.searched_campaign import simulated_search
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Value
 from workbench.diagnose.hypotheses.search import SearchResult
@@ -24,7 +24,7 @@ ROWS = 200
 def heavier(tmp_path_factory: pytest.TempPathFactory) -> SearchResult:
     """A carriage 500 kg heavier than stated: in motor signals alone, much like an offset of the torque."""
     truth = {"carriage_mass_error": {"mass_kg": 500.0}}
-    return simulated_found(tmp_path_factory.mktemp("next") / "heavier", truth, TRIED)[1]
+    return simulated_search(tmp_path_factory.mktemp("next") / "heavier", truth, TRIED)[1]
 
 
 def line(level: float, slope: float, own: bool = False) -> Line:

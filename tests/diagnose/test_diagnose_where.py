@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.found_campaign import found_in, simulated_found
+from tests.support.searched_campaign import searched_in, simulated_search
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
 from workbench.diagnose.hypotheses.knobs import LOG_TIMING
@@ -38,13 +38,13 @@ TRIED = ("friction_position_dependent", "friction_viscous", "heave")
 @pytest.fixture(scope="module")
 def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, SearchResult]:
     """A tight stretch of rail at 9.6 m."""
-    return simulated_found(tmp_path_factory.mktemp("where") / "bump", BUMP, TRIED)
+    return simulated_search(tmp_path_factory.mktemp("where") / "bump", BUMP, TRIED)
 
 
 @pytest.fixture(scope="module")
 def even(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, SearchResult]:
     """A machine within its tolerances."""
-    return simulated_found(tmp_path_factory.mktemp("where") / "even", {}, TRIED)
+    return simulated_search(tmp_path_factory.mktemp("where") / "even", {}, TRIED)
 
 
 def nothing_free(problem: Problem) -> Free:
@@ -306,7 +306,7 @@ PRACTICE = {
 @pytest.mark.parametrize("number", ["05", "22", pytest.param("09", marks=pytest.mark.proof)])
 def test_recorded_campaigns_show_where_their_effect_is_without_its_name(campaigns: Path, number: str):
     label = json.loads((campaigns / "labels" / f"{number}.json").read_text(encoding="utf-8"))
-    _, search = found_in(campaigns / number, PRACTICE[number][:1])
+    _, search = searched_in(campaigns / number, PRACTICE[number][:1])
     where = where_of(search.problem, search.within_tolerances)
     assert {"subsystem": where.subsystem, "regime": where.regime} in label["where"]
     assert where.profiles[0].explains > 0.9
@@ -334,7 +334,7 @@ def test_an_axis_whose_viscous_friction_was_taken_out_shows_its_gap_over_the_spe
     (tmp_path / "machine.yaml").write_text(EMPS_MACHINE)
     (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
     (tmp_path / "runs").symlink_to(shared_data / "emps")
-    campaign, search = found_in(tmp_path, [])
+    campaign, search = searched_in(tmp_path, [])
     where = where_of(search.problem, search.within_tolerances)
     assert (where.subsystem, where.regime, where.side) == ("axis", "speed", "unsaid")
     assert where.profiles[0].explains > where.profiles[1].explains

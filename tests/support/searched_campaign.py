@@ -12,17 +12,17 @@ from workbench.effects import find
 from workbench.logs import Campaign, read_campaign
 
 
-def found_in(folder: Path, effects: Sequence[str]) -> tuple[Campaign, SearchResult]:
+def searched_in(folder: Path, effects: Sequence[str]) -> tuple[Campaign, SearchResult]:
     campaign = read_campaign(folder)
     problem = Problem(campaign.machine, campaign.runs)
     kind = problem.active.kind
     return campaign, Search(problem, [find(effect, kind) for effect in effects]).singles()
 
 
-def simulated_found(
+def simulated_search(
     folder: Path, truth: Mapping[str, Mapping[str, float]], effects: Sequence[str]
 ) -> tuple[Campaign, SearchResult]:
     """Of the simulated campaign with the effects `truth` at work, all else within its tolerances."""
     plain = true_machine({"guide.coulomb_hoisting_n": 6300.0, "guide.coulomb_lowering_n": 4300.0})
     machine = type(plain).model_validate(plain.model_dump() | {"effects": truth})
-    return found_in(simulated_campaign(folder, machine), effects)
+    return searched_in(simulated_campaign(folder, machine), effects)
