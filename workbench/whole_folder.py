@@ -97,12 +97,12 @@ def check_replaceable(path: Path, mark: str) -> None:
         if not path.is_file():
             raise InputError("is no file that can be replaced", file=path)
         content = path.read_bytes() if path.stat().st_size < MOST_REPLACED else b"-"
-        said = json.loads(content) if content else {mark: None}
+        existing = json.loads(content) if content else {mark: None}
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror or error}", file=path) from error
     except (ValueError, RecursionError):
-        said = None
-    if not (isinstance(said, dict) and mark in said):
+        existing = None
+    if not (isinstance(existing, dict) and mark in existing):
         raise InputError("is there and was not written by this command; nothing is overwritten", file=path)
 
 

@@ -71,9 +71,9 @@ def command(
         tuned = tune(case.machine, case.settings, points, case.trial(), goal, weighed, tell=tell)
     print_table(report.table(tuned))
     print_text(["", *report.sentences(case, tuned, weighed)])
-    if (said := report.warning(case.machine)) is not None:
+    if (warning := report.warning(case.machine)) is not None:
         click.echo()
-        click.secho(filled(said), bold=True)
+        click.secho(filled(warning), bold=True)
     click.echo("\n" + report.controller_text(tuned.winner.settings), nl=False)
     if out is not None:
         report.write_controller(tuned, out, case.machine)

@@ -92,8 +92,8 @@ def _local_client(processes: int) -> Any:
                 silence_logs=logging.CRITICAL,
             )
         except Exception as error:  # whatever a process died of at its start, Dask's configuration with it
-            said = f"its processes die at their start: {one_line(str(error), 300) or type(error).__name__}"
-            raise InputError(said, file=f"local:{processes}") from error
+            problem = f"its processes die at their start: {one_line(str(error), 300) or type(error).__name__}"
+            raise InputError(problem, file=f"local:{processes}") from error
     client = distributed.Client(made)
     client.cluster = made
     try:
@@ -143,8 +143,8 @@ def _in_time(address: str) -> Any:
     if isinstance(client, MemoryError):  # it takes the first bytes for the length of what follows
         raise InputError("what answers there is no Dask scheduler", file=address) from client
     if isinstance(client, TypeError | AssertionError) and address.startswith(("tls", "wss")):
-        said = "needs certificates: name them in Dask's configuration, under distributed.comm.tls"
-        raise InputError(said, file=address) from client
+        problem = "needs certificates: name them in Dask's configuration, under distributed.comm.tls"
+        raise InputError(problem, file=address) from client
     if isinstance(client, TypeError | AssertionError | ImportError):
         raise InputError(
             f"Dask cannot speak {address.partition(':')[0]} here; expected tcp://", file=address
@@ -163,8 +163,8 @@ def _client(address: str, connected: Callable[[], None]) -> Any:
         client.wait_for_workers(1, timeout=WAIT_FOR_WORKERS_S)
     except TimeoutError as error:
         client.close(timeout=CLOSE_S)
-        said = f"no worker came in {WAIT_FOR_WORKERS_S:g} s; start one with: dask worker {address}"
-        raise InputError(said, file=address) from error
+        problem = f"no worker came in {WAIT_FOR_WORKERS_S:g} s; start one with: dask worker {address}"
+        raise InputError(problem, file=address) from error
     return client
 
 
@@ -230,8 +230,10 @@ def _next_done(client: Any, cluster: str, futures: Collection[Any]) -> Any:
             now = time.monotonic()
             alone_since = None if client.nthreads() else alone_since or now
             if alone_since is not None and now - alone_since >= WITHOUT_WORKERS_S:
-                said = f"has had no worker for {WITHOUT_WORKERS_S:g} s; what is done is kept, the same command goes on"
-                raise InputError(said, file=cluster) from None
+                problem = (
+                    f"has had no worker for {WITHOUT_WORKERS_S:g} s; what is done is kept, the same command goes on"
+                )
+                raise InputError(problem, file=cluster) from None
 
 
 def _threads(client: Any) -> int:

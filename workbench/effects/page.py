@@ -116,7 +116,7 @@ def _section(effect: Effect, title: str) -> list[str]:
         "keeps a state" if effect.memory is not None else "",
         "" if effect.listed else "not listed",
     ]
-    said = [trait for trait in traits if trait]
+    listed = [trait for trait in traits if trait]
     return [
         f"### {title}",
         "",
@@ -124,7 +124,7 @@ def _section(effect: Effect, title: str) -> list[str]:
         "",
         f"    {effect.equation}",
         "",
-        f"- acts at {places}; regime: {effect.regime}" + (f"; {', '.join(said)}" if said else ""),
+        f"- acts at {places}; regime: {effect.regime}" + (f"; {', '.join(listed)}" if listed else ""),
         *([f"- reads {'; '.join(_read(effect))}"] if effect.reads else []),
         f"- shows as {effect.shows}",
         f"- source: {effect.reference}",

@@ -66,8 +66,8 @@ def declared(file: UserFile, shown: str | os.PathLike[str] | None = None) -> tup
         exec(compile(file.text, file.path, "exec", dont_inherit=True), vars(module))
     except (Exception, SystemExit) as error:
         _put_back(file.module, before)
-        said = f"fails: {type(error).__name__}: {str(error) or 'without a word'}"
-        raise InputError(said.splitlines()[0], file=where, line=_line(error, file.path)) from error
+        problem = f"fails: {type(error).__name__}: {str(error) or 'without a word'}"
+        raise InputError(problem.splitlines()[0], file=where, line=_line(error, file.path)) from error
     effects = [effect for effect in declared_in(module) if effect.function.__module__ == file.module]
     problem = "" if effects else "declares no effect; see workbench.effects.effect"
     if not problem:

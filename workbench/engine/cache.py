@@ -155,8 +155,8 @@ def _warn(error: Exception) -> None:
 
 
 def _digest(text: str, letters: Mapping[str, str]) -> str:
-    said = json.dumps([dict(host()), dict(letters), text], sort_keys=True)
-    return hashlib.sha256(said.encode()).hexdigest()[:24]
+    key = json.dumps([dict(host()), dict(letters), text], sort_keys=True)
+    return hashlib.sha256(key.encode()).hexdigest()[:24]
 
 
 def _module(text: str, quiet: bool = False) -> dict[str, Any]:

@@ -102,8 +102,8 @@ def _check_convention(function: Any, letters: str) -> None:
     known_names = ["retptr", "excinfo", *(f"arg.{name}" for name, _ in members)]
     result = str(function.global_value_type).partition("(")[0].strip()
     if (result, types, names) != ("i32", known_types, known_names):
-        said = ", ".join(f"{kind} {name}" for kind, name in zip(types, names, strict=True))
-        raise NotNativeError(f"numba's calling convention is another one: {result} ({said})")
+        convention = ", ".join(f"{kind} {name}" for kind, name in zip(types, names, strict=True))
+        raise NotNativeError(f"numba's calling convention is another one: {result} ({convention})")
     data = [argument for argument in function.arguments if re.fullmatch(r"arg\.\w+\.4", argument.name)]
     if not all(b"noalias" in argument.attributes for argument in data):
         log.warning("LLVM's text has changed: loops over lanes are not vectorised, and simulations take longer")

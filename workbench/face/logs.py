@@ -67,8 +67,8 @@ def _signals(run: Run) -> Table:
         known = values[np.isfinite(values)]
         numbers = (known.min(), known.mean(), known.max()) if len(known) else (np.nan,) * 3
         rows.append([name, *(figures(float(x), 4) for x in numbers)])
-    said = f"{len(run.time_s)} samples in {run.duration_s:.1f} s, payload {run.payload_kg:g} kg, from {run.source}."
-    return Table([words("signal"), Column("smallest"), Column("mean"), Column("largest")], rows, said)
+    note = f"{len(run.time_s)} samples in {run.duration_s:.1f} s, payload {run.payload_kg:g} kg, from {run.source}."
+    return Table([words("signal"), Column("smallest"), Column("mean"), Column("largest")], rows, note)
 
 
 def _columns(run: Run) -> Mapping[str, Sequence[Any]]:

@@ -79,7 +79,7 @@ def _bars(rows: Sequence[Change], metric: str, unit: str, when: str) -> dict[str
     values = [getattr(run, metric) if run.ok else 0.0 for run in runs]
     before = when == "before"
     changes = ["" if before else _change(row.percent(metric)) for row in rows]
-    said = [change if run.ok else "failed" for run, change in zip(runs, changes, strict=True)]
+    labels = [change if run.ok else "failed" for run, change in zip(runs, changes, strict=True)]
     light = {"color": _light(colour), "line": {"color": colour, "width": 1.2}}
     hatched = {"shape": "/", "fgcolor": colour, "fgopacity": 0.55, "size": 7, "solidity": 0.18}
     return {
@@ -89,7 +89,7 @@ def _bars(rows: Sequence[Change], metric: str, unit: str, when: str) -> dict[str
         "offsetgroup": f"{rows[0].reference}, {when}",
         "x": [_place(row.payload_kg) for row in rows],
         "y": values,
-        "text": said,
+        "text": labels,
         "textposition": "outside",
         "textfont": {"size": 11},
         "textangle": 0,

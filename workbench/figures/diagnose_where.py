@@ -32,15 +32,15 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
     data: list[dict[str, Any]] = []
     layout = _layout(f"Mean residual ({unit}) over what may explain it", height)
     largest = max((_largest(profile.mean_forward, profile.mean_backward) for profile in shown), default=0.0) or 1.0
-    told: set[str] = set()  # what the legend has
+    in_legend: set[str] = set()  # what the legend has
     for number, (profile, box) in enumerate(zip(shown, boxes, strict=True), start=1):
         name, _, best = profile.label.partition(", ")
         unit_of = f" ({profile.unit})" if profile.unit not in ("", "1") else ""
         _panel(layout, number, box, f"{name}{unit_of}")
         traces = _spectrum(profile, number) if is_spectrum(profile) else _means(profile, unit, ways, number, len(shown))
         for trace in traces:
-            trace["showlegend"] = trace["legendgroup"] not in told
-            told.add(trace["legendgroup"])
+            trace["showlegend"] = trace["legendgroup"] not in in_legend
+            in_legend.add(trace["legendgroup"])
         data += traces
         if is_spectrum(profile):
             axis = {
@@ -58,8 +58,8 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
         if box[0][0] == 0.0:
             layout[f"yaxis{number}"]["title"] = {"text": title, "font": {"size": 12}}
         low, high, explains = (round(100.0 * x) for x in (*profile.interval, profile.explains))
-        said = f"{best}, explains" if best else "explains"
-        layout["annotations"].append(_above(f"<b>{name}</b><br>{said} {explains} % ({low} to {high})", box))
+        heading = f"{best}, explains" if best else "explains"
+        layout["annotations"].append(_above(f"<b>{name}</b><br>{heading} {explains} % ({low} to {high})", box))
     return _figure(data, layout)
 
 
@@ -133,8 +133,8 @@ def curves(
         layout[f"yaxis{number}"]["title"] = {
             "text": f"{'force' if of == 'N' else 'torque'} at the {curve.acts_on} ({of})"
         }
-        said = f"<b>{name}</b><br>explains {100.0 * curve.explains:.0f} %"
-        layout["annotations"].append(_above(said, box))
+        heading = f"<b>{name}</b><br>explains {100.0 * curve.explains:.0f} %"
+        layout["annotations"].append(_above(heading, box))
     return _figure(data, layout)
 
 

@@ -138,15 +138,15 @@ def _mark(radius: float) -> parts.Outline:
 
 def _path(outline: parts.Outline, colour: str, width: float, fill: str = "none", name: str = "") -> str:
     """An outline; NaN lifts the pen."""
-    said, pen = [], "M"
+    commands, pen = [], "M"
     for x, y in zip(*outline, strict=True):
         if math.isnan(x):
             pen = "M"
             continue
-        said.append(f"{pen}{x:.4g} {y:.4g}")
+        commands.append(f"{pen}{x:.4g} {y:.4g}")
         pen = "L"
     known = f' id="{name}"' if name else ""
-    return f'<path{known} d="{"".join(said)}" stroke="{colour}" stroke-width="{width:.4g}" fill="{fill}"/>'
+    return f'<path{known} d="{"".join(commands)}" stroke="{colour}" stroke-width="{width:.4g}" fill="{fill}"/>'
 
 
 def _strips(data: dict[str, Any], look: Look) -> str:

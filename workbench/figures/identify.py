@@ -100,12 +100,12 @@ def estimates(fitted: Sequence[Estimate], unit: str, tolerance: float | None = N
         "type": "rect", "x0": -(tolerance or 0.0), "x1": tolerance or 0.0, "y0": 0, "y1": 1, "yref": "paper",
         "layer": "below", "line": {"width": 0}, "fillcolor": GREY, "opacity": 0.18,
     }  # fmt: skip
-    said = "" if tolerance is None else "; grey: tolerance"
+    tolerance_note = "" if tolerance is None else "; grey: tolerance"
     layout = {
         "template": TEMPLATE,
         "height": height,
         "hovermode": "closest",
-        "title": {"text": f"Identified values, ± one standard error{said}", "y": 1.0 - 22.0 / height,
+        "title": {"text": f"Identified values, ± one standard error{tolerance_note}", "y": 1.0 - 22.0 / height,
                   "yanchor": "middle", "font": {"size": 15}},
         "margin": {"l": 12, "t": 52, "r": 164},
         "shapes": [] if tolerance is None else [band],

@@ -61,13 +61,13 @@ def _part(parts: tuple[Part, ...], marked: bool) -> str:
     look = (
         f'fill="{_MARK if marked else _FILL}" stroke="{_MARK if marked else INK}" stroke-width="{3 if marked else 1}"'
     )
-    said = []
+    shapes = []
     for shape, x, y, w, h in parts:
         if shape == "circle":
-            said.append(f'<circle cx="{x + w / 2:g}" cy="{y + h / 2:g}" r="{w / 2:g}" {look}/>')
+            shapes.append(f'<circle cx="{x + w / 2:g}" cy="{y + h / 2:g}" r="{w / 2:g}" {look}/>')
         else:
-            said.append(f'<rect x="{x:g}" y="{y:g}" width="{w:g}" height="{h:g}" {look}/>')
-    return "".join(said)
+            shapes.append(f'<rect x="{x:g}" y="{y:g}" width="{w:g}" height="{h:g}" {look}/>')
+    return "".join(shapes)
 
 
 def _text(x: float, y: float, words: str, marked: bool) -> str:
@@ -78,14 +78,14 @@ def _text(x: float, y: float, words: str, marked: bool) -> str:
 def _bars(s: Any) -> str:
     """The held-out residual before and after, and the noise that no model takes away."""
     largest = max(s.before, s.after, s.noise, 1e-12)
-    said = []
+    lines = []
     for k, (name, value, colour) in enumerate(
         (("before", s.before, GREY), ("after", s.after, BLUE), ("noise", s.noise, "#C8CDD3"))
     ):
         y = 198 + 17 * k
-        said.append(f'<text x="52" y="{y + 11}" font-size="11" text-anchor="end" fill="{INK}">{name}</text>')
-        said.append(f'<rect x="58" y="{y}" width="{170.0 * value / largest:.1f}" height="12" fill="{colour}"/>')
+        lines.append(f'<text x="52" y="{y + 11}" font-size="11" text-anchor="end" fill="{INK}">{name}</text>')
+        lines.append(f'<rect x="58" y="{y}" width="{170.0 * value / largest:.1f}" height="12" fill="{colour}"/>')
         number = f"{value:.3g} {s.unit}"
         x = 64.0 + 170.0 * value / largest
-        said.append(f'<text x="{x:.1f}" y="{y + 11}" font-size="11" fill="{INK}">{number}</text>')
-    return "".join(said)
+        lines.append(f'<text x="{x:.1f}" y="{y + 11}" font-size="11" fill="{INK}">{number}</text>')
+    return "".join(lines)

@@ -109,10 +109,10 @@ def torque_residual(
     before: the same of an earlier model, drawn below. limit: of the vertical axis, both ways.
     """
     quantity = "torque" if unit == "N m" else "force"
-    said = [] if noise_rms is None else [f"dashed: ± 2 × noise of {noise_rms:.2g} {unit}"]
+    legend = [] if noise_rms is None else [f"dashed: ± 2 × noise of {noise_rms:.2g} {unit}"]
     if any(rests):
-        said.append("grey: at rest or at an end, left out")
-    title = f"{quantity.capitalize()} residual" + (f" ({'; '.join(said)})" if said else "")
+        legend.append("grey: at rest or at an end, left out")
+    title = f"{quantity.capitalize()} residual" + (f" ({'; '.join(legend)})" if legend else "")
     panels, places, height = run_grid(title, f"{quantity} residual ({unit})", names)
     for index, (row, column) in enumerate(places):
         if before:

@@ -150,20 +150,22 @@ def _statements(
     free: Sequence[Free], z: Array, std_z: Array, correlation: Array, jacobian: Array, ties: Sequence[tuple[str, str]]
 ) -> list[str]:
     """Plain sentences about what these data cannot determine."""
-    said = [
+    statements = [
         f"{a} and {b} cannot be told apart from the constant load by these data: they were held alike" for a, b in ties
     ]
     for i, f in enumerate(free):
         if f.prior_std is not None and std_z[i] > 0.8 * f.prior_std:
             what = "a factor of ten" if f.logarithmic else "its tolerance"
-            said.append(f"{f.key}: the data say hardly more than {what} does")
+            statements.append(f"{f.key}: the data say hardly more than {what} does")
         if f.prior_std is not None and not f.logarithmic and abs(z[i]) > 3.0 * f.prior_std:
-            said.append(
+            statements.append(
                 f"{f.key}: {abs(z[i]):.1f} tolerances from its nominal value; something else may hide behind it"
             )
         if z[i] <= f.lowest_z + 1e-6:
-            said.append(f"{f.key}: the fit ends at the lowest value allowed")
-    return said + [_alike([f.key for f in free], group, correlation) for group in _groups(correlation, free, ties)]
+            statements.append(f"{f.key}: the fit ends at the lowest value allowed")
+    return statements + [
+        _alike([f.key for f in free], group, correlation) for group in _groups(correlation, free, ties)
+    ]
 
 
 def _groups(correlation: Array, free: Sequence[Free], ties: Sequence[tuple[str, str]]) -> list[list[int]]:

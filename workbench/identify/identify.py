@@ -56,8 +56,8 @@ def identify(
     try:
         result = fit(model, parameters, ties, own)
     except (np.linalg.LinAlgError, ZeroDivisionError, OverflowError) as error:
-        said = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
-        raise InputError(said, file=campaign.path) from error
+        problem = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
+        raise InputError(problem, file=campaign.path) from error
     identified = with_values(machine, result.values())
     identified = identified.model_copy(update={"identified": record(campaign, result, levels, bench.band_hz, date)})
     return Identification(

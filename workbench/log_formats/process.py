@@ -97,9 +97,9 @@ class Worker:
         })  # fmt: skip
         with self._watched():
             _, _, length = self._head(channel.NAMES)
-            told = channel.text(self.answers, length)
+            listed = channel.text(self.answers, length)
         self.state = "open"
-        return [str(name) for name in told]
+        return [str(name) for name in listed]
 
     def pieces(self, wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
         """The samples as they come."""
@@ -146,9 +146,9 @@ class Worker:
     def _head(self, *kinds: bytes) -> tuple[bytes, int, int]:
         kind, number, length = channel.head(self.answers)
         if kind == channel.ERROR:
-            told = channel.text(self.answers, length)
+            error = channel.text(self.answers, length)
             self.state = "idle"
-            raise InputError(told["problem"], line=told["line"], place=told["place"])
+            raise InputError(error["problem"], line=error["line"], place=error["place"])
         if kind not in kinds:
             raise EOFError
         return kind, number, length

@@ -98,5 +98,5 @@ def _serve(asked: dict[str, Any], requests: IO[bytes], answers: IO[bytes]) -> No
                     channel.send(answers, channel.PIECE, piece, column)
         channel.send(answers, channel.DONE)
     except InputError as error:
-        said = {"problem": error.problem, "line": error.line, "place": error.place}
-        channel.send_text(answers, channel.ERROR, said)
+        message = {"problem": error.problem, "line": error.line, "place": error.place}
+        channel.send_text(answers, channel.ERROR, message)

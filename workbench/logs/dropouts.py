@@ -45,26 +45,26 @@ def whole_part(
         channel = Channel(time_s, values[name])
         is_input = name in kind.inputs
         for stretch in [*channel.rests(), *(channel.brief_freezes() if is_input else channel.brief_jumps())]:
-            said = f"{label(name)} is exactly {values[name][stretch[0]]:.6g} from {_span(time_s, stretch)}"
+            problem = f"{label(name)} is exactly {values[name][stretch[0]]:.6g} from {_span(time_s, stretch)}"
             if is_input:
                 verdict = _input_dropout(values, name, channel, stretch, kind, moving)
                 if verdict == "note":
-                    notes.append(f"{said} while the machine moves; kept")
+                    notes.append(f"{problem} while the machine moves; kept")
                 if verdict != "lost":
                     continue
             elif not channel.jumps(stretch):
                 continue
-            lost.setdefault(stretch, f"{said} while the machine moves")
+            lost.setdefault(stretch, f"{problem} while the machine moves")
     if not lost:
         return Part(0, len(time_s), notes)
     stretches = sorted(lost)
     more = f", and {len(lost) - 1} more such stretch{'es' if len(lost) > 2 else ''}" if len(lost) > 1 else ""
-    said = lost[stretches[0]] + more
+    problem = lost[stretches[0]] + more
     first, end = _longest_whole(len(time_s), stretches)
     if end - first < KEPT * len(time_s):
-        raise fault(f"{said}; is the channel frozen? What is whole beside it is too short")
+        raise fault(f"{problem}; is the channel frozen? What is whole beside it is too short")
     kept = f"kept from {seconds(time_s[first])} to {seconds(time_s[end - 1])}"
-    return Part(first, end, [*notes, f"{said}; the run is {kept}, {len(time_s) - end + first} samples are left out"])
+    return Part(first, end, [*notes, f"{problem}; the run is {kept}, {len(time_s) - end + first} samples are left out"])
 
 
 def drop_frozen(

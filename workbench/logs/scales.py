@@ -47,10 +47,10 @@ def check_sizes(
         largest = max(abs(float(column.min())), abs(float(column.max())))
         if largest <= LARGEST:
             continue
-        said = f"reaches {largest:.3g}, expected at most {LARGEST:g} in SI units"
+        problem = f"reaches {largest:.3g}, expected at most {LARGEST:g} in SI units"
         if name in needed:
-            raise fault(f"{label(name)} {said}")
-        notes.append(f"{label(name)} dropped: it {said}")
+            raise fault(f"{label(name)} {problem}")
+        notes.append(f"{label(name)} dropped: it {problem}")
         del kept[name]
     return kept, notes
 

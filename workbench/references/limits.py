@@ -84,8 +84,8 @@ class Step:
     def __post_init__(self) -> None:
         given = {n: v for n in ("by_m", "to_m", "dwell_s", "speed_m_s") if (v := getattr(self, n)) is not None}
         if len(given) != 1:
-            said = " and ".join(given) or "nothing"
-            raise InputError(f"{said} given, expected exactly one of by_m, to_m, dwell_s, speed_m_s")
+            keys = " and ".join(given) or "nothing"
+            raise InputError(f"{keys} given, expected exactly one of by_m, to_m, dwell_s, speed_m_s")
         ((name, value),) = given.items()
         if not math.isfinite(value):
             raise InputError(f"{value:g} is not a number to go by", place=name)

@@ -126,9 +126,9 @@ def _isolability(d: Diagnosis) -> Section:
 
 
 def _verdict(d: Diagnosis) -> Section:
-    said = [d.verdict.sentence, words.alike_sentence(d), words.reasons_lead(d)]
+    lead = [d.verdict.sentence, words.alike_sentence(d), words.reasons_lead(d)]
     figure = ranking(hypotheses.ranking_table(d.verdict.ranking, MOST_RANKED))
-    return Section("6. Verdict", [s for s in said if s], words.reasons_of(d), (), [(figure, "")])
+    return Section("6. Verdict", [s for s in lead if s], words.reasons_of(d), (), [(figure, "")])
 
 
 def _unknown(d: Diagnosis, unknown: Unknown) -> Section:

@@ -90,10 +90,10 @@ def where_table(d: Diagnosis) -> Table:
     for name, share in d.where.energy_by_run.items():
         mine = [w for w in d.where.windows if w.run == name]
         longest = sorted(mine, key=lambda w: w.from_s - w.to_s)[:MOST_WINDOWS]
-        said = [f"{w.from_s:.1f} to {w.to_s:.1f}" for w in mine if w in longest]
-        rest = len(mine) - len(said)
+        spans = [f"{w.from_s:.1f} to {w.to_s:.1f}" for w in mine if w in longest]
+        rest = len(mine) - len(spans)
         more = f"; {rest} shorter one{'s' if rest > 1 else ''}" if rest else ""
-        rows.append([name, f"{100.0 * share:.0f}", (", ".join(said) or NOTHING) + more])
+        rows.append([name, f"{100.0 * share:.0f}", (", ".join(spans) or NOTHING) + more])
     return Table(columns, rows, note)
 
 

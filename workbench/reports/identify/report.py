@@ -78,8 +78,8 @@ def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]
     w = words_of(identification.machine)
     before, after = identification.before.residual_percent, identification.after.residual_percent
     fell = f"The {w.quantity} residual went from {before:.2f} to {after:.2f} % of the {w.quantity} itself."
-    said = [fell, iteration(identification.campaign.machine, identification.levels), *identification.fit.statements]
-    return [*said, *_lacking(identification, remedy)]
+    known = [fell, iteration(identification.campaign.machine, identification.levels), *identification.fit.statements]
+    return [*known, *_lacking(identification, remedy)]
 
 
 def _lacking(identification: Identification, remedy: str) -> list[str]:

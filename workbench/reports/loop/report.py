@@ -75,22 +75,22 @@ def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
     if unstable:
         where = ", ".join(f"{m.point.payload_kg:g} kg at {m.point.height_m:g} m" for m in unstable)
         return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive, *known]
-    said = [f"All {len(members)} loops are stable. {least_sentence(members)}", drive, *known, load_sentence(members)]
+    lines = [f"All {len(members)} loops are stable. {least_sentence(members)}", drive, *known, load_sentence(members)]
     heights = {m.point.height_m for m in members}
     spread = [max(x.margins.ms for x in same) - min(x.margins.ms for x in same) for same in _by_payload(members)]
     if len(heights) > 1 and max(spread) < 0.01 and "wire_stiffness_length" not in case.machine.effects:
-        said.append(
+        lines.append(
             "Height makes next to no difference to Ms here: in the nominal plant the wire is equally stiff everywhere, "
             "and with a stiffness that follows the free length the drive's inertia still decides."
         )
-    return said
+    return lines
 
 
 def least_sentence(members: Sequence[Member]) -> str:
     """The smallest of each margin, with its loop."""
     worst = weakest(members)
     m = worst.margins
-    said = {
+    words_of = {
         "ms": f"largest Ms {m.ms:.2f} at {figures(m.ms_hz)} Hz",
         "phase_deg": f"smallest phase margin {m.phase_deg:.0f}°",
         "gain_up": f"smallest gain margin {gain_text(m).partition('/')[0]} dB" if math.isfinite(m.gain_up) else "",
@@ -99,7 +99,7 @@ def least_sentence(members: Sequence[Member]) -> str:
         "rejection_hz": f"disturbances rejected up to {figures(m.rejection_hz)} Hz",
     }
     by_member: dict[str, list[str]] = {}
-    for name, words in said.items():
+    for name, words in words_of.items():
         point = worst.member[name].point
         if words:
             by_member.setdefault(f"{point.payload_kg:g} kg at {point.height_m:g} m", []).append(words)
@@ -145,8 +145,8 @@ def effect_sentences(machine: Hoist) -> list[str]:
     inside = [name for name, effect in known.items() if not effect.on_sensor]
     inside += ["measured_correction"] if machine.measured_correction is not None else []
     outside = [name for name, effect in known.items() if effect.on_sensor]
-    said = [f"In the machine: {', '.join(inside)}."] if inside else []
-    return said + ([f"Not in the loop, for they act on the log alone: {', '.join(outside)}."] if outside else [])
+    in_loop = [f"In the machine: {', '.join(inside)}."] if inside else []
+    return in_loop + ([f"Not in the loop, for they act on the log alone: {', '.join(outside)}."] if outside else [])
 
 
 def as_json(case: LoopCaseFile, members: Sequence[Member]) -> dict[str, Any]:

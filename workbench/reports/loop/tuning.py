@@ -68,7 +68,7 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
         else f"Asked for: a bandwidth of {goal.bandwidth_hz:g} Hz with Ms and Mt at most {goal.ms_limit:g}"
     )
     drive = " ".join([drive_sentence(case.machine, win.settings.sample_time_s), *effect_sentences(case.machine)])
-    said = [
+    lines = [
         f"{asked}, at {len(tuned.members)} points of payload and height. {drive} "
         f"The widest bandwidth that this allows is {figures(tuned.attainable_hz)} Hz.",
         f"Chosen of {len(tuned.tried)} candidates for the least weighted cost (tracking {weights.tracking:g}, peak "
@@ -78,10 +78,10 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
         f"Of the winner's loops: {least_sentence(tuned.members)} {load_sentence(tuned.members)}",
     ]
     if win.score.peak_percent >= 99.9 * case.machine.drive.overload:
-        said.append(
+        lines.append(
             "The motors reach their torque limit in these moves: slower ramps or a jerk limit help, gains do not."
         )
-    return said
+    return lines
 
 
 def warning(machine: Hoist) -> str | None:
@@ -124,8 +124,8 @@ def write_controller(tuned: Tuned, path: Path, machine: Hoist) -> None:
         f"Weakest of its loops: Ms {worst.ms:.3f}, phase margin {worst.phase_deg:.1f} deg, bandwidth "
         f"{worst.bandwidth_hz:.3g} Hz. Put this block into a scenario.",
     ]
-    if (said := warning(machine)) is not None:
-        comments.append(said)
+    if (text := warning(machine)) is not None:
+        comments.append(text)
     part = path.with_name(f".{path.name}.part")
     try:
         part.write_text(controller_text(tuned.winner.settings, comments), encoding="utf-8")

@@ -67,7 +67,7 @@ def sentences(compared: ModelsCompared) -> list[str]:
     apart = compared.pooled("apart_percent")
     worst = max(compared.runs, key=lambda run: run.parted_percent)
     paper = PAPER[0] / PAPER[1]
-    said = [
+    lines = [
         f"The two models' motor speeds differ by {apart:.3g} % of nominal speed, rms over all runs.",
         f"{compared.simulated_s:.1f} s of motion take the lumped model {lumped_s:.3g} s and the multi-body model "
         f"{multibody_s:.3g} s: {compared.ratio:.0f} times as long, {compared.simulated_s / multibody_s:.1f} times "
@@ -79,8 +79,8 @@ def sentences(compared: ModelsCompared) -> list[str]:
         f"{worst.measured.payload_kg:.0f} kg, by {worst.parted_percent:.2g} % of nominal speed within a second"
     )
     roller = worst.parted_force.replace("_", " ")
-    said.append(f"{where}; the largest roller force there is {worst.parted_force_n / 1000.0:.1f} kN, of the {roller}.")
-    return said
+    lines.append(f"{where}; the largest roller force there is {worst.parted_force_n / 1000.0:.1f} kN, of the {roller}.")
+    return lines
 
 
 def to_json(compared: ModelsCompared) -> dict[str, Any]:

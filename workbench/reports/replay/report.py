@@ -72,14 +72,14 @@ def sentences(machine: Hoist | Axis, result: ReplayResult, remedy: str = REMEDY)
 
 def _open_loop(machine: Hoist | Axis, result: ReplayResult) -> str:
     percent = f"{figures(result.speed_rmse_percent)} %"
-    said = f"Open loop the model is {percent} off; the paper has {PAPER_PERCENT} % for its own machine."
+    first = f"Open loop the model is {percent} off; the paper has {PAPER_PERCENT} % for its own machine."
     kind = kind_of(machine)
     if kind.nominal_speed is None:
-        return f"{said} That figure adds up every bias from the run's first sample on: judge by the residual."
+        return f"{first} That figure adds up every bias from the run's first sample on: judge by the residual."
     run = result.runs[0].simulated
     drift = 100.0 * 10.0 / kind.rigid(machine, run.payload_kg).inertia / kind.nominal_speed(machine)
     return (
-        f"{said} That figure adds up every bias: 1 {kind.drive.unit} of {kind.drive.quantity} that the model "
+        f"{first} That figure adds up every bias: 1 {kind.drive.unit} of {kind.drive.quantity} that the model "
         f"does not know moves the speed by {drift:.1f} % within 10 s. Judge by the other columns."
     )
 
@@ -110,18 +110,18 @@ def noise_is_floor(machine: Hoist | Axis, result: ReplayResult) -> bool:
 def to_json(campaign: Campaign, result: ReplayResult) -> dict[str, Any]:
     """replay.json: the keys of the format, and beside them the residual while moving, the noise and the notes."""
     machine = campaign.machine
-    said: dict[str, Any] = {
+    result_json: dict[str, Any] = {
         "format": 1,
         "campaign": campaign.name,
         "machine": machine.name,
         "runs": [{"name": run.name} | _measures_json(machine, run, run.balance.noise_rms) for run in result.runs],
         "overall": _measures_json(machine, result, result.noise_rms),
     }
-    said["overall"] |= {
+    result_json["overall"] |= {
         f"{words_of(machine).quantity}_residual_percent": rounded(result.residual_percent),
         "band_hz": rounded(result.band_hz),
     }
-    return said | {"notes": list(campaign.all_notes)}
+    return result_json | {"notes": list(campaign.all_notes)}
 
 
 def _measures_json(machine: Hoist | Axis, replay: Replay | ReplayResult, noise_rms: float) -> dict[str, float | None]:

@@ -171,8 +171,8 @@ def _limit(text: str, names: Sequence[str]) -> Limit:
     except InputError as error:
         raise InputError(error.problem, place="limits") from error
     if metric not in judged():
-        said = f"{metric} says what a run was, not how good it was; {nearest(metric, judged())}"
-        raise InputError(said, place="limits")
+        problem = f"{metric} says what a run was, not how good it was; {nearest(metric, judged())}"
+        raise InputError(problem, place="limits")
     return Limit(metric, float(number[1]), number[2] == "%")
 
 

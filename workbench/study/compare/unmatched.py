@@ -13,12 +13,16 @@ MOST_VALUES = 4
 
 def why_unmatched(a: Sequence[Row], b: Sequence[Row]) -> str:
     """Which of payload, reference and varied fields differ between the runs of a and those of b."""
-    said = [*_fields(a, b), *_apart("payload", a, b, _payload), *_apart("reference", a, b, lambda row: row.reference)]
+    reasons = [
+        *_fields(a, b),
+        *_apart("payload", a, b, _payload),
+        *_apart("reference", a, b, lambda row: row.reference),
+    ]
     for name in _varied(a):
         if name in _varied(b):
-            said += _apart(field_label(name).words, a, b, lambda row, name=name: _assigned(row, name))  # type: ignore[misc]
-    if said:
-        return "; ".join(said)
+            reasons += _apart(field_label(name).words, a, b, lambda row, name=name: _assigned(row, name))  # type: ignore[misc]
+    if reasons:
+        return "; ".join(reasons)
     if {values_of(row) for row in a} & {values_of(row) for row in b}:
         return "several runs have the same payload, reference and varied values, and their ids differ"
     return "no combination of payload, reference and varied values stands in both"
