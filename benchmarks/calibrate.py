@@ -27,7 +27,8 @@ from workbench.blind.run import run
 from workbench.blind.score import Score, open_and_score
 from workbench.blind.seal import CAMPAIGNS, key_of
 from workbench.blind.share import Share
-from workbench.diagnose.verdict.judge import CALIBRATION, calibration, rank
+from workbench.diagnose.verdict.probability import CALIBRATION, calibration, rank
+from workbench.diagnose.verdict.records import Hypothesis
 from workbench.reports.blind import tables
 
 WEIGHT = "unknown_"  # of what speaks for an unknown cause; the bias is the logistic's own
@@ -127,9 +128,14 @@ def _anew(row: Mapping[str, Any], numbers: Mapping[str, float]) -> dict[str, Any
     """The answer that other numbers would have given; what was fitted stays."""
     if not answered(row):
         return dict(row)
-    ranking = rank(_merits(row), row["evidence"], numbers)
+    ranking = _ranked(row, numbers)
     rows = [(hypothesis.verdict, list(hypothesis.effects), hypothesis.probability) for hypothesis in ranking]
     return {**row, "word": rows[0][0], "names": rows[0][1], "ranking": rows}
+
+
+def _ranked(row: Mapping[str, Any], numbers: Mapping[str, float]) -> tuple[Hypothesis, ...]:
+    twins = [[tuple(names) for names in group] for group in row.get("twins") or ()]
+    return rank(_merits(row), row["evidence"], numbers, twins)
 
 
 def _merits(row: Mapping[str, Any]) -> list[tuple[tuple[str, ...], float]]:
@@ -191,8 +197,9 @@ def _given_to_truth(row: Mapping[str, Any], numbers: Mapping[str, float]) -> flo
     word, effects = right_word(row), set(row["label"]["effects"])
     return sum(
         hypothesis.probability
-        for hypothesis in rank(_merits(row), row["evidence"], numbers)
-        if hypothesis.verdict == word and (word != "named" or set(hypothesis.effects) == effects)
+        for hypothesis in _ranked(row, numbers)
+        if hypothesis.verdict == word
+        and (word != "named" or effects in [set(names) for names in (hypothesis.effects, *hypothesis.twins)])
     )
 
 

@@ -18,7 +18,7 @@ from workbench.blind.ask import Asked, ordered
 from workbench.blind.baselines import BIC, COMMONEST, SPARSE, TRAINING, baselines
 from workbench.blind.share import Share
 from workbench.blind.sources.simulator.families import FAMILIES
-from workbench.diagnose.verdict.judge import calibration, rank
+from workbench.diagnose.verdict.probability import calibration, rank
 from workbench.reports.blind import tables
 
 EVIDENCE = dict.fromkeys(calibrate.EVIDENCE, 0.0)
@@ -234,6 +234,16 @@ def test_an_event_is_found_in_its_run_at_its_time_and_by_its_name(regime: str, w
     row = made([UNLISTED], "unknown", events=[event], windows=[window], regime=regime)
     assert criteria.event_found(row) == found
     assert share("event", [row, ANSWERS[0]]) == (int(found), 1)
+
+
+def test_a_probability_of_exact_twins_is_right_for_either_name():
+    row = made(["gearbox_efficiency", "heave"], "named", ["friction_load_dependent", "heave"])
+    assert not criteria.right_as_stated(row) and not criteria.among_first_three(row)
+    told = {**row, "twins": [[["friction_load_dependent", "heave"], ["gearbox_efficiency", "heave"]]]}
+    assert criteria.right_as_stated(told) and criteria.among_first_three(told) and criteria.right_or_alike(told)
+    assert not criteria.right(told)
+    assert measures.reliability([told])[0].right.count == 1
+    assert not criteria.right_as_stated({**told, "label": {**row["label"], "effects": ["heave"]}})
 
 
 def test_twins_by_nature_are_one_answer_with_two_names():

@@ -22,10 +22,13 @@ from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_payload, fo
 from workbench.diagnose.hypotheses.knobs import Knob, effect_knobs, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.score import MOST, cost, score_of
+from workbench.diagnose.hypotheses.score import MOST, Score, cost, score_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.shrink import folds_of, shrink_of
-from workbench.diagnose.verdict.judge import calibration, rank
+from workbench.diagnose.verdict.judge import Weighed
+from workbench.diagnose.verdict.probability import calibration, rank
+from workbench.diagnose.verdict.twins import groups_of
+from workbench.diagnose.words import either
 from workbench.effects import find, ranges_of
 from workbench.machine import default_hoist
 from workbench.run import Array
@@ -241,6 +244,38 @@ def test_what_may_not_be_named_speaks_for_an_unknown_cause():
     rows = rank([((), 400.0), (("known",), 300.0)], NO_EVIDENCE, NUMBERS)
     assert rows[0].verdict == "unknown"
     assert rows[0].probability > 0.9
+
+
+def test_twins_have_one_probability_for_both_names():
+    told = [(("a",), 40.0), (("b",), 40.0), (("c",), 38.0), (("a", "d"), 30.0)]
+    apart = rank(told, NO_EVIDENCE, NUMBERS)
+    first, *rest = rank(told, NO_EVIDENCE, NUMBERS, [[("a",), ("b",)]])
+    assert (first.effects, first.twins) == (("a",), (("b",),))
+    assert first.probability == pytest.approx(2.0 * apart[0].probability)
+    assert ("b",) not in [row.effects for row in rest]
+    assert {row.effects: row.probability for row in apart if row.effects not in [("a",), ("b",)]} == pytest.approx(
+        {row.effects: row.probability for row in rest}
+    )
+
+
+def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
+    problem, fit = tight
+
+    def weighed(names: Names, merit: float, off: float = 0.0) -> Weighed:
+        moved = replace(fit, residual=fit.residual + off * problem.noise)
+        return Weighed(names, moved, 0.0, merit, Score(0.0, (1.0, 1.0), 1.0))
+
+    told = [weighed(("a",), 40.0), weighed(("b",), 40.0), weighed(("c",), 40.0, 1.0), weighed(("d",), 39.0)]
+    assert groups_of(problem, told) == ((("a",), ("b",)),)
+    pairs = [weighed(("a", "e"), 50.0), weighed(("b", "e"), 50.0), weighed(("b", "c"), 50.0), *told]
+    assert groups_of(problem, pairs)[0] == (("a", "e"), ("b", "e"))
+    assert groups_of(problem, [weighed(("a",), -1.0), weighed(("b",), -1.0)]) == ()
+
+
+def test_a_sentence_has_both_names_of_a_cause():
+    assert either(("a",), ()) == "a"
+    assert either(("a",), [("b",)]) == "a or b, one cause by two names in these runs"
+    assert either(("a", "c"), [("b", "c")]) == "a or b, one cause by two names in these runs, and c"
 
 
 # The shrink

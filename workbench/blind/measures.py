@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from workbench.blind import criteria
-from workbench.blind.criteria import Row, right, right_word
+from workbench.blind.criteria import Row, right, right_as_stated, right_word
 from workbench.blind.share import Share
 
 Test = Callable[[Row], bool]
@@ -150,7 +150,8 @@ def median(values: Sequence[float]) -> float:
 
 @dataclass(frozen=True)
 class Bin:
-    """Answers of about this probability: from, below, mean of what they said, and how many were right."""
+    """Answers of about this probability: from, below, mean of what they said, and how many were right; the name of an
+    exact twin is, for the probability is of both."""
 
     low: float
     high: float
@@ -169,7 +170,7 @@ def reliability(rows: Sequence[Row]) -> list[Bin]:
         which = [row for row in rows if row["ranking"] and low <= _said(row) < top]
         if which:
             mean = sum(map(_said, which)) / len(which)
-            bins.append(Bin(low, high, mean, Share.counted(which, right)))
+            bins.append(Bin(low, high, mean, Share.counted(which, right_as_stated)))
     return bins
 
 

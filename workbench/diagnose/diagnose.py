@@ -23,7 +23,7 @@ from workbench.diagnose.readiness.motion_noise import motion_noise
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
-from workbench.diagnose.verdict.judge import Judged, alike, judge, steps, twins
+from workbench.diagnose.verdict.judge import Judged, alike, judge, steps
 from workbench.diagnose.verdict.records import Verdict, VerdictWord
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
@@ -114,7 +114,6 @@ def diagnose(
         judged.explained,
         judged.left,
         steps(judged, problem.inputs),
-        twins(judged, also),
     )
     return Diagnosis(
         campaign=campaign,

@@ -8,13 +8,10 @@ see docs/diagnosis.md.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
@@ -26,9 +23,11 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.verdict.against import against
+from workbench.diagnose.verdict.probability import calibration, rank
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord
 from workbench.diagnose.verdict.stretch import stretch
 from workbench.diagnose.verdict.structure import lasting_share, repeated_share, sudden_share
+from workbench.diagnose.verdict.twins import groups_of
 from workbench.effects import find
 from workbench.kinds import kind_of
 
@@ -40,7 +39,6 @@ TRACE = 3.0  # standard deviations of an effect's trace, by chance
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
-SAME = 0.5  # merit between two effects that are one and the same in these runs
 FREER = 5.0  # merit by which a law of more freedom has to be better than a simpler one
 OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
 OWN_AGAIN = 0.007  # of that, what comes again with place or speed; the EMPS axis leaves 0.005
@@ -48,14 +46,6 @@ OWN_BLOW = 0.003  # of that, what comes in a few moments at speed; the EMPS axis
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
-CALIBRATION = Path(__file__).with_name("calibration.json")
-
-
-@cache
-def calibration() -> Mapping[str, float]:
-    """threshold: merit that no gap has; temperature: of merits; unknown_*: the logistic's weights."""
-    numbers: Mapping[str, float] = json.loads(CALIBRATION.read_text(encoding="utf-8"))["numbers"]
-    return numbers
 
 
 @dataclass(frozen=True)
@@ -77,7 +67,7 @@ class Judged:
 
     held: the fit that the answer was judged on. left: what it leaves. floor: rms of noise and discrepancy, in the
     input's unit: what a machine without a gap leaves. explained: share of the gap's energy. counted:
-    merits as they were ranked.
+    merits as they were ranked. twins: groups of hypotheses that differ in name only.
     """
 
     word: VerdictWord
@@ -93,6 +83,12 @@ class Judged:
     unknown_probability: float
     reasons: tuple[Reason, ...]
     counted: tuple[tuple[Names, float], ...]
+    twins: tuple[tuple[Names, ...], ...] = ()
+
+    @property
+    def of_answer(self) -> tuple[Names, ...]:
+        """The answer's twins."""
+        return self.ranking[0].twins
 
 
 def weigh(found: Found) -> tuple[tuple[Weighed, ...], Score]:
@@ -191,7 +187,8 @@ def judge(found: Found, barred: Collection[Names] = ()) -> Judged:
     evidence = evidence_of(found, held, score, left, share)
     vetoes = [w for w in weighed if w.rival and (best is None or advantage(found, w, best) > DECISIVE)]
     counted = tuple(ranked_merits(weighed, vetoes))
-    rows = rank(counted, evidence, calibration())
+    twins = groups_of(found.problem, [w for w in weighed if not w.rival])
+    rows = rank(counted, evidence, calibration(), twins)
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, best, vetoes)
     answer = rows[0]
@@ -209,6 +206,7 @@ def judge(found: Found, barred: Collection[Names] = ()) -> Judged:
         unknown,
         reasons,
         counted,
+        twins,
     )
 
 
@@ -232,34 +230,6 @@ def left_of(found: Found, held: Fitted, floor: float) -> tuple[Left, float]:
     gap = found.near.rms(problem.inputs) ** 2 - floor**2
     share = 1.0 - rms**2 / gap if gap > 0.0 and held.effects else 0.0
     return Left(rms, percent, percent > RELEVANT_PERCENT), min(max(share, 0.0), 1.0)
-
-
-def rank(
-    merits: Sequence[tuple[Names, float]], evidence: Mapping[str, float], numbers: Mapping[str, float]
-) -> tuple[Hypothesis, ...]:
-    """The ranking, the answer first, from merits and the evidence for an unknown cause.
-
-    Named hypotheses share what no unknown cause takes with no gap, whose merit is the threshold;
-    merits count divided by the temperature. A merit without names speaks for an unknown cause. The answer is the
-    likeliest of the three words.
-    """
-    x = numbers["unknown_bias"] + sum(numbers[f"unknown_{name}"] * value for name, value in evidence.items())
-    unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
-    exponents = np.array([numbers["threshold"], *(m for _, m in merits)]) / (2.0 * numbers["temperature"])
-    # Of many causes weighed one looks good by chance.
-    exponents[1:] -= numbers["elsewhere"] * math.log(max(len(merits), 1))
-    shares = np.exp(exponents - np.max(exponents))
-    shares *= (1.0 - unknown) / np.sum(shares)
-    unknown += sum(float(p) for (names, _), p in zip(merits, shares[1:], strict=True) if not names)
-    rows = [Hypothesis("no_gap", (), float(shares[0])), Hypothesis("unknown", (), unknown)]
-    rows += [Hypothesis("named", names, float(p)) for (names, _), p in zip(merits, shares[1:], strict=True) if names]
-    total = {row.verdict: 0.0 for row in rows}
-    for row in rows:
-        total[row.verdict] += row.probability
-    word = max(total, key=lambda each: total[each])
-    rows.sort(key=lambda row: (row.verdict != word, -row.probability))
-    first, rest = rows[0], sorted(rows[1:], key=lambda row: -row.probability)
-    return (first, *rest)
 
 
 def evidence_of(found: Found, held: Fitted, score: Score, left: Left, share: float) -> dict[str, float]:
@@ -336,9 +306,12 @@ def _on_bound(fit: Fitted, base: int) -> bool:
 
 def alike(judged: Judged, kind: str, within: float = 12.0) -> tuple[str, ...]:
     """Single effects that explain the gap about as well as the answer does: of another place or regime with about its
-    merit, and the simpler law of its own, where that leaves little more."""
-    if judged.word != "named" or judged.best is None or len(judged.names) != 1:
+    merit, and the simpler law of its own, where that leaves little more. Of several effects together, what stands in
+    for one of them in a twin."""
+    if judged.word != "named" or judged.best is None:
         return ()
+    if len(judged.names) != 1:
+        return tuple(dict.fromkeys(name for twin in judged.of_answer for name in twin if name not in judged.names))
     best = judged.best
     others = [w for w in judged.weighed if len(w.names) == 1 and w.names != best.names]
     return tuple(
@@ -351,12 +324,6 @@ def alike(judged: Judged, kind: str, within: float = 12.0) -> tuple[str, ...]:
             or (same_but_freer(best.names[0], w.names[0], kind) and w.merit > (1.0 - SIMPLER) * best.merit)
         )
     )
-
-
-def twins(judged: Judged, also: Names) -> Names:
-    """Of what these runs cannot tell from the answer, what differs from it in name only."""
-    merits = {w.names: w.merit for w in judged.weighed}
-    return tuple(name for name in also if abs(merits[(name,)] - merits[judged.names]) < SAME)
 
 
 def steps(judged: Judged, inputs: int) -> tuple[Step, ...]:

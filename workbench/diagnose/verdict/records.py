@@ -64,11 +64,12 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One row of the ranking."""
+    """One row of the ranking. twins: hypotheses that differ from it in name only; the probability is of all."""
 
     verdict: VerdictWord
     effects: Names
     probability: float
+    twins: tuple[Names, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class Step:
 @dataclass(frozen=True)
 class Verdict:
     """The answer. alike: what this campaign cannot tell from it. sentence: the answer in one sentence. steps: how an
-    answer was come to, one effect after the other. twins: of alike, what differs from the answer in name only."""
+    answer was come to, one effect after the other."""
 
     word: VerdictWord
     effects: Names
@@ -95,10 +96,13 @@ class Verdict:
     explained: float = 0.0
     left: Left = Left(0.0, 0.0, False)
     steps: tuple[Step, ...] = ()
-    twins: Names = ()
 
     @property
     def probability(self) -> float:
         """Of the answer, with its exact twins."""
-        answers = {self.effects, *((name,) for name in self.twins)}
-        return sum(row.probability for row in self.ranking if row.verdict == self.word and row.effects in answers)
+        return self.ranking[0].probability
+
+    @property
+    def twins(self) -> tuple[Names, ...]:
+        """What differs from the answer in name only."""
+        return self.ranking[0].twins

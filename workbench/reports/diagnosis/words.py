@@ -18,8 +18,10 @@ SHRINKS = 1.02  # factor: less is none
 NO_GAP, UNKNOWN = "no gap", "unknown cause"
 
 
-def hypothesis_name(verdict: VerdictWord, effects: Sequence[str]) -> str:
-    return " + ".join(effects) if verdict == "named" else {"no_gap": NO_GAP, "unknown": UNKNOWN}[verdict]
+def hypothesis_name(verdict: VerdictWord, effects: Sequence[str], twins: Sequence[Sequence[str]] = ()) -> str:
+    if verdict != "named":
+        return {"no_gap": NO_GAP, "unknown": UNKNOWN}[verdict]
+    return " or ".join(" + ".join(names) for names in (effects, *twins))
 
 
 def chosen_probability(d: Diagnosis) -> float:
