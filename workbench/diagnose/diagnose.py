@@ -169,7 +169,7 @@ def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effe
 def _open(judged: Judged, also: Names) -> list[Names]:
     """The hypotheses that the campaign does not decide between, the most probable first."""
     first: list[Names] = [judged.names] if judged.names else []
-    rest: list[Names] = [(name,) for name in also]
+    rest = list(judged.of_answer) if len(judged.names) > 1 else [(name,) for name in also]
     rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
     return list(dict.fromkeys([*first, *rest]))
 
