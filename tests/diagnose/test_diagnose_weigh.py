@@ -26,7 +26,7 @@ from workbench.diagnose.hypotheses.score import MOST, Score, cost, score_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.verdict.judge import Weighed
-from workbench.diagnose.verdict.probability import calibration, rank
+from workbench.diagnose.verdict.probability import LOST_PERCENT, calibration, rank
 from workbench.diagnose.verdict.twins import groups_of
 from workbench.diagnose.words import either
 from workbench.effects import find, ranges_of
@@ -34,7 +34,10 @@ from workbench.machine import default_hoist
 from workbench.run import Array
 
 TORQUE = "torque_motor_nm"
-NUMBERS = {**calibration(), "threshold": 6.0, "temperature": 2.0, "unknown_bias": -6.0, "unknown_left": 6.0}
+AS_DECIDED = {"surer": 1.0, "missed_no_gap": 0.0, "missed_unknown": 0.0, "missed_lost": 0.0}  # and so stated
+NUMBERS = {
+    **calibration(), "threshold": 6.0, "temperature": 2.0, "unknown_bias": -6.0, "unknown_left": 6.0, **AS_DECIDED
+}  # fmt: skip
 
 
 # Score
@@ -244,6 +247,44 @@ def test_what_may_not_be_named_speaks_for_an_unknown_cause():
     rows = rank([((), 400.0), (("known",), 300.0)], NO_EVIDENCE, NUMBERS)
     assert rows[0].verdict == "unknown"
     assert rows[0].probability > 0.9
+
+
+@given(merits, st.floats(0.0, 3.0), st.floats(0.0, 50.0), st.booleans())
+def test_what_is_stated_sums_to_one_and_changes_no_answer(
+    values: list[float], open_left: float, left_percent: float, rival: bool
+):
+    told, evidence = named(values, rival), {**NO_EVIDENCE, "left": open_left}
+    stated = rank(told, evidence, dict(calibration()), left_percent=left_percent)
+    assert sum(row.probability for row in stated) == pytest.approx(1.0)
+    decided = rank(told, evidence, {**calibration(), **AS_DECIDED})
+    assert (stated[0].verdict, stated[0].effects) == (decided[0].verdict, decided[0].effects)
+    assert {row.effects for row in stated} == {row.effects for row in decided}
+    assert [row.probability for row in stated[1:]] == sorted((row.probability for row in stated[1:]), reverse=True)
+
+
+def test_what_is_stated_counts_the_listed_causes_that_fits_miss():
+    missed = {**NUMBERS, "missed_no_gap": 0.1, "missed_unknown": 0.2, "missed_lost": 0.9}
+    none = rank(named([-5.0, -8.0]), NO_EVIDENCE, missed)
+    assert none[0].probability == pytest.approx(0.9 * rank(named([-5.0, -8.0]), NO_EVIDENCE, NUMBERS)[0].probability)
+    left = {**NO_EVIDENCE, "left": 4.0}
+    known = rank(named([400.0, 300.0]), left, missed)
+    assert known[0].probability == pytest.approx(0.8, abs=1e-3)
+    assert known[1].effects == ("e0",)
+    assert known[1].probability == pytest.approx(0.2, abs=1e-3)
+    lost = rank(named([400.0, 300.0]), left, missed, left_percent=1.1 * LOST_PERCENT)
+    assert lost[0].verdict == "unknown"
+    assert lost[0].probability == pytest.approx(0.1, abs=1e-3)
+    assert [row.probability for row in lost[1:3]] == pytest.approx([0.45, 0.45], abs=1e-3)
+    # No cause of the library stands: then nothing is lost but the cause.
+    alone = rank(named([-5.0]), left, missed, left_percent=1.1 * LOST_PERCENT)
+    assert alone[0].probability == pytest.approx(0.8, abs=1e-2)
+
+
+def test_without_evidence_against_it_an_answer_is_surer_than_it_was_decided():
+    plain, surer = (rank(named([400.0]), NO_EVIDENCE, {**NUMBERS, "surer": s})[0].probability for s in (1.0, 1.5))
+    assert 1.0 - surer < 1.0 - plain < 0.01
+    open_left = {**NO_EVIDENCE, "left": 3.0}
+    assert rank(named([400.0]), open_left, {**NUMBERS, "surer": 1.5}) == rank(named([400.0]), open_left, NUMBERS)
 
 
 def test_twins_have_one_probability_for_both_names():

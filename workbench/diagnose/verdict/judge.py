@@ -2,8 +2,7 @@
 
 Every hypothesis has a merit: by how much its score is better than that of no effect, less what its parameters cost
 (`hypotheses/score.py`). A cause is named where one explains the gap; what it leaves counts against it by its share of
-the gap and by its size in per cent of the torque. The numbers of calibration.json were fitted on simulated campaigns,
-see docs/diagnosis.md.
+the gap and by its size in per cent of the torque. How merits become probabilities: `verdict/probability.py`.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.verdict.against import against
-from workbench.diagnose.verdict.probability import calibration, rank
+from workbench.diagnose.verdict.probability import calibration, is_lost, rank
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord
 from workbench.diagnose.verdict.stretch import stretch
 from workbench.diagnose.verdict.structure import lasting_share, repeated_share, sudden_share
@@ -188,7 +187,7 @@ def judge(found: Found, barred: Collection[Names] = ()) -> Judged:
     vetoes = [w for w in weighed if w.rival and (best is None or advantage(found, w, best) > DECISIVE)]
     counted = tuple(ranked_merits(weighed, vetoes))
     twins = groups_of(found.problem, [w for w in weighed if not w.rival])
-    rows = rank(counted, evidence, calibration(), twins)
+    rows = rank(counted, evidence, calibration(), twins, left.percent_of_input)
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, best, vetoes)
     answer = rows[0]
@@ -283,6 +282,8 @@ def _reasons(
         reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=vetoes[0].names))
     if evidence["left"] > 0.5:
         reasons.append(Reason(ReasonKind.LEAVES_MUCH, value=left.rms, percent=left.percent_of_input))
+    if best is not None and is_lost([(best.names, best.merit)], calibration()["threshold"], left.percent_of_input):
+        reasons.append(Reason(ReasonKind.FITS_ARE_LOST, percent=left.percent_of_input))
     if evidence["prior"] > 1.5:
         reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, value=evidence["prior"]))
     if evidence["bound"]:

@@ -17,6 +17,7 @@ class ReasonKind(Enum):
 
     UNLISTED_EXPLAINS_MORE = "unlisted_explains_more"
     LEAVES_MUCH = "leaves_much"
+    FITS_ARE_LOST = "fits_are_lost"
     STRETCHES_TOLERANCES = "stretches_tolerances"
     ON_A_BOUND = "on_a_bound"
     UNDO_EACH_OTHER = "undo_each_other"
