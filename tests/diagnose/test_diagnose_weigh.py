@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+import types
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import MOST, Score, cost, score_of
 from workbench.diagnose.hypotheses.search import Found
 from workbench.diagnose.shrink import folds_of, shrink_of
-from workbench.diagnose.verdict.judge import Weighed
+from workbench.diagnose.verdict.judge import Judged, Weighed, alike, alternatives
 from workbench.diagnose.verdict.probability import LOST_PERCENT, calibration, rank
 from workbench.diagnose.verdict.twins import groups_of
 from workbench.diagnose.words import either
@@ -311,6 +313,27 @@ def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
     pairs = [weighed(("a", "e"), 50.0), weighed(("b", "e"), 50.0), weighed(("b", "c"), 50.0), *told]
     assert groups_of(problem, pairs)[0] == (("a", "e"), ("b", "e"))
     assert groups_of(problem, [weighed(("a",), -1.0), weighed(("b",), -1.0)]) == ()
+
+
+def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Problem, Fitted]):
+    def judged(names: Names, merits: Mapping[Any, float], worse_prior: float = 0.0) -> Judged:
+        weighed = [
+            Weighed(n, replace(tight[1], prior=worse_prior * (n != names)), 0.0, m, Score(0.0, (1.0, 1.0), 1.0))
+            for n, m in merits.items()
+        ]
+        return cast(Judged, types.SimpleNamespace(word="named", names=names, weighed=weighed))
+
+    viscous, offset, mass = "friction_viscous", "torque_offset", "carriage_mass_error"
+    pair = {(viscous, offset): 100.0, (mass, viscous): 95.0, ("heave", viscous): 80.0, (offset, "heave"): 40.0}
+    assert alternatives(judged((viscous, offset), pair), "hoist") == ((mass, viscous),)
+    assert alike(judged((viscous, offset), pair), "hoist") == (mass,)
+    assert alike(judged((viscous, offset), pair, 10.0), "hoist") == ()  # it stretches the tolerances
+    single = {(offset,): 100.0, (mass,): 95.0, ("heave",): 80.0, (viscous, offset): 99.0}
+    assert alike(judged((offset,), single), "hoist") == (mass,)
+    # The simpler law of the same place and regime: alike where it leaves little more, as the only cause.
+    freer = "friction_viscous_asymmetric"
+    assert alike(judged((freer,), {(freer,): 1000.0, (viscous,): 960.0}), "hoist") == (viscous,)
+    assert alike(judged((freer, offset), {(freer, offset): 1000.0, (viscous, offset): 999.0}), "hoist") == ()
 
 
 def test_a_sentence_has_both_names_of_a_cause():

@@ -62,7 +62,8 @@ def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: b
             + ("enough to change a conclusion" if judged.left.relevant else "too little to change a conclusion")
         )
     if others := [name for name in also if not any(name in names for names in same)]:
-        text += f"; these runs cannot tell it from {', '.join(others)}"
+        it = "it" if len(judged.names) == 1 else "one of them"
+        text += f"; these runs cannot tell {it} from {', '.join(others)}"
     return text + "."
 
 

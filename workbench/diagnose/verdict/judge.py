@@ -33,7 +33,7 @@ from workbench.kinds import kind_of
 # Standard deviations by which tolerances are stretched by chance: more without a cause that explains anything than with
 # one, for of all causes weighed one would have relieved them.
 BY_CHANCE = {False: 2.0, True: 1.0}
-UNDONE = 0.15  # logarithm of energies: as far two effects undo each other by chance
+UNDONE = 0.4  # logarithm of energies: as far two causes undo each other by chance; of 30 true pairs two did by 0.5
 TRACE = 3.0  # standard deviations of an effect's trace, by chance
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
@@ -305,26 +305,31 @@ def _on_bound(fit: Fitted, base: int) -> bool:
     return False
 
 
-def alike(judged: Judged, kind: str, within: float = 12.0) -> tuple[str, ...]:
-    """Single effects that explain the gap about as well as the answer does: of another place or regime with about its
-    merit, and the simpler law of its own, where that leaves little more. Of several effects together, what stands in
-    for one of them in a twin."""
-    if judged.word != "named" or judged.best is None:
+def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names, ...]:
+    """Hypotheses that explain the gap about as well as the answer does, the best first: with another effect in place of
+    one of its own, of another place or regime, and about its merit. In place of a single one, also the simpler law of
+    its own place and regime where that leaves little more."""
+    best = next((w for w in judged.weighed if w.names == judged.names), None)
+    if judged.word != "named" or best is None:
         return ()
-    if len(judged.names) != 1:
-        return tuple(dict.fromkeys(name for twin in judged.of_answer for name in twin if name not in judged.names))
-    best = judged.best
-    others = [w for w in judged.weighed if len(w.names) == 1 and w.names != best.names]
-    return tuple(
-        w.names[0]
-        for w in others
-        if w.merit > 0.0
-        and w.fit.prior - best.fit.prior < STRETCHED
-        and (
-            (best.merit - w.merit < within and not same_but_freer(w.names[0], best.names[0], kind))
-            or (same_but_freer(best.names[0], w.names[0], kind) and w.merit > (1.0 - SIMPLER) * best.merit)
-        )
-    )
+    others: list[Names] = []
+    for w in judged.weighed:
+        if len(w.names) != len(best.names) or len(set(w.names) - set(best.names)) != 1 or w.merit <= 0.0:
+            continue
+        (mine,), (other,) = set(best.names) - set(w.names), set(w.names) - set(best.names)
+        freer, simpler = same_but_freer(other, mine, kind), same_but_freer(mine, other, kind)
+        single = len(best.names) == 1
+        as_good = best.merit - w.merit < within and not freer and (single or not simpler)
+        little_more = single and simpler and w.merit > (1.0 - SIMPLER) * best.merit
+        if w.fit.prior - best.fit.prior < STRETCHED and (as_good or little_more):
+            others.append(w.names)
+    return tuple(others)
+
+
+def alike(judged: Judged, kind: str) -> Names:
+    """Effects of `alternatives` that are not of the answer."""
+    hypotheses = alternatives(judged, kind)
+    return tuple(dict.fromkeys(name for names in hypotheses for name in names if name not in judged.names))
 
 
 def steps(judged: Judged, inputs: int) -> tuple[Step, ...]:
