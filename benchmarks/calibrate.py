@@ -1,9 +1,13 @@
-"""`python -m benchmarks.calibrate FOLDER --make 240`: the numbers by which evidence becomes probability.
+"""`python -m benchmarks.calibrate FOLDER --make 120`: the numbers by which evidence becomes probability.
 
 Fitted on campaigns of the simulators of a seed that is kept for it (SEED); nothing recorded takes part. With `--make N`
-the campaigns are made and diagnosed first, in FOLDER, as `workbench blind` does it, and once more with the effect taken
-out of the library; what is there stays. The weights of an unknown cause are a logistic regression (scikit-learn), with
-no weight below zero; the temperature is the one under which the answers' probabilities are most likely; the threshold
+the campaigns are made and diagnosed first, in FOLDER, as `workbench blind` does it; what is there stays, and everything
+else needs no more than the kept answers. What is stated of an answer (`surer`, `missed_*`,
+see `verdict/probability.py`) is fitted by the likelihood of the answers being right or wrong; it changes no answer.
+
+With `--decide` the numbers that decide are fitted too: every campaign of a single effect is diagnosed once more with
+the effect taken out of the library, the weights of an unknown cause are a logistic regression (scikit-learn) with no
+weight below zero, the temperature is the one under which the answers' probabilities are most likely, and the threshold
 is what the best hypothesis of machines without a gap stays below in all but one of fifty.
 """
 
@@ -21,59 +25,75 @@ import numpy as np
 
 from workbench.blind.answer import answer, load, save, text_of
 from workbench.blind.ask import Asked, make_asked
-from workbench.blind.criteria import estimates_within, family_of, right, right_word, single
+from workbench.blind.criteria import estimates_within, family_of, pair, right, right_as_stated, right_word, single
 from workbench.blind.make import mapped
+from workbench.blind.measures import calibration_by_chance, calibration_error
 from workbench.blind.run import run
 from workbench.blind.score import Score, open_and_score
 from workbench.blind.seal import CAMPAIGNS, key_of
 from workbench.blind.share import Share
-from workbench.diagnose.verdict.judge import CALIBRATION, calibration, rank
-from workbench.reports.blind import tables
+from workbench.diagnose.verdict.probability import CALIBRATION, calibration, rank
+from workbench.diagnose.verdict.records import Hypothesis
 
+Row = Mapping[str, Any]
 WEIGHT = "unknown_"  # of what speaks for an unknown cause; the bias is the logistic's own
 EVIDENCE = tuple(
     name.removeprefix(WEIGHT) for name in calibration() if name.startswith(WEIGHT) and name != f"{WEIGHT}bias"
 )
+STATED = ("surer", "missed_no_gap", "missed_unknown", "missed_lost")
+FACTOR = 3.0  # by which `surer` may be off 1
+ONE = 1.0  # campaign more that was missed, and one that was not: shares of few campaigns are neither 0 nor 1
 SEED = 7001  # of the campaigns that calibrate; what is scored has another one
-SEALED, WITHHELD = "sealed", "withheld"
+SEALED, WITHHELD, ANSWERED_WITH = "sealed", "withheld", "calibration.json"
 LEAST_THRESHOLD = 4.0
 FALSE_ALARMS = 0.02
 INSIDE = 0.90
+BEFORE_RANKING = ("interval", "pair")  # to change these is to diagnose anew
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="of the campaigns and their answers")
     parser.add_argument("--make", type=int, metavar="N", help="make and diagnose N campaigns of all families first")
+    parser.add_argument("--first", type=int, metavar="N", help="diagnose the first N of them only")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--decide", action="store_true", help="fit the numbers that decide, too")
     parser.add_argument("--leave-out", action="store_true", help="judge each family by the calibration of the others")
+    parser.add_argument(
+        "--judge", type=Path, nargs="+", default=[], metavar="TEST", help="judge opened blind tests by it"
+    )
     parser.add_argument("--sensitivity", action="store_true", help="say what 30 %% of each number changes")
     parser.add_argument("--write", action="store_true", help="write workbench/diagnose/verdict/calibration.json")
     given = parser.parse_args()
     if given.make:
-        made(given.folder, given.make, given.processes)
+        made(given.folder, given.make, given.processes, first=given.first, withhold=given.decide)
     rows = rows_of(given.folder)
-    if given.leave_out:
-        anew = left_out(rows)
-        for family in sorted({family_of(row) for row in anew}):
-            print(f"\n{family}\n{tables.sheet([row for row in anew if family_of(row) == family]).markdown()}")
-        return
-    if given.sensitivity:
-        print("\n".join(sensitivity(rows, calibration())))
-        return
-    numbers = fitted([row for row in rows if answered(row)])
+    numbers = fitted([row for row in rows if answered(row)], given.decide)
     print(json.dumps(numbers, indent=1))
+    if given.leave_out:
+        print("\n".join(by_family(rows, left_out(rows, given.decide))))
+    for test in given.judge:
+        judged = list(open_and_score(test, key_of(test)).rows)
+        print("\n".join(by_family(judged, [_anew(row, numbers) for row in judged])))
+    if given.sensitivity:
+        print("\n".join(sensitivity(rows, numbers)))
     if given.write:
         made_by = f"python -m benchmarks.calibrate, {len(rows)} answers on simulated campaigns"
         CALIBRATION.write_text(json.dumps({"made_by": made_by, "numbers": numbers}, indent=1) + "\n", encoding="utf-8")
 
 
-def made(folder: Path, count: int, processes: int) -> None:
-    """Campaigns of SEED and all families, diagnosed as they are and with the effect taken out; what is there stays."""
+def made(folder: Path, count: int, processes: int, *, first: int | None = None, withhold: bool = False) -> None:
+    """Campaigns of SEED and all families, diagnosed as they are; what is there stays. first: so many of them, in their
+    mixed order. withhold: and once more with the effect taken out."""
     sealed = folder / SEALED
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / ANSWERED_WITH).exists():
+        (folder / ANSWERED_WITH).write_text(json.dumps(dict(calibration()), indent=1) + "\n", encoding="utf-8")
     if not sealed.exists():
         make_asked(Asked(cases=count, seed=SEED), sealed, processes=processes, tell=print)
-    run(sealed, processes=processes, tell=print)
+    run(sealed, processes=processes, count=first, tell=print)
+    if not withhold:
+        return
     score = open_and_score(sealed, key_of(sealed))
     left = [row for row in score.rows if single(row) and not (folder / WITHHELD / f"{row['folder']}.json").exists()]
     with mapped(processes) as over:
@@ -81,83 +101,132 @@ def made(folder: Path, count: int, processes: int) -> None:
             print(f"{k + 1}/{len(left)} with its effect taken out: {name}")
 
 
-def _with_effect_out(score: Score, answers: Path, row: Mapping[str, Any]) -> str:
+def _with_effect_out(score: Score, answers: Path, row: Row) -> str:
     name = str(row["folder"])
     given = answer(score.folder / CAMPAIGNS / name, row["label"]["effects"])
     save(text_of(given), answers / f"{name}.json")
     return name
 
 
-def rows_of(folder: Path) -> list[Mapping[str, Any]]:
-    """All answers of a folder that `made` wrote, joined with their labels."""
+def rows_of(folder: Path) -> list[Row]:
+    """All answers of a folder that `made` wrote, joined with their labels; interval: of the calibration that gave their
+    standard errors."""
     score = open_and_score(folder / SEALED, key_of(folder / SEALED))
     labels = {row["folder"]: row["label"] for row in score.rows}
     withheld = load(folder / WITHHELD) if (folder / WITHHELD).is_dir() else {}
-    return [*score.rows, *({**row, "label": labels[name]} for name, row in withheld.items())]
+    rows = [*score.rows, *({**row, "label": labels[name]} for name, row in withheld.items())]
+    interval = json.loads((folder / ANSWERED_WITH).read_text(encoding="utf-8"))["interval"]
+    return [{**row, "interval": interval} for row in rows]
 
 
-def answered(row: Mapping[str, Any]) -> bool:
+def answered(row: Row) -> bool:
     """The diagnosis gave an answer."""
     return row["word"] not in ("refused", "failed")
 
 
-def left_out(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Each family's answers anew, by the calibration that all other families give."""
+def left_out(rows: Sequence[Row], decide: bool = False) -> list[dict[str, Any]]:
+    """Each family's answers anew, by the calibration that all other families give; in the order of the families."""
     anew: list[dict[str, Any]] = []
     for family in sorted({family_of(row) for row in rows}):
         others = [row for row in rows if family_of(row) != family and answered(row)]
-        numbers = fitted(others)
+        numbers = fitted(others, decide)
         anew += [_anew(row, numbers) for row in rows if family_of(row) == family]
     return anew
 
 
-def sensitivity(rows: Sequence[Mapping[str, Any]], numbers: Mapping[str, float]) -> list[str]:
-    """A line for each number: the answers that are right with it as it is, and 30 % smaller and larger."""
+def by_family(before: Sequence[Row], after: Sequence[Row]) -> list[str]:
+    """A line for each family and one for all: answers that are right, and the calibration error, before and after."""
+    lines = [
+        "| family | singles | pairs | no gap | unknown | error of what is stated, before | after | by chance |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    families = sorted({family_of(row) for row in after})
+    for family in (*families, "all"):
+        was = [row for row in before if family in ("all", family_of(row)) and not row.get("withheld")]
+        now = [row for row in after if family in ("all", family_of(row)) and not row.get("withheld")]
+        shares = [_right_before_and_after(was, now, case) for case in CASES.values()]
+        errors = [calibration_error(was), calibration_error(now), calibration_by_chance(now)]
+        shown = ["–" if error is None else f"{error:.3f}" for error in errors]
+        lines.append(f"| {family} | {' | '.join([*shares, *shown])} |")
+    return lines
+
+
+CASES = {
+    "singles": single,
+    "pairs": pair,
+    "no gap": lambda row: right_word(row) == "no_gap",
+    "unknown": lambda row: right_word(row) == "unknown",
+}
+
+
+def _right_before_and_after(before: Sequence[Row], after: Sequence[Row], case: Any) -> str:
+    """Right answers, exact twins counted as right: once where nothing changed."""
+    was, now = ([right_as_stated(row) for row in rows if case(row)] for rows in (before, after))
+    if not now:
+        return "–"
+    return f"{sum(now)} of {len(now)}" if sum(was) == sum(now) else f"{sum(was)} → {sum(now)} of {len(now)}"
+
+
+def sensitivity(rows: Sequence[Row], numbers: Mapping[str, float]) -> list[str]:
+    """A line for each number: the answers that are right, and the calibration error, with it as it is, and 30 % smaller
+    and larger."""
+    rows = [row for row in rows if not row.get("withheld")]
     lines = ["| number | value | right | 30 % smaller | 30 % larger |", "|---|---|---|---|---|"]
     for name, value in numbers.items():
-        if name in ("interval", "pair"):  # these act before the ranking: answers are to be given anew
+        if name in BEFORE_RANKING:
             continue
-        tried = [{**numbers, name: factor * value} for factor in (1.0, 0.7, 1.3)]
-        shown = [Share.counted((_anew(row, changed) for row in rows), right).text() for changed in tried]
+        shown = []
+        for factor in (1.0, 0.7, 1.3):
+            changed = factor * value if name not in STATED[1:] else min(factor * value, 1.0)
+            anew = [_anew(row, {**numbers, name: changed}) for row in rows]
+            shown.append(f"{Share.counted(anew, right).text()}, {calibration_error(anew) or 0.0:.3f}")
         lines.append(f"| {name} | {value:g} | {' | '.join(shown)} |")
     return lines
 
 
-def _anew(row: Mapping[str, Any], numbers: Mapping[str, float]) -> dict[str, Any]:
+def _anew(row: Row, numbers: Mapping[str, float]) -> dict[str, Any]:
     """The answer that other numbers would have given; what was fitted stays."""
     if not answered(row):
         return dict(row)
-    ranking = rank(_merits(row), row["evidence"], numbers)
-    rows = [(hypothesis.verdict, list(hypothesis.effects), hypothesis.probability) for hypothesis in ranking]
+    rows = [(one.verdict, list(one.effects), one.probability) for one in _ranked(row, numbers)]
     return {**row, "word": rows[0][0], "names": rows[0][1], "ranking": rows}
 
 
-def _merits(row: Mapping[str, Any]) -> list[tuple[tuple[str, ...], float]]:
+def _ranked(row: Row, numbers: Mapping[str, float]) -> tuple[Hypothesis, ...]:
+    twins = [[tuple(names) for names in group] for group in row.get("twins") or ()]
+    left = float((row.get("left") or {}).get("percent_of_input", 0.0))
+    return rank(_merits(row), row["evidence"], numbers, twins, left)
+
+
+def _merits(row: Row) -> list[tuple[tuple[str, ...], float]]:
     return [(tuple(names), float(merit)) for names, merit in row["counted"]]
 
 
-def fitted(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+def fitted(rows: Sequence[Row], decide: bool = False) -> dict[str, float]:
+    """decide: the numbers that decide, too."""
     numbers = dict(calibration())
-    numbers["threshold"] = _threshold(rows)
-    numbers |= _unknown(rows)
-    numbers["temperature"] = _temperature(rows, numbers)
+    if decide:
+        numbers["threshold"] = _threshold(rows)
+        numbers |= _unknown(rows)
+        numbers["temperature"] = _temperature(rows, numbers)
+    numbers |= _stated(rows, numbers)
     if "interval" in numbers:
-        numbers["interval"] *= _interval(rows)
+        numbers["interval"] = _interval(rows)
     return {name: float(f"{value:.4g}") for name, value in numbers.items()}
 
 
-def _threshold(rows: Sequence[Mapping[str, Any]]) -> float:
+def _threshold(rows: Sequence[Row]) -> float:
     best = sorted(max((merit for _, merit in row["counted"]), default=-math.inf) for row in _without(rows))
     if not best:
         return float(calibration()["threshold"])
     return max(LEAST_THRESHOLD, best[min(len(best) - 1, math.ceil((1.0 - FALSE_ALARMS) * len(best)) - 1)] + 1.0)
 
 
-def _without(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def _without(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if not row["label"]["effects"]]
 
 
-def _unknown(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+def _unknown(rows: Sequence[Row]) -> dict[str, float]:
     """Weights none of which is negative: a feature that comes out so is left out, and the rest fitted anew."""
     from sklearn.linear_model import LogisticRegression
 
@@ -177,30 +246,66 @@ def _unknown(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     return {"unknown_bias": float(model.intercept_[0]), **numbers}
 
 
-def _temperature(rows: Sequence[Mapping[str, Any]], numbers: Mapping[str, float]) -> float:
+def _temperature(rows: Sequence[Row], numbers: Mapping[str, float]) -> float:
     from scipy.optimize import minimize_scalar
 
+    plain = {**numbers, "surer": 1.0, **dict.fromkeys(STATED[1:], 0.0)}
+
     def loss(log_t: float) -> float:
-        tried = {**numbers, "temperature": math.exp(log_t)}
+        tried = {**plain, "temperature": math.exp(log_t)}
         return -sum(math.log(max(_given_to_truth(row, tried), 1e-6)) for row in rows)
 
     return float(math.exp(minimize_scalar(loss, bounds=(-1.0, 4.0), method="bounded").x))
 
 
-def _given_to_truth(row: Mapping[str, Any], numbers: Mapping[str, float]) -> float:
+def _given_to_truth(row: Row, numbers: Mapping[str, float]) -> float:
     word, effects = right_word(row), set(row["label"]["effects"])
     return sum(
         hypothesis.probability
-        for hypothesis in rank(_merits(row), row["evidence"], numbers)
-        if hypothesis.verdict == word and (word != "named" or set(hypothesis.effects) == effects)
+        for hypothesis in _ranked(row, numbers)
+        if hypothesis.verdict == word
+        and (word != "named" or effects in [set(names) for names in (hypothesis.effects, *hypothesis.twins)])
     )
 
 
-def _interval(rows: Sequence[Mapping[str, Any]]) -> float:
+def _stated(rows: Sequence[Row], numbers: Mapping[str, float]) -> dict[str, float]:
+    """What is stated: the numbers under which the answers are likeliest to be right and wrong as they are.
+
+    Answers of a library without the effect say nothing of how often an answer is right.
+    """
+    from scipy.optimize import minimize
+
+    rows = [row for row in rows if not row.get("withheld")]
+    outcome = [right_as_stated(_anew(row, numbers)) for row in rows]
+
+    def numbers_of(values: Sequence[float]) -> dict[str, float]:
+        return {"surer": math.exp(values[0])} | dict(zip(STATED[1:], map(_share, values[1:]), strict=True))
+
+    def loss(values: Sequence[float]) -> float:
+        tried = {**numbers, **numbers_of(values)}
+        total = (values[0] / math.log(FACTOR)) ** 2
+        total -= ONE * sum(math.log(_share(v)) + math.log(1.0 - _share(v)) for v in values[1:])
+        for row, was_right in zip(rows, outcome, strict=True):
+            p = min(max(_ranked(row, tried)[0].probability, 1e-4), 1.0 - 1e-4)
+            total -= math.log(p if was_right else 1.0 - p)
+        return total
+
+    bounds = [(-math.log(FACTOR), math.log(FACTOR)), *[(-6.0, 6.0)] * (len(STATED) - 1)]
+    begin = [0.0, *[-2.0] * (len(STATED) - 1)]
+    best = minimize(loss, begin, method="Powell", bounds=bounds, options={"xtol": 1e-2, "ftol": 1e-5})
+    return numbers_of(best.x)
+
+
+def _share(logit: float) -> float:
+    return 1.0 / (1.0 + math.exp(-logit))
+
+
+def _interval(rows: Sequence[Row]) -> float:
     """The factor on standard errors at which nine of ten true values lie within the 90 % interval."""
-    ratios = sorted(ratio for row in rows for _, _, ratio in estimates_within(row))
+    known = calibration()["interval"]
+    ratios = sorted(ratio * row.get("interval", known) for row in rows for _, _, ratio in estimates_within(row))
     if not ratios:
-        return 1.0
+        return known
     return ratios[min(len(ratios) - 1, math.ceil(INSIDE * len(ratios)) - 1)] / 1.6449
 
 

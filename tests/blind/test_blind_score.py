@@ -18,7 +18,7 @@ from workbench.blind.ask import Asked, ordered
 from workbench.blind.baselines import BIC, COMMONEST, SPARSE, TRAINING, baselines
 from workbench.blind.share import Share
 from workbench.blind.sources.simulator.families import FAMILIES
-from workbench.diagnose.verdict.judge import calibration, rank
+from workbench.diagnose.verdict.probability import calibration, rank
 from workbench.reports.blind import tables
 
 EVIDENCE = dict.fromkeys(calibrate.EVIDENCE, 0.0)
@@ -236,6 +236,16 @@ def test_an_event_is_found_in_its_run_at_its_time_and_by_its_name(regime: str, w
     assert share("event", [row, ANSWERS[0]]) == (int(found), 1)
 
 
+def test_a_probability_of_exact_twins_is_right_for_either_name():
+    row = made(["gearbox_efficiency", "heave"], "named", ["friction_load_dependent", "heave"])
+    assert not criteria.right_as_stated(row) and not criteria.among_first_three(row)
+    told = {**row, "twins": [[["friction_load_dependent", "heave"], ["gearbox_efficiency", "heave"]]]}
+    assert criteria.right_as_stated(told) and criteria.among_first_three(told) and criteria.right_or_alike(told)
+    assert not criteria.right(told)
+    assert measures.reliability([told])[0].right.count == 1
+    assert not criteria.right_as_stated({**told, "label": {**row["label"], "effects": ["heave"]}})
+
+
 def test_twins_by_nature_are_one_answer_with_two_names():
     row = made(["gearbox_efficiency"], "named", ["friction_load_dependent"], twins=["friction_load_dependent"])
     assert not criteria.right(row)
@@ -371,10 +381,12 @@ def test_the_interval_is_widened_until_nine_of_ten_true_values_are_inside():
         )
         for k in range(1, 51)
     ]  # fmt: skip
-    factor = calibrate._interval(rows)
+    factor = calibrate._interval(rows) / calibration()["interval"]
     inside = [s <= 1.6449 * factor for row in rows for _, _, s in criteria.estimates_within(row)]
     assert sum(inside) / len(inside) == pytest.approx(0.9)
-    assert calibrate._interval([]) == 1.0
+    assert calibrate._interval([]) == calibration()["interval"]
+    kept = [{**row, "interval": 1.0} for row in rows]  # answered with another one
+    assert calibrate._interval(kept) == pytest.approx(factor)
 
 
 def sure(lead: float, right: bool) -> dict[str, Any]:
@@ -405,9 +417,46 @@ def campaigns() -> list[dict[str, Any]]:
     return rows
 
 
+def test_what_is_stated_is_fitted_to_how_often_answers_are_right():
+    """Of answers without evidence against them one of fifty is wrong, of no gap one of ten, of unknown causes one of
+    four: their probabilities come near that, and no answer changes."""
+    rows = [sure(60.0, k % 50 != 0) for k in range(100)]
+    rows += [
+        {**none_of(-5.0), "label": {**none_of(-5.0)["label"], "effects": [VISCOUS] * (k % 10 == 0)}} for k in range(60)
+    ]
+    left = {**EVIDENCE, MAIN: 4.0}
+    for k in range(60):
+        told = ["unlisted: a fan"] if k % 4 else [OFFSET]
+        rows.append(made(told, "unknown", merits=[((VISCOUS,), 30.0)], evidence=left))
+    numbers = calibrate.fitted(rows)
+    decided = {**calibration(), **{name: numbers[name] for name in calibrate.STATED}, "interval": numbers["interval"]}
+    assert numbers == pytest.approx(decided, rel=1e-3)
+    anew = [calibrate._anew(row, numbers) for row in rows]
+    said = {
+        word: next(row["ranking"][0][2] for row in anew if row["word"] == word)
+        for word in ("named", "no_gap", "unknown")
+    }
+    assert said["named"] == pytest.approx(0.98, abs=0.01)
+    assert said["no_gap"] == pytest.approx(0.90, abs=0.03)
+    assert said["unknown"] == pytest.approx(0.75, abs=0.04)
+    assert (measures.calibration_error(anew) or 1.0) < 0.03
+    lines = calibrate.by_family(rows, anew)
+    assert len(lines) == 4 and lines[-1].startswith("| all |")
+
+
+def test_a_calibration_error_by_chance_is_what_few_answers_have():
+    """Of one answer that says p it is 2 p (1 - p); of many it goes with the root of their number."""
+    one = made([VISCOUS], "named", [VISCOUS], probability=0.9)
+    assert measures.calibration_by_chance([one]) == pytest.approx(0.18)
+    few, many = (measures.calibration_by_chance([one] * n) or 0.0 for n in (100, 400))
+    assert few == pytest.approx(math.sqrt(2.0 / math.pi * 0.09 / 100), rel=0.02)
+    assert many == pytest.approx(0.5 * few, rel=0.02)
+    assert measures.calibration_by_chance([]) is None
+
+
 def test_calibration_gives_finite_numbers_and_no_negative_weight():
     pytest.importorskip("sklearn", reason="allowed: scikit-learn comes with the bench extra")
-    numbers = calibrate.fitted(campaigns())
+    numbers = calibrate.fitted(campaigns(), decide=True)
     assert set(numbers) == set(calibration())
     assert all(math.isfinite(value) for value in numbers.values())
     weights = {name: value for name, value in numbers.items() if name.startswith("unknown_") and name != "unknown_bias"}
@@ -422,7 +471,7 @@ def test_calibration_gives_finite_numbers_and_no_negative_weight():
 def test_calibrated_numbers_tell_the_campaigns_that_they_were_fitted_to():
     pytest.importorskip("sklearn", reason="allowed: scikit-learn comes with the bench extra")
     rows = campaigns()
-    numbers = calibrate.fitted(rows)
+    numbers = calibrate.fitted(rows, decide=True)
     hits = 0
     for row in rows:
         hits += rank(calibrate._merits(row), row["evidence"], numbers)[0].verdict == criteria.right_word(row)
@@ -435,7 +484,8 @@ def test_a_family_is_judged_by_what_the_others_give(monkeypatch: pytest.MonkeyPa
     rows = [{**row, "label": {**row["label"], "family": families[k % 3]}} for k, row in enumerate(campaigns())]
     asked: list[set[str]] = []
 
-    def fitted(others: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    def fitted(others: Sequence[Mapping[str, Any]], decide: bool) -> dict[str, float]:
+        assert not decide
         asked.append({criteria.family_of(row) for row in others})
         return {**calibration(), "threshold": 1e9 if "axis_std" not in asked[-1] else 4.0}
 
@@ -468,7 +518,7 @@ def test_one_command_makes_and_diagnoses_what_calibrates_on_a_seed_of_its_own(
     monkeypatch.setattr(calibrate, "run", lambda folder, **more: asked.append(folder.name))
     monkeypatch.setattr(calibrate, "open_and_score", lambda folder, key: kept)
     monkeypatch.setattr(calibrate, "answer", lambda folder, gone: Answer(folder.name, "unknown", tuple(gone)))
-    calibrate.made(tmp_path, 60, 1)
+    calibrate.made(tmp_path, 60, 1, withhold=True)
     assert asked == [(calibrate.SEED, 60), "sealed"]
     again = calibrate.rows_of(tmp_path)
     withheld = [row for row in again[len(rows) :] if row["withheld"]]

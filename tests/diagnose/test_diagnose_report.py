@@ -323,6 +323,17 @@ def test_hypotheses_without_a_chance_share_one_bar():
     assert shown[-1][2] == pytest.approx(4e-5)
 
 
+def test_a_row_of_the_ranking_has_the_names_of_its_twins():
+    d = made_diagnosis("named")
+    first, *rest = d.verdict.ranking
+    twin = dataclasses.replace(first, twins=(("heave",),))
+    d = dataclasses.replace(d, verdict=dataclasses.replace(d.verdict, ranking=(twin, *rest)))
+    assert to_json(d)["ranking"][0]["twins"] == [["heave"]]
+    assert hypotheses.ranking_table(d.verdict.ranking, 8)[0][1] == "friction_viscous or heave"
+    stated = {row[0]: row[1] for row in hypotheses.candidates_table(d).rows}
+    assert stated["heave"] == stated["friction_viscous"] == hypotheses.percent(first.probability)
+
+
 def test_only_what_was_fitted_or_broke_down_is_in_the_table():
     d = made_diagnosis("named")
     assert [row[0] for row in hypotheses.candidates_table(d).rows] == ["friction_viscous", "heave", "backlash"]

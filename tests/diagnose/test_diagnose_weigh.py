@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+import types
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -22,16 +24,22 @@ from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_payload, fo
 from workbench.diagnose.hypotheses.knobs import Knob, effect_knobs, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.score import MOST, cost, score_of
+from workbench.diagnose.hypotheses.score import MOST, Score, cost, score_of
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.shrink import folds_of, shrink_of
-from workbench.diagnose.verdict.judge import calibration, rank
+from workbench.diagnose.verdict.judge import Judged, Weighed, alike, alternatives
+from workbench.diagnose.verdict.probability import LOST_PERCENT, calibration, rank
+from workbench.diagnose.verdict.twins import groups_of
+from workbench.diagnose.words import either
 from workbench.effects import find, ranges_of
 from workbench.machine import default_hoist
 from workbench.run import Array
 
 TORQUE = "torque_motor_nm"
-NUMBERS = {**calibration(), "threshold": 6.0, "temperature": 2.0, "unknown_bias": -6.0, "unknown_left": 6.0}
+AS_DECIDED = {"surer": 1.0, "missed_no_gap": 0.0, "missed_unknown": 0.0, "missed_lost": 0.0}  # and so stated
+NUMBERS = {
+    **calibration(), "threshold": 6.0, "temperature": 2.0, "unknown_bias": -6.0, "unknown_left": 6.0, **AS_DECIDED
+}  # fmt: skip
 
 
 # Score
@@ -241,6 +249,97 @@ def test_what_may_not_be_named_speaks_for_an_unknown_cause():
     rows = rank([((), 400.0), (("known",), 300.0)], NO_EVIDENCE, NUMBERS)
     assert rows[0].verdict == "unknown"
     assert rows[0].probability > 0.9
+
+
+@given(merits, st.floats(0.0, 3.0), st.floats(0.0, 50.0), st.booleans())
+def test_what_is_stated_sums_to_one_and_changes_no_answer(
+    values: list[float], open_left: float, left_percent: float, rival: bool
+):
+    told, evidence = named(values, rival), {**NO_EVIDENCE, "left": open_left}
+    stated = rank(told, evidence, dict(calibration()), left_percent=left_percent)
+    assert sum(row.probability for row in stated) == pytest.approx(1.0)
+    decided = rank(told, evidence, {**calibration(), **AS_DECIDED})
+    assert (stated[0].verdict, stated[0].effects) == (decided[0].verdict, decided[0].effects)
+    assert {row.effects for row in stated} == {row.effects for row in decided}
+    assert [row.probability for row in stated[1:]] == sorted((row.probability for row in stated[1:]), reverse=True)
+
+
+def test_what_is_stated_counts_the_listed_causes_that_fits_miss():
+    missed = {**NUMBERS, "missed_no_gap": 0.1, "missed_unknown": 0.2, "missed_lost": 0.9}
+    none = rank(named([-5.0, -8.0]), NO_EVIDENCE, missed)
+    assert none[0].probability == pytest.approx(0.9 * rank(named([-5.0, -8.0]), NO_EVIDENCE, NUMBERS)[0].probability)
+    left = {**NO_EVIDENCE, "left": 4.0}
+    known = rank(named([400.0, 300.0]), left, missed)
+    assert known[0].probability == pytest.approx(0.8, abs=1e-3)
+    assert known[1].effects == ("e0",)
+    assert known[1].probability == pytest.approx(0.2, abs=1e-3)
+    lost = rank(named([400.0, 300.0]), left, missed, left_percent=1.1 * LOST_PERCENT)
+    assert lost[0].verdict == "unknown"
+    assert lost[0].probability == pytest.approx(0.1, abs=1e-3)
+    assert [row.probability for row in lost[1:3]] == pytest.approx([0.45, 0.45], abs=1e-3)
+    # No cause of the library stands: then nothing is lost but the cause.
+    alone = rank(named([-5.0]), left, missed, left_percent=1.1 * LOST_PERCENT)
+    assert alone[0].probability == pytest.approx(0.8, abs=1e-2)
+
+
+def test_without_evidence_against_it_an_answer_is_surer_than_it_was_decided():
+    plain, surer = (rank(named([400.0]), NO_EVIDENCE, {**NUMBERS, "surer": s})[0].probability for s in (1.0, 1.5))
+    assert 1.0 - surer < 1.0 - plain < 0.01
+    open_left = {**NO_EVIDENCE, "left": 3.0}
+    assert rank(named([400.0]), open_left, {**NUMBERS, "surer": 1.5}) == rank(named([400.0]), open_left, NUMBERS)
+
+
+def test_twins_have_one_probability_for_both_names():
+    told = [(("a",), 40.0), (("b",), 40.0), (("c",), 38.0), (("a", "d"), 30.0)]
+    apart = rank(told, NO_EVIDENCE, NUMBERS)
+    first, *rest = rank(told, NO_EVIDENCE, NUMBERS, [[("a",), ("b",)]])
+    assert (first.effects, first.twins) == (("a",), (("b",),))
+    assert first.probability == pytest.approx(2.0 * apart[0].probability)
+    assert ("b",) not in [row.effects for row in rest]
+    assert {row.effects: row.probability for row in apart if row.effects not in [("a",), ("b",)]} == pytest.approx(
+        {row.effects: row.probability for row in rest}
+    )
+
+
+def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
+    problem, fit = tight
+
+    def weighed(names: Names, merit: float, off: float = 0.0) -> Weighed:
+        moved = replace(fit, residual=fit.residual + off * problem.noise)
+        return Weighed(names, moved, 0.0, merit, Score(0.0, (1.0, 1.0), 1.0))
+
+    told = [weighed(("a",), 40.0), weighed(("b",), 40.0), weighed(("c",), 40.0, 1.0), weighed(("d",), 39.0)]
+    assert groups_of(problem, told) == ((("a",), ("b",)),)
+    pairs = [weighed(("a", "e"), 50.0), weighed(("b", "e"), 50.0), weighed(("b", "c"), 50.0), *told]
+    assert groups_of(problem, pairs)[0] == (("a", "e"), ("b", "e"))
+    assert groups_of(problem, [weighed(("a",), -1.0), weighed(("b",), -1.0)]) == ()
+
+
+def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Problem, Fitted]):
+    def judged(names: Names, merits: Mapping[Any, float], worse_prior: float = 0.0) -> Judged:
+        weighed = [
+            Weighed(n, replace(tight[1], prior=worse_prior * (n != names)), 0.0, m, Score(0.0, (1.0, 1.0), 1.0))
+            for n, m in merits.items()
+        ]
+        return cast(Judged, types.SimpleNamespace(word="named", names=names, weighed=weighed))
+
+    viscous, offset, mass = "friction_viscous", "torque_offset", "carriage_mass_error"
+    pair = {(viscous, offset): 100.0, (mass, viscous): 95.0, ("heave", viscous): 80.0, (offset, "heave"): 40.0}
+    assert alternatives(judged((viscous, offset), pair), "hoist") == ((mass, viscous),)
+    assert alike(judged((viscous, offset), pair), "hoist") == (mass,)
+    assert alike(judged((viscous, offset), pair, 10.0), "hoist") == ()  # it stretches the tolerances
+    single = {(offset,): 100.0, (mass,): 95.0, ("heave",): 80.0, (viscous, offset): 99.0}
+    assert alike(judged((offset,), single), "hoist") == (mass,)
+    # The simpler law of the same place and regime: alike where it leaves little more, as the only cause.
+    freer = "friction_viscous_asymmetric"
+    assert alike(judged((freer,), {(freer,): 1000.0, (viscous,): 960.0}), "hoist") == (viscous,)
+    assert alike(judged((freer, offset), {(freer, offset): 1000.0, (viscous, offset): 999.0}), "hoist") == ()
+
+
+def test_a_sentence_has_both_names_of_a_cause():
+    assert either(("a",), ()) == "a"
+    assert either(("a",), [("b",)]) == "a or b, one cause by two names in these runs"
+    assert either(("a", "c"), [("b", "c")]) == "a or b, one cause by two names in these runs, and c"
 
 
 # The shrink

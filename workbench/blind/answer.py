@@ -25,7 +25,8 @@ class Answer:
 
     word: the verdict; "refused" where it took the runs for unfit, "failed" where it broke down: `warnings` says why.
     weighed: a row for each hypothesis: names, merit, and how it fits. counted: names and merit of those that took part
-    in the ranking, no names for what speaks for an unknown cause. evidence: what speaks for one besides. estimates:
+    in the ranking, no names for what speaks for an unknown cause. twins: groups of hypotheses that differ in name only:
+    the ranking has the first of each. evidence: what speaks for an unknown cause besides. estimates:
     effect -> name -> (value, standard error). held_out: names and held-out rms, N m (N), of the best fits, and of none.
     places: subsystem and probability. explained: share of the gap's energy.
     left: rms, percent_of_input, relevant. events: run, from_s, to_s of each that the answer says. none: chi2 and prior
@@ -39,6 +40,7 @@ class Answer:
     names: tuple[str, ...] = ()
     alike: tuple[str, ...] = ()
     ranking: list[tuple[str, list[str], float]] = field(default_factory=list)
+    twins: list[list[list[str]]] = field(default_factory=list)
     weighed: list[dict[str, Any]] = field(default_factory=list)
     counted: list[tuple[list[str], float]] = field(default_factory=list)
     evidence: Mapping[str, float] = field(default_factory=dict)
@@ -98,6 +100,7 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
         names=d.verdict.effects,
         alike=d.verdict.alike,
         ranking=[(row.verdict, list(row.effects), row.probability) for row in d.verdict.ranking[:8]],
+        twins=[[list(names) for names in group] for group in d.judged.twins],
         weighed=[_weighed(w, len(base.z)) for w in d.judged.weighed],
         counted=[(list(names), merit) for names, merit in d.judged.counted],
         evidence=dict(d.judged.evidence),

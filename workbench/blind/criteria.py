@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 Row = Mapping[str, Any]
@@ -61,10 +61,23 @@ def right(row: Row) -> bool:
     return row["word"] == word and (word != "named" or set(row["names"]) == set(row["label"]["effects"]))
 
 
+def right_as_stated(row: Row) -> bool:
+    """The label's answer is the answer, or one of its exact twins: what the stated probability is of."""
+    if right(row):
+        return True
+    return row["word"] == right_word(row) == "named" and set(row["label"]["effects"]) in twins_of(row, row["names"])
+
+
+def twins_of(row: Row, names: Sequence[str]) -> list[set[str]]:
+    """Hypotheses that differ from this one in name only."""
+    groups = [[set(one) for one in group] for group in row.get("twins") or ()]
+    return [one for group in groups if set(names) in group for one in group if one != set(names)]
+
+
 def right_or_alike(row: Row) -> bool:
     """Exactly, or the label's effect is said to be alike, or the label says that no log tells the answer from it."""
     told = set(row["label"]["effects"])
-    if right(row):
+    if right_as_stated(row):
         return True
     if row["word"] != "named" or len(told) != 1 or len(row["names"]) != 1:
         return False
@@ -74,7 +87,10 @@ def right_or_alike(row: Row) -> bool:
 def among_first_three(row: Row) -> bool:
     """Whether the label's answer is one of the three likeliest of the ranking."""
     word, told = right_word(row), set(row["label"]["effects"])
-    return any(verdict == word and (word != "named" or set(names) == told) for verdict, names, _ in row["ranking"][:3])
+    return any(
+        verdict == word and (word != "named" or told in (set(names), *twins_of(row, names)))
+        for verdict, names, _ in row["ranking"][:3]
+    )
 
 
 def one_of_them(row: Row) -> bool:

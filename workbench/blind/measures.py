@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from workbench.blind import criteria
-from workbench.blind.criteria import Row, right, right_word
+from workbench.blind.criteria import Row, right, right_as_stated, right_word
 from workbench.blind.share import Share
 
 Test = Callable[[Row], bool]
@@ -118,13 +120,15 @@ class Numbers:
     """parameter_errors: relative, of rightly named effects, in their order. covered: of true values, those inside the
     90 % interval. of_oracle: shrink over the true effect's, in their order; without_oracle: cases that lack it.
     calibration_error: mean distance of stated probability and share right (M. P. Naeini et al. 2015), None for no
-    answers. cpu_s: in their order."""
+    answers; calibration_by_chance: what it would be of answers that are right exactly as often as they say. cpu_s: in
+    their order."""
 
     parameter_errors: tuple[float, ...]
     covered: Share
     of_oracle: tuple[float, ...]
     without_oracle: int
     calibration_error: float | None
+    calibration_by_chance: float | None
     cpu_s: tuple[float, ...]
 
 
@@ -140,6 +144,7 @@ def numbers(rows: Sequence[Row]) -> Numbers:
         of_oracle=tuple(sorted(ratio for ratio in ratios if ratio is not None)),
         without_oracle=sum(ratio is None for ratio in ratios),
         calibration_error=calibration_error(rows),
+        calibration_by_chance=calibration_by_chance(rows),
         cpu_s=tuple(sorted(float(row["cpu_s"]) for row in rows)),
     )
 
@@ -150,7 +155,8 @@ def median(values: Sequence[float]) -> float:
 
 @dataclass(frozen=True)
 class Bin:
-    """Answers of about this probability: from, below, mean of what they said, and how many were right."""
+    """Answers of about this probability: from, below, mean of what they said, and how many were right; the name of an
+    exact twin is, for the probability is of both."""
 
     low: float
     high: float
@@ -163,14 +169,17 @@ EDGES = (0.0, 0.4, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 def reliability(rows: Sequence[Row]) -> list[Bin]:
     """The reliability curve: bins with answers in them."""
-    bins = []
+    return [
+        Bin(low, high, sum(map(_said, which)) / len(which), Share.counted(which, right_as_stated))
+        for low, high, which in _binned(rows)
+    ]
+
+
+def _binned(rows: Sequence[Row]) -> Iterator[tuple[float, float, list[Row]]]:
     for low, high in itertools.pairwise(EDGES):
         top = high if high < 1.0 else math.inf
-        which = [row for row in rows if row["ranking"] and low <= _said(row) < top]
-        if which:
-            mean = sum(map(_said, which)) / len(which)
-            bins.append(Bin(low, high, mean, Share.counted(which, right)))
-    return bins
+        if which := [row for row in rows if row["ranking"] and low <= _said(row) < top]:
+            yield low, high, which
 
 
 def _said(row: Row) -> float:
@@ -186,3 +195,16 @@ def calibration_error(rows: Sequence[Row]) -> float | None:
         sum(interval.right.of * abs(interval.said - interval.right.count / interval.right.of) for interval in bins)
         / total
     )
+
+
+def calibration_by_chance(rows: Sequence[Row]) -> float | None:
+    """The calibration error to expect of answers that are right exactly as often as they say: of few answers it is not
+    small. The number right in a bin has then a Poisson binomial distribution."""
+    total, expected = 0, 0.0
+    for _, _, which in _binned(rows):
+        of_count = np.ones(1)
+        for p in map(_said, which):
+            of_count = np.convolve(of_count, [1.0 - p, p])
+        expected += float(of_count @ np.abs(np.arange(len(of_count)) - sum(map(_said, which))))
+        total += len(which)
+    return expected / total if total else None

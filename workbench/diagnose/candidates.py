@@ -13,7 +13,8 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.held_out import folds_by_payload, folds_by_run, held_out
 from workbench.diagnose.hypotheses.knobs import Value
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.verdict.judge import Judged, Weighed, calibration
+from workbench.diagnose.verdict.judge import Judged, Weighed
+from workbench.diagnose.verdict.probability import calibration
 from workbench.diagnose.verdict.records import Candidate
 
 SCORED = 5  # hypotheses whose held-out score is computed

@@ -23,7 +23,7 @@ from workbench.diagnose.readiness.motion_noise import motion_noise
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
-from workbench.diagnose.verdict.judge import Judged, alike, judge, steps, twins
+from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
 from workbench.diagnose.verdict.records import Verdict, VerdictWord
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
@@ -89,7 +89,7 @@ def diagnose(
     say(Progress(Stage.SEPARATE))
     apart = isolability(problem, search)
     also = alike(judged, problem.active.kind)
-    more = next_run(problem, search, _open(judged, also))
+    more = next_run(problem, search, _open(judged, alternatives(judged, problem.active.kind)))
     say(Progress(Stage.SHRINK))
     unknown = explain(problem, search.within_tolerances) if judged.word == "unknown" else None
     if fit is not None:
@@ -114,7 +114,6 @@ def diagnose(
         judged.explained,
         judged.left,
         steps(judged, problem.inputs),
-        twins(judged, also),
     )
     return Diagnosis(
         campaign=campaign,
@@ -167,10 +166,10 @@ def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effe
     return [known[name] for name in dict.fromkeys(names)]
 
 
-def _open(judged: Judged, also: Names) -> list[Names]:
+def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
     """The hypotheses that the campaign does not decide between, the most probable first."""
     first: list[Names] = [judged.names] if judged.names else []
-    rest: list[Names] = [(name,) for name in also]
+    rest = list(also)
     rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
     return list(dict.fromkeys([*first, *rest]))
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.location.records import Gap
 from workbench.diagnose.shrink import Shrink
-from workbench.diagnose.verdict.judge import Judged, twins
+from workbench.diagnose.verdict.judge import Judged
 
 
 def listed(names: Names) -> str:
@@ -14,13 +16,25 @@ def listed(names: Names) -> str:
     return f"{', '.join(rest)} and {last}" if rest else last
 
 
+def either(names: Names, twins: Sequence[Names]) -> str:
+    """a; a or b, one cause by two names in these runs; and with what they share: …, and c."""
+    if not twins:
+        return listed(names)
+    others = list(dict.fromkeys(name for twin in twins for name in twin if name not in names))
+    shared = [name for name in names if all(name in twin for twin in twins)]
+    own = [name for name in names if name not in shared]
+    count = {1: "two", 2: "three"}.get(len(others), "several")
+    text = f"{' or '.join([*own, *others])}, one cause by {count} names in these runs"
+    return f"{text}, and {listed(tuple(shared))}" if shared else text
+
+
 def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: bool = False) -> str:
     """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
     tabled: whether the corrected machine contains the measured force of an unknown cause.
     """
     unit = shrink.unit
-    sure = sum(row.probability for row in judged.ranking if row.verdict == judged.word)
+    sure = judged.ranking[0].probability
     size = f"{gap.residual_rms:.2g} {unit} rms below {gap.band_hz:.2g} Hz, noise {gap.noise_rms:.2g} {unit}"
     if judged.word == "no_gap":
         return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
@@ -36,13 +50,8 @@ def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: b
             )
             + "."
         )
-    same = twins(judged, also)
-    answers = {judged.names, *((name,) for name in same)}
-    likely = sum(row.probability for row in judged.ranking if row.effects in answers)
-    text = f"The gap comes from {listed(judged.names)} ({chance(likely)}): "
-    if same:
-        text = f"The gap comes from {' or '.join((*judged.names, *same))}, one cause by two names in these runs "
-        text += f"({chance(likely)}): "
+    same = judged.of_answer
+    text = f"The gap comes from {either(judged.names, same)} ({chance(sure)}): "
     text += (
         f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}, noise {shrink.noise:.2g}"
     )
@@ -52,8 +61,9 @@ def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: b
             f"; {judged.left.rms:.2g} {unit} beyond noise stay, {judged.left.percent_of_input:.2g} % of the input, "
             + ("enough to change a conclusion" if judged.left.relevant else "too little to change a conclusion")
         )
-    if others := [name for name in also if name not in same]:
-        text += f"; these runs cannot tell it from {', '.join(others)}"
+    if others := [name for name in also if not any(name in names for names in same)]:
+        it = "it" if len(judged.names) == 1 else "one of them"
+        text += f"; these runs cannot tell {it} from {', '.join(others)}"
     return text + "."
 
 

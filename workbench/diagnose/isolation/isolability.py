@@ -14,7 +14,7 @@ from workbench.diagnose.hypotheses.scan import Atom
 from workbench.diagnose.hypotheses.score import cost, independent
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.records import Isolability
-from workbench.diagnose.verdict.judge import calibration
+from workbench.diagnose.verdict.probability import calibration
 from workbench.run import Array
 
 ALIKE_DEG = 10.0

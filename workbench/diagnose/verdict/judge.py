@@ -1,20 +1,16 @@
 """The verdict: a named cause, no gap, or a cause that no library entry explains; with probabilities.
 
-The merit of a hypothesis is the improvement of its score over that of no effect, less the cost of its parameters
-(`hypotheses/score.py`). A cause is named if it explains the gap; the remaining residual counts against it by its share
-of the gap and by its size in per cent of the torque. The numbers of calibration.json were fitted on simulated
-campaigns, see docs/diagnosis.md.
+Every hypothesis has a merit: by how much its score is better than that of no effect, less what its parameters cost
+(`hypotheses/score.py`). A cause is named where one explains the gap; what it leaves counts against it by its share of
+the gap and by its size in per cent of the torque. How merits become probabilities: `verdict/probability.py`.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
@@ -26,21 +22,22 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.against import against
+from workbench.diagnose.verdict.probability import calibration, is_lost, rank
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord
 from workbench.diagnose.verdict.stretch import stretch
 from workbench.diagnose.verdict.structure import lasting_share, repeated_share, sudden_share
+from workbench.diagnose.verdict.twins import groups_of
 from workbench.effects import find
 from workbench.kinds import kind_of
 
 # Standard deviations by which tolerances are stretched by chance: more without a cause that explains anything than with
 # one, for of all causes weighed one would have relieved them.
 BY_CHANCE = {False: 2.0, True: 1.0}
-UNDONE = 0.15  # logarithm of energies: as far two effects undo each other by chance
+UNDONE = 0.4  # logarithm of energies: as far two causes undo each other by chance; of 30 true pairs two did by 0.5
 TRACE = 3.0  # standard deviations of an effect's trace, by chance
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
-SAME = 0.5  # merit between two effects that are one and the same in these runs
 FREER = 5.0  # merit by which a law of more freedom has to be better than a simpler one
 OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
 OWN_AGAIN = 0.007  # of that, what comes again with place or speed; the EMPS axis leaves 0.005
@@ -48,14 +45,6 @@ OWN_BLOW = 0.003  # of that, what comes in a few moments at speed; the EMPS axis
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
-CALIBRATION = Path(__file__).with_name("calibration.json")
-
-
-@cache
-def calibration() -> Mapping[str, float]:
-    """threshold: the merit of 'no gap'; temperature: divides merits; unknown_*: weights of the logistic function."""
-    numbers: Mapping[str, float] = json.loads(CALIBRATION.read_text(encoding="utf-8"))["numbers"]
-    return numbers
 
 
 @dataclass(frozen=True)
@@ -75,9 +64,9 @@ class Weighed:
 class Judged:
     """word, names: the answer. best: the best named hypothesis, also where it is not the answer.
 
-    held: the fit whose remaining residual was judged. left: that residual. floor: rms of noise and discrepancy, the
-    residual of a machine without a gap, in the input's unit. explained: share of the gap's energy. counted: the merits
-    that were ranked.
+    held: the fit that the answer was judged on. left: what it leaves. floor: rms of noise and discrepancy, in the
+    input's unit: what a machine without a gap leaves. explained: share of the gap's energy. counted:
+    merits as they were ranked. twins: groups of hypotheses that differ in name only.
     """
 
     word: VerdictWord
@@ -93,6 +82,12 @@ class Judged:
     unknown_probability: float
     reasons: tuple[Reason, ...]
     counted: tuple[tuple[Names, float], ...]
+    twins: tuple[tuple[Names, ...], ...] = ()
+
+    @property
+    def of_answer(self) -> tuple[Names, ...]:
+        """The answer's twins."""
+        return self.ranking[0].twins
 
 
 def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
@@ -190,7 +185,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     evidence = evidence_of(search, held, score, left, share)
     vetoes = [w for w in weighed if w.rival and (best is None or advantage(search, w, best) > DECISIVE)]
     counted = tuple(ranked_merits(weighed, vetoes))
-    rows = rank(counted, evidence, calibration())
+    twins = groups_of(search.problem, [w for w in weighed if not w.rival])
+    rows = rank(counted, evidence, calibration(), twins, left.percent_of_input)
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, best, vetoes)
     answer = rows[0]
@@ -208,6 +204,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         unknown,
         reasons,
         counted,
+        twins,
     )
 
 
@@ -232,36 +229,8 @@ def left_of(search: SearchResult, held: Fitted, floor: float) -> tuple[Left, flo
     return Left(rms, percent, percent > RELEVANT_PERCENT), min(max(share, 0.0), 1.0)
 
 
-def rank(
-    merits: Sequence[tuple[Names, float]], evidence: Mapping[str, float], numbers: Mapping[str, float]
-) -> tuple[Hypothesis, ...]:
-    """The ranking, the answer first, from merits and the evidence for an unknown cause.
-
-    The logistic function of the evidence is the probability of an unknown cause. 'No gap', with the threshold as its
-    merit, and the named hypotheses share the rest in proportion to exp(merit / (2 temperature)). A merit without names
-    adds to the unknown cause. The answer is the most probable of the three words.
-    """
-    x = numbers["unknown_bias"] + sum(numbers[f"unknown_{name}"] * value for name, value in evidence.items())
-    unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
-    exponents = np.array([numbers["threshold"], *(m for _, m in merits)]) / (2.0 * numbers["temperature"])
-    # Of many causes weighed one looks good by chance.
-    exponents[1:] -= numbers["elsewhere"] * math.log(max(len(merits), 1))
-    shares = np.exp(exponents - np.max(exponents))
-    shares *= (1.0 - unknown) / np.sum(shares)
-    unknown += sum(float(p) for (names, _), p in zip(merits, shares[1:], strict=True) if not names)
-    rows = [Hypothesis("no_gap", (), float(shares[0])), Hypothesis("unknown", (), unknown)]
-    rows += [Hypothesis("named", names, float(p)) for (names, _), p in zip(merits, shares[1:], strict=True) if names]
-    total = {row.verdict: 0.0 for row in rows}
-    for row in rows:
-        total[row.verdict] += row.probability
-    word = max(total, key=lambda verdict: total[verdict])
-    rows.sort(key=lambda row: (row.verdict != word, -row.probability))
-    first, rest = rows[0], sorted(rows[1:], key=lambda row: -row.probability)
-    return (first, *rest)
-
-
 def evidence_of(search: SearchResult, held: Fitted, score: Score, left: Left, share: float) -> dict[str, float]:
-    """The evidence for a cause outside the library; each entry is 0 without such evidence.
+    """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
 
     left: the logarithm of the discrepancy that the best hypothesis needs, over the default, in full where it leaves
     MUCH of the gap's energy and more than RELEVANT_PERCENT of the input, less where it leaves less.
@@ -311,6 +280,8 @@ def _reasons(
         reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=vetoes[0].names))
     if evidence["left"] > 0.5:
         reasons.append(Reason(ReasonKind.LEAVES_MUCH, value=left.rms, percent=left.percent_of_input))
+    if best is not None and is_lost([(best.names, best.merit)], calibration()["threshold"], left.percent_of_input):
+        reasons.append(Reason(ReasonKind.FITS_ARE_LOST, percent=left.percent_of_input))
     if evidence["prior"] > 1.5:
         reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, value=evidence["prior"]))
     if evidence["bound"]:
@@ -332,29 +303,31 @@ def _on_bound(fit: Fitted, base: int) -> bool:
     return False
 
 
-def alike(judged: Judged, kind: str, within: float = 12.0) -> tuple[str, ...]:
-    """Single effects that explain the gap about as well as the answer does: of another place or regime with about its
-    merit, and the simpler law of its own, where that leaves little more."""
-    if judged.word != "named" or judged.best is None or len(judged.names) != 1:
+def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names, ...]:
+    """Hypotheses that explain the gap about as well as the answer does, the best first: with another effect in place of
+    one of its own, of another place or regime, and about its merit. In place of a single one, also the simpler law of
+    its own place and regime where that leaves little more."""
+    best = next((w for w in judged.weighed if w.names == judged.names), None)
+    if judged.word != "named" or best is None:
         return ()
-    best = judged.best
-    others = [w for w in judged.weighed if len(w.names) == 1 and w.names != best.names]
-    return tuple(
-        w.names[0]
-        for w in others
-        if w.merit > 0.0
-        and w.fit.prior - best.fit.prior < STRETCHED
-        and (
-            (best.merit - w.merit < within and not same_but_freer(w.names[0], best.names[0], kind))
-            or (same_but_freer(best.names[0], w.names[0], kind) and w.merit > (1.0 - SIMPLER) * best.merit)
-        )
-    )
+    others: list[Names] = []
+    for w in judged.weighed:
+        if len(w.names) != len(best.names) or len(set(w.names) - set(best.names)) != 1 or w.merit <= 0.0:
+            continue
+        (mine,), (other,) = set(best.names) - set(w.names), set(w.names) - set(best.names)
+        freer, simpler = same_but_freer(other, mine, kind), same_but_freer(mine, other, kind)
+        single = len(best.names) == 1
+        as_good = best.merit - w.merit < within and not freer and (single or not simpler)
+        little_more = single and simpler and w.merit > (1.0 - SIMPLER) * best.merit
+        if w.fit.prior - best.fit.prior < STRETCHED and (as_good or little_more):
+            others.append(w.names)
+    return tuple(others)
 
 
-def twins(judged: Judged, also: Names) -> Names:
-    """Those of the effects alike that have the same merit as the answer: they differ from it in name only."""
-    merits = {w.names: w.merit for w in judged.weighed}
-    return tuple(name for name in also if abs(merits[(name,)] - merits[judged.names]) < SAME)
+def alike(judged: Judged, kind: str) -> Names:
+    """Effects of `alternatives` that are not of the answer."""
+    hypotheses = alternatives(judged, kind)
+    return tuple(dict.fromkeys(name for names in hypotheses for name in names if name not in judged.names))
 
 
 def steps(judged: Judged, inputs: int) -> tuple[Step, ...]:

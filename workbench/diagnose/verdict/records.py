@@ -17,6 +17,7 @@ class ReasonKind(Enum):
 
     UNLISTED_EXPLAINS_MORE = "unlisted_explains_more"
     LEAVES_MUCH = "leaves_much"
+    FITS_ARE_LOST = "fits_are_lost"
     STRETCHES_TOLERANCES = "stretches_tolerances"
     ON_A_BOUND = "on_a_bound"
     UNDO_EACH_OTHER = "undo_each_other"
@@ -64,11 +65,12 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One row of the ranking."""
+    """One row of the ranking. twins: hypotheses that differ from it in name only; the probability is of all."""
 
     verdict: VerdictWord
     effects: Names
     probability: float
+    twins: tuple[Names, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -83,8 +85,8 @@ class Step:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer. alike: effects that this campaign cannot tell from it. sentence: the answer in one sentence. steps:
-    the steps to it, one effect more in each. twins: those of alike that differ from the answer in name only."""
+    """The answer. alike: what this campaign cannot tell from it. sentence: the answer in one sentence. steps: how an
+    answer was come to, one effect after the other."""
 
     word: VerdictWord
     effects: Names
@@ -95,10 +97,13 @@ class Verdict:
     explained: float = 0.0
     left: Left = Left(0.0, 0.0, False)
     steps: tuple[Step, ...] = ()
-    twins: Names = ()
 
     @property
     def probability(self) -> float:
         """Of the answer, with its exact twins."""
-        answers = {self.effects, *((name,) for name in self.twins)}
-        return sum(row.probability for row in self.ranking if row.verdict == self.word and row.effects in answers)
+        return self.ranking[0].probability
+
+    @property
+    def twins(self) -> tuple[Names, ...]:
+        """What differs from the answer in name only."""
+        return self.ranking[0].twins

@@ -28,6 +28,7 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         "effects": list(v.effects),
         "ranking": [
             {"verdict": row.verdict, "effects": list(row.effects), "probability": p}
+            | ({"twins": [list(names) for names in row.twins]} if row.twins else {})
             for row, p in zip(v.ranking, exact, strict=True)
         ],
         "alike": list(v.alike),

@@ -19,7 +19,10 @@ def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str,
     """(verdict, name, probability) of the most probable, at least three; the rest in one row without verdict."""
     order = sorted(rows, key=lambda row: -row.probability)
     most = min(most, max(sum(row.probability >= WORTH_A_BAR for row in order), 3))
-    shown = [(str(row.verdict), hypothesis_name(row.verdict, row.effects), row.probability) for row in order[:most]]
+    shown = [
+        (str(row.verdict), hypothesis_name(row.verdict, row.effects, row.twins), row.probability)
+        for row in order[:most]
+    ]
     if rest := order[most:]:
         shown.append(("", f"{len(rest)} others together", sum(row.probability for row in rest)))
     return shown
@@ -35,7 +38,12 @@ def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = Fal
                Column("held out", unit), Column("merit")]  # fmt: skip
     if not brief:
         columns += [words("parameters ± standard error"), words("what speaks against it")]
-    probability = {frozenset(h.effects): h.probability for h in d.verdict.ranking if h.verdict == "named"}
+    probability = {
+        frozenset(names): h.probability
+        for h in d.verdict.ranking
+        if h.verdict == "named"
+        for names in (h.effects, *h.twins)
+    }
     rows = []
     for candidate in [c for c in d.candidates if c.fitted or (c.failure and not brief)][:most]:
         p = probability.get(frozenset(candidate.effects))

@@ -18,8 +18,10 @@ SHRINKS = 1.02  # factor: less is none
 NO_GAP, UNKNOWN = "no gap", "unknown cause"
 
 
-def hypothesis_name(verdict: VerdictWord, effects: Sequence[str]) -> str:
-    return " + ".join(effects) if verdict == "named" else {"no_gap": NO_GAP, "unknown": UNKNOWN}[verdict]
+def hypothesis_name(verdict: VerdictWord, effects: Sequence[str], twins: Sequence[Sequence[str]] = ()) -> str:
+    if verdict != "named":
+        return {"no_gap": NO_GAP, "unknown": UNKNOWN}[verdict]
+    return " or ".join(" + ".join(names) for names in (effects, *twins))
 
 
 def chosen_probability(d: Diagnosis) -> float:
@@ -68,6 +70,8 @@ def _reason(reason: Reason, unit: str) -> str:
         ReasonKind.UNLISTED_EXPLAINS_MORE: f"An unlisted effect explains more: {names}. Weigh it among the candidates.",
         ReasonKind.LEAVES_MUCH: f"The best hypothesis leaves {reason.value:.2g} {unit}, {reason.percent:.2g} % of the "
         "input, beyond noise and what a model may miss.",
+        ReasonKind.FITS_ARE_LOST: "So much is left that it is rather a listed effect whose law the fits cannot follow, "
+        "such as backlash of an axis.",
         ReasonKind.STRETCHES_TOLERANCES: "It needs base parameters further off than their tolerances allow together.",
         ReasonKind.ON_A_BOUND: "It sits on the bound of one of its parameters.",
         ReasonKind.UNDO_EACH_OTHER: f"{names} largely undo each other, as two do that stand in for a third.",
