@@ -293,6 +293,15 @@ def test_misses_are_listed_largest_first_and_no_more_than_asked():
         (made([VISCOUS, OFFSET], "named", [VISCOUS]), "the other one is missed"),
         (made([VISCOUS], "named", [OFFSET], merits=[((VISCOUS,), 3.0)]), "worth less than the answer"),
         (made([VISCOUS], "named", [OFFSET]), "not among the fits"),
+        (
+            made([VISCOUS], "unknown", merits=[((VISCOUS,), 9.0)], evidence={**EVIDENCE, "prior": 2.0}),
+            "merit 9, the best 9; for an unknown one speaks most: stretched tolerances",
+        ),
+        (
+            {**made([VISCOUS], "named", [OFFSET]), "ranking": [["named", [OFFSET], 0.7], ["named", [VISCOUS], 0.2]]},
+            "comes second, with 0.20",
+        ),
+        (made(["unlisted: a fan"], "no_gap", size=0.3), "smaller than the noise"),
     ],
 )
 def test_each_miss_says_how_it_came(row: Mapping[str, Any], why: str):

@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
+APART = 0.07  # of the distance of two sizes: measures stand side by side
+
+
 class Share(Protocol):
     """A share with its 95 % interval."""
 
@@ -46,9 +49,11 @@ class EffectPower(Protocol):
 
 
 def _figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
+    """The legend stands below the title."""
     import plotly.graph_objects as go
 
-    return go.Figure({"data": data, "layout": {"template": TEMPLATE, **layout}})
+    legend = {"y": 1.0 - 68.0 / layout["height"], "traceorder": "normal"}
+    return go.Figure({"data": data, "layout": {"template": TEMPLATE, "legend": legend, **layout}})
 
 
 def _with_interval(shares: Sequence[Share]) -> dict[str, Any]:
@@ -67,15 +72,18 @@ def _with_interval(shares: Sequence[Share]) -> dict[str, Any]:
     }
 
 
-def right_by_size(shares: Mapping[str, Mapping[str, Share]], height: int = 380) -> Figure:
-    """shares: measure -> size of the gap -> share; a line a measure, with 95 % intervals."""
+def right_by_size(shares: Mapping[str, Mapping[str, Share]], height: int = 400) -> Figure:
+    """shares: measure -> size of the gap -> share; a line a measure, with 95 % intervals, side by side."""
     colours = (BLUE, ORANGE, VERMILLION, GREY)
+    sizes = list(dict.fromkeys(size for by_size in shares.values() for size in by_size))
     data: list[dict[str, Any]] = []
     for k, (name, by_size) in enumerate(shares.items()):
         there = {size: share for size, share in by_size.items() if share.of}
+        beside = APART * (k - 0.5 * (len(shares) - 1))
         data.append(
             {
-                "type": "scatter", "mode": "lines+markers", "name": name, "x": list(there),
+                "type": "scatter", "mode": "lines+markers", "name": name,
+                "x": [sizes.index(size) + beside for size in there],
                 **_with_interval(list(there.values())), "line": {"color": colours[k % 4]},
                 "marker": {"size": 9, "symbol": k}, "text": [f"{s.count} of {s.of}" for s in there.values()],
                 "hovertemplate": "%{y:.0f} %, %{text}",
@@ -84,7 +92,8 @@ def right_by_size(shares: Mapping[str, Mapping[str, Share]], height: int = 380) 
     layout = {
         "title": heading("Answers that are right, by the size of the gap", height),
         "height": height,
-        "xaxis": {"title": {"text": "gap over noise"}, "type": "category"},
+        "hovermode": "closest",
+        "xaxis": {"title": {"text": "gap over noise"}, "tickvals": list(range(len(sizes))), "ticktext": sizes},
         "yaxis": {"title": {"text": "share (%)"}, "range": [0, 104]},
     }
     return _figure(data, layout)
