@@ -93,7 +93,12 @@ def right_by_size(shares: Mapping[str, Mapping[str, Share]], height: int = 400) 
         "title": heading("Answers that are right, by the size of the gap", height),
         "height": height,
         "hovermode": "closest",
-        "xaxis": {"title": {"text": "gap over noise"}, "tickvals": list(range(len(sizes))), "ticktext": sizes},
+        "xaxis": {
+            "title": {"text": "gap over noise"},
+            "tickvals": list(range(len(sizes))),
+            "ticktext": sizes,
+            "zeroline": False,
+        },
         "yaxis": {"title": {"text": "share (%)"}, "range": [0, 104]},
     }
     return _figure(data, layout)

@@ -76,6 +76,7 @@ def _shown(table: Table) -> Iterator[str]:
 
 def _by_size(sheet: Sheet) -> object:
     chosen = [measures.measure(key) for key in ("named", "first_three", "place")]
-    groups = measures.by_size(sheet.rows)
+    known = [name for name, *_ in measures.SIZES]
+    groups = {name: rows for name, rows in measures.by_size(sheet.rows).items() if name in known}
     shares = {measure.line: {name: measure.share(rows) for name, rows in groups.items()} for measure in chosen}
     return figures.right_by_size(shares)
