@@ -109,6 +109,7 @@ def test_with_the_key_the_labels_come_out_as_they_went_in(made: Made):
         (lambda f: (f / seal.SEALED).unlink(), "sealed labels cannot be read"),
         (lambda f: altered(f / "answers/001.json", "friction_viscous", "heave"), "campaign 001 was changed since"),
         (lambda f: shutil.copy(f / "answers/001.json", f / "answers/009.json"), "which the manifest does not have"),
+        (lambda f: (f / "answers/002.json").unlink(), "answer to campaign 002, given .*, is gone"),
         (lambda f: (f / "answers.jsonl").unlink(), "was not given by `workbench blind run`"),
         (lambda f: altered(f / "manifest.json", '"version": "', '"version": "9'), "changed since campaign 001"),
         (lambda f: altered(f / "manifest.json", '"seal_sha256": "', '"seal_sha256": "0'), "manifest.json"),

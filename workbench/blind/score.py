@@ -95,6 +95,11 @@ def open_and_score(folder: Path, key: Path) -> Score:
         raise InputError("no campaign is answered yet; first: workbench blind run", file=folder)
     for name in there:
         _check_answer(folder, manifest, lines, name)
+    for name in sorted(set(lines) - set(there)):
+        raise InputError(
+            f"the answer to campaign {name}, given {lines[name].at}, is gone; `workbench blind run` gives it anew",
+            file=answer_file(folder, name),
+        )
     answers = load(folder / ANSWERS)
     for name in sorted(manifest.cases):
         check_campaign(folder, name, manifest.cases[name])
