@@ -19,6 +19,7 @@ from workbench.blind.baselines import BIC, COMMONEST, SPARSE, TRAINING, baseline
 from workbench.blind.share import Share
 from workbench.blind.sources.simulator.families import FAMILIES
 from workbench.diagnose.verdict.judge import calibration, rank
+from workbench.figures import blind as figures
 from workbench.reports.blind import tables
 
 EVIDENCE = dict.fromkeys(calibrate.EVIDENCE, 0.0)
@@ -269,6 +270,17 @@ def test_the_confusion_says_what_was_answered_instead():
     assert "| two effects | 2 | both 1, 1 of them 1 |" in lines
     assert "| none | 2 | no gap 1, friction_viscous 1 |" in lines
     assert "| heave (taken out of the library) | 1 | unknown 1 |" in lines
+
+
+def test_the_matrix_counts_each_label_without_pairs_and_has_the_right_answers_on_its_diagonal():
+    counts = tables.confusion_counts(ANSWERS)
+    assert sum(sum(answers.values()) for answers in counts.values()) == len(ANSWERS) - 2
+    assert list(counts)[-2:] == ["no gap", "unlisted cause"]
+    assert counts["no gap"] == {"no gap": 1, VISCOUS: 1}
+    assert counts["unlisted cause"] == {"unknown": 1, VISCOUS: 1}
+    (drawn,) = figures.confusion(counts).data
+    assert list(drawn.y) == list(counts)
+    assert list(drawn.x[: len(counts)]) == [*list(counts)[:-1], "unknown"]
 
 
 def test_misses_are_listed_largest_first_and_no_more_than_asked():

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
-from workbench.figures.style import BLUE, FAINT, GREY, ORANGE, TEMPLATE, VERMILLION, heading
+from workbench.figures.style import BLUE, FAINT, GREY, ORANGE, SKY, TEMPLATE, VERMILLION, heading
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
 APART = 0.07  # of the distance of two sizes: measures stand side by side
+
+
+RIGHT_ANSWER = {"unlisted cause": "unknown"}  # where it has another name than what is in the machine
 
 
 class Share(Protocol):
@@ -100,6 +103,34 @@ def right_by_size(shares: Mapping[str, Mapping[str, Share]], height: int = 400) 
             "zeroline": False,
         },
         "yaxis": {"title": {"text": "share (%)"}, "range": [0, 104]},
+    }
+    return _figure(data, layout)
+
+
+def confusion(counts: Mapping[str, Mapping[str, int]]) -> Figure:
+    """counts: what is in the machine -> answer -> how often. A row a label, a column an answer; right is on the
+    diagonal."""
+    told = list(counts)
+    right = [RIGHT_ANSWER.get(name, name) for name in told]
+    said = sorted({name for answers in counts.values() for name in answers if name not in right})
+    columns = [*right, *said]
+    height = 240 + 24 * len(told)
+    shares = [[answers.get(name, 0) / sum(answers.values()) for name in columns] for answers in counts.values()]
+    data = [
+        {
+            "type": "heatmap", "x": columns, "y": told, "z": shares, "zmin": 0, "zmax": 1, "showscale": False,
+            "colorscale": [[0.0, "#F6F6F6"], [1.0, SKY]], "xgap": 1, "ygap": 1, "texttemplate": "%{text}",
+            "text": [[answers.get(name) or "" for name in columns] for answers in counts.values()],
+            "hovertemplate": "%{y}: answered %{x} %{text} times<extra></extra>",
+        }
+    ]  # fmt: skip
+    layout = {
+        "title": heading("What was answered; right is on the diagonal", height),
+        "height": height,
+        "hovermode": "closest",
+        "margin": {"l": 210, "r": 28, "t": 84, "b": 170},
+        "xaxis": {"title": {"text": "answer"}, "type": "category", "tickangle": -60, "showgrid": False},
+        "yaxis": {"title": {"text": "in the machine"}, "type": "category", "autorange": "reversed", "showgrid": False},
     }
     return _figure(data, layout)
 

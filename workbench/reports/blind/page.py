@@ -45,7 +45,8 @@ def sections(sheet: Sheet, power: Power | None = None, settled: Share | None = N
     parts.append(Section("Probabilities", tables=[tables.reliability(rows)], figures=[(curve, "")]))
     for heading, table in tables.methods_by_kind(rows):
         parts.append(Section(heading, tables=[table]))
-    parts.append(Section("Answers", tables=[tables.confusion(rows)]))
+    matrix = [(figures.confusion(counts), "")] if (counts := tables.confusion_counts(rows)) else []
+    parts.append(Section("Answers", tables=[tables.confusion(rows)], figures=matrix))
     wrong = tables.misses(rows)
     if wrong:
         parts.append(Section("Misses", tables=[wrong]))

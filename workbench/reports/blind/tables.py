@@ -146,6 +146,19 @@ def confusion(rows: Sequence[Row]) -> Table:
     return Table([words("in the machine"), Column("cases"), words("answers")], lines)
 
 
+def confusion_counts(rows: Sequence[Row]) -> dict[str, Counter[str]]:
+    """What is in the machine -> answer -> how often, of single effects, unlisted causes and machines without a gap. A
+    wrong pair is one answer."""
+    counts: dict[str, Counter[str]] = {}
+    for row in rows:
+        if len(row["label"]["effects"]) < 2:
+            told = "unlisted cause" if criteria.unlisted(row) else _told(row)
+            word = row["word"].replace("_", " ")
+            said = (row["names"][0] if len(row["names"]) == 1 else "two effects") if word == "named" else word
+            counts.setdefault(told.replace("none", "no gap"), Counter())[said] += 1
+    return dict(sorted(counts.items(), key=lambda item: (item[0] in ("unlisted cause", "no gap"), item[0])))
+
+
 def _told(row: Row) -> str:
     effects = row["label"]["effects"]
     told = "two effects" if len(effects) == 2 else "+".join(effects) or "none"
