@@ -69,7 +69,7 @@ def _held_out_of_truth(folder: Path, told: list[str]) -> list[tuple[list[str], f
 
 def with_next_runs(scores: Sequence[Score], most: int, processes: int, tell: Tell) -> Share:
     """Of at most so many open cases of each folder, those whose recommended run, simulated and diagnosed with the
-    others, gives the right answer. What was answered at an earlier call is kept."""
+    others, gives the right answer and leaves nothing open. What was answered at an earlier call is kept."""
     counted = [_settled(score, most, processes, tell) for score in scores]
     return Share(sum(share.count for share in counted), sum(share.of for share in counted))
 
@@ -80,7 +80,7 @@ def _settled(score: Score, most: int, processes: int, tell: Tell) -> Share:
     passed = 0
     with mapped(processes) as over:
         for k, row in enumerate(over(partial(_answered_anew, score.truth.orders, score.truth.rig, kept), open_cases)):
-            passed += right(row)
+            passed += right(row) and not row["next_run"]
             said = "+".join(row["names"]) or row["word"]
             tell(f"{k + 1}/{len(open_cases)} next run of campaign {row['folder']}: {said}")
     return Share(passed, len(open_cases))
