@@ -19,6 +19,7 @@ from workbench.blind.baselines import BIC, COMMONEST, SPARSE, TRAINING, baseline
 from workbench.blind.share import Share
 from workbench.blind.sources.simulator.families import FAMILIES
 from workbench.diagnose.verdict.probability import calibration, rank
+from workbench.figures import blind as figures
 from workbench.reports.blind import tables
 
 EVIDENCE = dict.fromkeys(calibrate.EVIDENCE, 0.0)
@@ -281,6 +282,17 @@ def test_the_confusion_says_what_was_answered_instead():
     assert "| heave (taken out of the library) | 1 | unknown 1 |" in lines
 
 
+def test_the_matrix_counts_each_label_without_pairs_and_has_the_right_answers_on_its_diagonal():
+    counts = tables.confusion_counts(ANSWERS)
+    assert sum(sum(answers.values()) for answers in counts.values()) == len(ANSWERS) - 2
+    assert list(counts)[-2:] == ["no gap", "unlisted cause"]
+    assert counts["no gap"] == {"no gap": 1, VISCOUS: 1}
+    assert counts["unlisted cause"] == {"unknown": 1, VISCOUS: 1}
+    (drawn,) = figures.confusion(counts).data
+    assert list(drawn.y) == list(counts)
+    assert list(drawn.x[: len(counts)]) == [*list(counts)[:-1], "unknown"]
+
+
 def test_misses_are_listed_largest_first_and_no_more_than_asked():
     shown = tables.misses(ANSWERS, 3)
     assert shown.by_column["campaign"] == ["002", "010", "003"]
@@ -303,6 +315,15 @@ def test_misses_are_listed_largest_first_and_no_more_than_asked():
         (made([VISCOUS, OFFSET], "named", [VISCOUS]), "the other one is missed"),
         (made([VISCOUS], "named", [OFFSET], merits=[((VISCOUS,), 3.0)]), "worth less than the answer"),
         (made([VISCOUS], "named", [OFFSET]), "not among the fits"),
+        (
+            made([VISCOUS], "unknown", merits=[((VISCOUS,), 9.0)], evidence={**EVIDENCE, "prior": 2.0}),
+            "merit 9, the best 9; for an unknown one speaks most: stretched tolerances",
+        ),
+        (
+            {**made([VISCOUS], "named", [OFFSET]), "ranking": [["named", [OFFSET], 0.7], ["named", [VISCOUS], 0.2]]},
+            "comes second, with 0.20",
+        ),
+        (made(["unlisted: a fan"], "no_gap", size=0.3), "smaller than the noise"),
     ],
 )
 def test_each_miss_says_how_it_came(row: Mapping[str, Any], why: str):

@@ -22,10 +22,11 @@ from workbench.blind.answer import Answer, text_of
 from workbench.blind.ask import Asked, make_asked
 from workbench.blind.make import Made
 from workbench.blind.orders import Order
-from workbench.blind.score import OPENED, open_and_score
+from workbench.blind.score import OPENED, open_all, open_and_score, sheet_of
 from workbench.blind.sources.simulator.campaign import Label
 from workbench.cli import main
 from workbench.errors import InputError
+from workbench.reports.blind.words import sentences
 
 ROOT = Path(__file__).resolve().parents[2]
 SEED = 424242424242
@@ -108,6 +109,7 @@ def test_with_the_key_the_labels_come_out_as_they_went_in(made: Made):
         (lambda f: (f / seal.SEALED).unlink(), "sealed labels cannot be read"),
         (lambda f: altered(f / "answers/001.json", "friction_viscous", "heave"), "campaign 001 was changed since"),
         (lambda f: shutil.copy(f / "answers/001.json", f / "answers/009.json"), "which the manifest does not have"),
+        (lambda f: (f / "answers/002.json").unlink(), "answer to campaign 002, given .*, is gone"),
         (lambda f: (f / "answers.jsonl").unlink(), "was not given by `workbench blind run`"),
         (lambda f: altered(f / "manifest.json", '"version": "', '"version": "9'), "changed since campaign 001"),
         (lambda f: altered(f / "manifest.json", '"seal_sha256": "', '"seal_sha256": "0'), "manifest.json"),
@@ -262,6 +264,36 @@ def test_ctrl_c_ends_a_run_of_processes_with_what_is_answered(made: Made, tmp_pa
     assert answered(made).kept == kept
 
 
+def another(made: Made, tmp_path: Path) -> Made:
+    other = make_asked(Asked(cases=2, seed=SEED + 1), tmp_path / "more", processes=1, tell=lambda line: None)
+    answered(made)
+    answered(other)
+    return other
+
+
+def test_several_folders_are_scored_as_one_and_each_campaign_says_its_folder(made: Made, tmp_path: Path):
+    other = another(made, tmp_path)
+    sheet = sheet_of(open_all([made.folder, other.folder]))
+    assert sheet.cases == len(sheet.rows) == 6
+    assert [row["folder"] for row in sheet.rows] == [f"test/00{k}" for k in (1, 2, 3, 4)] + ["more/001", "more/002"]
+    assert [row["folder"] for row in sheet_of(open_all([made.folder])).rows] == ["001", "002", "003", "004"]
+    said_of = " ".join(sentences(sheet))
+    for each in (made, other):
+        assert f"{each.folder.name}: Seal (SHA-256) {each.seal_sha256}" in said_of
+    assert f"Seed {SEED}." in said_of
+
+
+def test_campaigns_do_not_count_twice_and_one_key_opens_one_folder(made: Made, tmp_path: Path):
+    other = another(made, tmp_path)
+    copied = tmp_path / "copy"
+    shutil.copytree(made.folder, copied)
+    shutil.copy(made.key, tmp_path / "copy.key")
+    with pytest.raises(InputError, match="has the same seal as"):
+        sheet_of(open_all([made.folder, copied]))
+    with pytest.raises(InputError, match="key: is of one folder"):
+        open_all([made.folder, other.folder], made.key)
+
+
 # The command
 
 
@@ -288,6 +320,7 @@ def test_the_command_makes_runs_and_scores(tmp_path: Path, monkeypatch: pytest.M
         {"count": 1, "of": 3, "low_95": 0.0614919, "high_95": 0.792345}, rel=1e-5
     )
     assert [case["right"] for case in said_there["cases"]] == [True, False, False, False]
+    assert "| single effect named | ≥ 95 | 1/3 (6–79) |" in (tmp_path / "sheet" / "score.md").read_text()
     page = (tmp_path / "sheet" / "score.html").read_text()
     assert "Wilson" in page and "http" not in page.split("<body>")[1].split("plotly")[0]
     assert exit_of(*make) == 2

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ from workbench.blind.criteria import Row, oracle_after, right, right_word
 from workbench.blind.identified import identify_first
 from workbench.blind.make import content_of, mapped
 from workbench.blind.orders import Order
+from workbench.blind.power import Power, power_of
 from workbench.blind.rig import Rig, rig_from
 from workbench.blind.score import Score
 from workbench.blind.seal import CAMPAIGNS
@@ -27,49 +29,59 @@ from workbench.blind.sources.simulator.kind import RunPlan
 from workbench.errors import InputError
 from workbench.kinds import kind_of as machine_kind
 
-NEXT, BETWEEN_S = "next_runs", 60.0
+NEXT, ORACLE, BETWEEN_S = "next_runs", "oracle", 60.0
 Tell = Callable[[str], None]
 
 
 def with_oracle(score: Score, processes: int, tell: Tell) -> Score:
-    """Each case of listed effects with its true effect's held-out rms, fitted where the diagnosis has not."""
+    """Each case of listed effects with its true effect's held-out rms, fitted where the diagnosis has not. What was
+    fitted at an earlier call is kept."""
     lack = [row for row in score.rows if right_word(row) == "named" and oracle_after(row) is None and row["noise"]]
     fitted: dict[str, Row] = {}
     with mapped(processes) as over:
-        for row in over(partial(fitted_truth, score.folder / CAMPAIGNS), lack):
+        for row in over(partial(fitted_truth, score.folder), lack):
             fitted[row["folder"]] = row
             tell(f"{len(fitted)}/{len(lack)} true effects fitted")
     return score.with_rows([fitted.get(row["folder"], row) for row in score.rows])
 
 
-def fitted_truth(campaigns: Path, row: Row) -> Row:
+def fitted_truth(folder: Path, row: Row) -> Row:
     """The row with the held-out rms of its label's effects fitted to its runs; as it is where that breaks down."""
+    file = folder / ORACLE / f"{row['folder']}.json"
+    if not file.exists():
+        save(json.dumps(_held_out_of_truth(folder / CAMPAIGNS / row["folder"], sorted(row["label"]["effects"]))), file)
+    return {**row, "held_out": [*row["held_out"], *json.loads(file.read_text(encoding="utf-8"))]}
+
+
+def _held_out_of_truth(folder: Path, told: list[str]) -> list[tuple[list[str], float]]:
     from workbench.diagnose.diagnose import diagnose
     from workbench.logs import read_campaign
 
-    told = sorted(row["label"]["effects"])
     try:
-        campaign = read_campaign(campaigns / row["folder"])
-        diagnosis = diagnose(campaign, candidates=told, most_effects=len(told), study=False)
+        diagnosis = diagnose(read_campaign(folder), candidates=told, most_effects=len(told), study=False)
     except InputError:
-        return row
-    more = [
-        [list(candidate.effects), candidate.held_out_rms]
+        return []
+    return [
+        (list(candidate.effects), candidate.held_out_rms)
         for candidate in diagnosis.candidates
         if sorted(candidate.effects) == told and candidate.held_out_rms is not None
     ]
-    return {**row, "held_out": [*row["held_out"], *more]}
 
 
-def with_next_runs(score: Score, most: int, processes: int, tell: Tell) -> Share:
-    """Of at most so many open cases, those whose recommended run, simulated and diagnosed with the others, gives the
-    right answer. What was answered at an earlier call is kept."""
+def with_next_runs(scores: Sequence[Score], most: int, processes: int, tell: Tell) -> Share:
+    """Of at most so many open cases of each folder, those whose recommended run, simulated and diagnosed with the
+    others, gives the right answer and leaves nothing open. What was answered at an earlier call is kept."""
+    counted = [_settled(score, most, processes, tell) for score in scores]
+    return Share(sum(share.count for share in counted), sum(share.of for share in counted))
+
+
+def _settled(score: Score, most: int, processes: int, tell: Tell) -> Share:
     open_cases = [row for row in score.rows if row.get("next_run") and row["label"]["effects"]][:most]
     kept = score.folder / NEXT
     passed = 0
     with mapped(processes) as over:
         for k, row in enumerate(over(partial(_answered_anew, score.truth.orders, score.truth.rig, kept), open_cases)):
-            passed += right(row)
+            passed += right(row) and not row["next_run"]
             said = "+".join(row["names"]) or row["word"]
             tell(f"{k + 1}/{len(open_cases)} next run of campaign {row['folder']}: {said}")
     return Share(passed, len(open_cases))
@@ -78,8 +90,6 @@ def with_next_runs(score: Score, most: int, processes: int, tell: Tell) -> Share
 def _answered_anew(
     orders: Mapping[str, Mapping[str, Any]], rig: Mapping[str, Any] | None, kept: Path, row: Row
 ) -> dict[str, Any]:
-    import json
-
     file = kept / f"{row['folder']}.json"
     if not file.exists():
         order = _order(orders[row["folder"]])
@@ -138,6 +148,16 @@ def extended(content: Content, recommended: Mapping[str, Any], campaign: Path) -
 def _motion(words: str) -> str:
     """A motion's words without its speed, which hangs on the band."""
     return re.sub(r"\s*\([^)]*\)", "", words)
+
+
+def power_of_rig(scores: Sequence[Score]) -> Power | None:
+    """The power of the runs of one machine, from all its folders, and what one more run would buy. None where machines
+    were drawn, or are not the same in all folders."""
+    first = scores[0]
+    if not first.truth.rig or any(score.truth.rig != first.truth.rig for score in scores):
+        return None
+    rows = [row for score in scores for row in score.rows]
+    return power_of(first.with_rows(rows), *(one_more_run(first) or ()))
 
 
 def one_more_run(score: Score) -> tuple[Mapping[str, float], str] | None:

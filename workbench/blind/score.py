@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from typing import Any
 from workbench.blind.answer import load
 from workbench.blind.criteria import Row
 from workbench.blind.run import ANSWERS, LEDGER, Entry, answer_file, ledger
-from workbench.blind.seal import MANIFEST, Manifest, Truth, check_campaign, read_manifest, sha256, unseal
+from workbench.blind.seal import MANIFEST, Manifest, Truth, check_campaign, key_of, read_manifest, sha256, unseal
 from workbench.errors import InputError
 from workbench.whole_folder import write_json
 
@@ -45,6 +46,43 @@ class Score:
         return replace(self, rows=tuple(rows))
 
 
+@dataclass(frozen=True)
+class Sheet:
+    """One or several folders scored as one. rows: of all; where there are several folders, a campaign's name begins
+    with that of its folder."""
+
+    scores: tuple[Score, ...]
+    rows: tuple[Row, ...]
+
+    @property
+    def cases(self) -> int:
+        return sum(score.cases for score in self.scores)
+
+    @property
+    def title(self) -> str:
+        return ", ".join(score.folder.name for score in self.scores)
+
+
+def open_all(folders: Sequence[Path], key: Path | None = None) -> list[Score]:
+    """Each folder by the key beside it; `key` stands elsewhere, for one folder. InputError as `open_and_score`."""
+    if key is not None and len(folders) > 1:
+        raise InputError("is of one folder; for several, lay each key beside its folder", place="key")
+    return [open_and_score(folder, key or key_of(folder)) for folder in folders]
+
+
+def sheet_of(scores: Sequence[Score]) -> Sheet:
+    """The folders in the order given. InputError where two have the same name or the same seal."""
+    for known, score in itertools.combinations(scores, 2):
+        if known.manifest.seal_sha256 == score.manifest.seal_sha256:
+            raise InputError(f"has the same seal as {known.folder}: its campaigns would count twice", file=score.folder)
+        if known.folder.name == score.folder.name:
+            raise InputError(f"has the name of {known.folder}, expected folders of different names", file=score.folder)
+    if len(scores) == 1:
+        return Sheet(tuple(scores), scores[0].rows)
+    rows = [{**row, "folder": f"{score.folder.name}/{row['folder']}"} for score in scores for row in score.rows]
+    return Sheet(tuple(scores), tuple(rows))
+
+
 def open_and_score(folder: Path, key: Path) -> Score:
     """Check the hashes, open the seal, write down when, join what is answered with the labels.
 
@@ -57,6 +95,11 @@ def open_and_score(folder: Path, key: Path) -> Score:
         raise InputError("no campaign is answered yet; first: workbench blind run", file=folder)
     for name in there:
         _check_answer(folder, manifest, lines, name)
+    for name in sorted(set(lines) - set(there)):
+        raise InputError(
+            f"the answer to campaign {name}, given {lines[name].at}, is gone; `workbench blind run` gives it anew",
+            file=answer_file(folder, name),
+        )
     answers = load(folder / ANSWERS)
     for name in sorted(manifest.cases):
         check_campaign(folder, name, manifest.cases[name])

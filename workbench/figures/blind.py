@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
-from workbench.figures.style import BLUE, FAINT, GREY, ORANGE, TEMPLATE, VERMILLION, heading
+from workbench.figures.style import BLUE, FAINT, GREY, ORANGE, SKY, TEMPLATE, VERMILLION, heading
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+
+APART = 0.07  # of the distance of two sizes: measures stand side by side
+
+
+RIGHT_ANSWER = {"unlisted cause": "unknown"}  # where it has another name than what is in the machine
 
 
 class Share(Protocol):
@@ -46,9 +52,11 @@ class EffectPower(Protocol):
 
 
 def _figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
+    """The legend stands below the title."""
     import plotly.graph_objects as go
 
-    return go.Figure({"data": data, "layout": {"template": TEMPLATE, **layout}})
+    legend = {"y": 1.0 - 68.0 / layout["height"], "traceorder": "normal"}
+    return go.Figure({"data": data, "layout": {"template": TEMPLATE, "legend": legend, **layout}})
 
 
 def _with_interval(shares: Sequence[Share]) -> dict[str, Any]:
@@ -67,15 +75,18 @@ def _with_interval(shares: Sequence[Share]) -> dict[str, Any]:
     }
 
 
-def right_by_size(shares: Mapping[str, Mapping[str, Share]], height: int = 380) -> Figure:
-    """shares: measure -> size of the gap -> share; a line a measure, with 95 % intervals."""
+def right_by_size(shares: Mapping[str, Mapping[str, Share]], height: int = 400) -> Figure:
+    """shares: measure -> size of the gap -> share; a line a measure, with 95 % intervals, side by side."""
     colours = (BLUE, ORANGE, VERMILLION, GREY)
+    sizes = list(dict.fromkeys(size for by_size in shares.values() for size in by_size))
     data: list[dict[str, Any]] = []
     for k, (name, by_size) in enumerate(shares.items()):
         there = {size: share for size, share in by_size.items() if share.of}
+        beside = APART * (k - 0.5 * (len(shares) - 1))
         data.append(
             {
-                "type": "scatter", "mode": "lines+markers", "name": name, "x": list(there),
+                "type": "scatter", "mode": "lines+markers", "name": name,
+                "x": [sizes.index(size) + beside for size in there],
                 **_with_interval(list(there.values())), "line": {"color": colours[k % 4]},
                 "marker": {"size": 9, "symbol": k}, "text": [f"{s.count} of {s.of}" for s in there.values()],
                 "hovertemplate": "%{y:.0f} %, %{text}",
@@ -84,8 +95,42 @@ def right_by_size(shares: Mapping[str, Mapping[str, Share]], height: int = 380) 
     layout = {
         "title": heading("Answers that are right, by the size of the gap", height),
         "height": height,
-        "xaxis": {"title": {"text": "gap over noise"}, "type": "category"},
+        "hovermode": "closest",
+        "xaxis": {
+            "title": {"text": "gap over noise"},
+            "tickvals": list(range(len(sizes))),
+            "ticktext": sizes,
+            "zeroline": False,
+        },
         "yaxis": {"title": {"text": "share (%)"}, "range": [0, 104]},
+    }
+    return _figure(data, layout)
+
+
+def confusion(counts: Mapping[str, Mapping[str, int]]) -> Figure:
+    """counts: what is in the machine -> answer -> how often. A row a label, a column an answer; right is on the
+    diagonal."""
+    told = list(counts)
+    right = [RIGHT_ANSWER.get(name, name) for name in told]
+    said = sorted({name for answers in counts.values() for name in answers if name not in right})
+    columns = [*right, *said]
+    height = 240 + 24 * len(told)
+    shares = [[answers.get(name, 0) / sum(answers.values()) for name in columns] for answers in counts.values()]
+    data = [
+        {
+            "type": "heatmap", "x": columns, "y": told, "z": shares, "zmin": 0, "zmax": 1, "showscale": False,
+            "colorscale": [[0.0, "#F6F6F6"], [1.0, SKY]], "xgap": 1, "ygap": 1, "texttemplate": "%{text}",
+            "text": [[answers.get(name) or "" for name in columns] for answers in counts.values()],
+            "hovertemplate": "%{y}: answered %{x} %{text} times<extra></extra>",
+        }
+    ]  # fmt: skip
+    layout = {
+        "title": heading("What was answered; right is on the diagonal", height),
+        "height": height,
+        "hovermode": "closest",
+        "margin": {"l": 210, "r": 28, "t": 84, "b": 170},
+        "xaxis": {"title": {"text": "answer"}, "type": "category", "tickangle": -60, "showgrid": False},
+        "yaxis": {"title": {"text": "in the machine"}, "type": "category", "autorange": "reversed", "showgrid": False},
     }
     return _figure(data, layout)
 

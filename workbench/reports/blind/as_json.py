@@ -10,39 +10,49 @@ from workbench.blind.baselines import baselines
 from workbench.blind.criteria import Row, right
 from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
 from workbench.blind.power import Power
-from workbench.blind.score import Score
+from workbench.blind.score import Score, Sheet
 from workbench.blind.share import Share
 from workbench.json_records import plain
 from workbench.reports.blind.tables import DIAGNOSIS, why
 
 
-def to_json(score: Score, power: Power | None = None, settled: Share | None = None) -> dict[str, Any]:
-    """Everything that the page shows; `cases` holds each campaign's label and answer."""
-    methods: dict[str, Sequence[Row]] = {DIAGNOSIS: score.rows, **baselines(score.rows)}
+def to_json(sheet: Sheet, power: Power | None = None, settled: Share | None = None) -> dict[str, Any]:
+    """Everything that the page shows. folders: what was scored; cases: each campaign's label and answer."""
+    methods: dict[str, Sequence[Row]] = {DIAGNOSIS: sheet.rows, **baselines(sheet.rows)}
     said: dict[str, Any] = {
-        "format": 1,
+        "format": 2,
+        "folders": [_folder(score) for score in sheet.scores],
+        "campaigns": sheet.cases,
+        "answered": len(sheet.rows),
+        "groups": {name: _group(rows) for name, rows in measures.groups(sheet.rows).items()},
+        "by_size": {name: _shares(rows) for name, rows in measures.by_size(sheet.rows).items()},
+        "methods": {name: _shares(rows, OF_A_METHOD) for name, rows in methods.items()},
+        "reliability": [
+            {"from": b.low, "below": b.high, "said": b.said, "right": _share(b.right)}
+            for b in measures.reliability(sheet.rows)
+        ],
+        "next_run_settles": None if settled is None else _share(settled),
+        "power": None if power is None else plain(power),
+        "cases": [_case(row) for row in sheet.rows],
+    }
+    shown: dict[str, Any] = plain(said)
+    return shown
+
+
+def _folder(score: Score) -> dict[str, Any]:
+    return {
+        "folder": score.folder.name,
         "made": score.manifest.made,
         "version": score.manifest.version,
         "answered_by": list(score.versions),
         "asked": dict(score.manifest.asked),
+        "seed": score.truth.seed,
         "seal_sha256": score.manifest.seal_sha256,
         "opened": score.opened,
         "campaigns": score.cases,
         "answered": len(score.rows),
         "after_opening": list(score.after_opening),
-        "groups": {name: _group(rows) for name, rows in measures.groups(score.rows).items()},
-        "by_size": {name: _shares(rows) for name, rows in measures.by_size(score.rows).items()},
-        "methods": {name: _shares(rows, OF_A_METHOD) for name, rows in methods.items()},
-        "reliability": [
-            {"from": b.low, "below": b.high, "said": b.said, "right": _share(b.right)}
-            for b in measures.reliability(score.rows)
-        ],
-        "next_run_settles": None if settled is None else _share(settled),
-        "power": None if power is None else plain(power),
-        "cases": [_case(row) for row in score.rows],
     }
-    shown: dict[str, Any] = plain(said)
-    return shown
 
 
 def _group(rows: Sequence[Row]) -> dict[str, Any]:

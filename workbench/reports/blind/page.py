@@ -1,52 +1,83 @@
-"""score.json and score.html of a blind test."""
+"""score.json, score.md and score.html of a blind test."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from workbench.blind import measures
 from workbench.blind.power import Power
-from workbench.blind.score import Score
+from workbench.blind.score import Sheet
 from workbench.blind.share import Share
 from workbench.figures import blind as figures
 from workbench.figures.save import Section, save_page
 from workbench.reports.blind import tables
 from workbench.reports.blind.as_json import to_json
-from workbench.reports.blind.words import sentences
+from workbench.reports.blind.words import answer, sentences
+from workbench.tables import Table
 from workbench.whole_folder import check_free, whole_folder, write_json
 
 
-def write_score(score: Score, folder: Path, power: Power | None = None, settled: Share | None = None) -> None:
-    """Write both files into an empty folder, or none."""
+def write_score(sheet: Sheet, folder: Path, power: Power | None = None, settled: Share | None = None) -> None:
+    """Write the files into an empty folder, or none."""
     check_free(folder)
+    parts = sections(sheet, power, settled)
     with whole_folder(folder) as hidden:
-        write_json(hidden / "score.json", to_json(score, power, settled))
-        save_page(sections(score, power, settled), hidden / "score.html", f"Blind test {score.folder.name}")
+        write_json(hidden / "score.json", to_json(sheet, power, settled))
+        (hidden / "score.md").write_text(markdown(parts), encoding="utf-8")
+        save_page(parts, hidden / "score.html", f"Blind test: {sheet.title}", answer(sheet))
 
 
-def sections(score: Score, power: Power | None = None, settled: Share | None = None) -> list[Section]:
+def sections(sheet: Sheet, power: Power | None = None, settled: Share | None = None) -> list[Section]:
     """The sections of the page; those without rows are omitted."""
+    rows = sheet.rows
     more = [tables.settled(settled)] if settled is not None and settled.of else []
     parts = [
-        Section(sentences=[*sentences(score), *more], tables=[*tables.sheets(score.rows), tables.amounts(score.rows)])
+        Section(sentences=more, tables=[*tables.sheets(rows), tables.amounts(rows)]),
+        Section("The seal", points=sentences(sheet)),
     ]
     if power is not None:
         chart = [(figures.power(power.effects, power.unit), power.note)]
         heading = "The power of these runs"
         parts.append(Section(heading, sentences=power.sentences, tables=[tables.power(power)], figures=chart))
-    parts.append(Section("By the size of the gap", tables=[tables.sizes(score.rows)], figures=[(_by_size(score), "")]))
-    curve = figures.reliability(measures.reliability(score.rows))
-    parts.append(Section("Probabilities", tables=[tables.reliability(score.rows)], figures=[(curve, "")]))
-    parts.append(Section("Beside other methods", tables=[tables.methods(score.rows)]))
-    parts.append(Section("Answers", tables=[tables.confusion(score.rows)]))
-    wrong = tables.misses(score.rows)
+    parts.append(Section("By the size of the gap", tables=[tables.sizes(rows)], figures=[(_by_size(sheet), "")]))
+    curve = figures.reliability(measures.reliability(rows))
+    parts.append(Section("Probabilities", tables=[tables.reliability(rows)], figures=[(curve, "")]))
+    for heading, table in tables.methods_by_kind(rows):
+        parts.append(Section(heading, tables=[table]))
+    matrix = [(figures.confusion(counts), "")] if (counts := tables.confusion_counts(rows)) else []
+    parts.append(Section("Answers", tables=[tables.confusion(rows)], figures=matrix))
+    wrong = tables.misses(rows)
     if wrong:
         parts.append(Section("Misses", tables=[wrong]))
     return parts
 
 
-def _by_size(score: Score) -> object:
+def markdown(parts: Sequence[Section]) -> str:
+    """The sections without their figures, as Markdown."""
+    return "\n\n".join(block for part in parts for block in _blocks(part)) + "\n"
+
+
+def _blocks(part: Section) -> Iterator[str]:
+    if part.heading:
+        yield f"## {part.heading}"
+    yield from part.sentences
+    if part.points:
+        yield "\n".join(f"- {point}" for point in part.points)
+    for table in part.tables:
+        yield from _shown(table)
+
+
+def _shown(table: Table) -> Iterator[str]:
+    if table:
+        yield table.markdown()
+        if table.note:
+            yield table.note
+
+
+def _by_size(sheet: Sheet) -> object:
     chosen = [measures.measure(key) for key in ("named", "first_three", "place")]
-    groups = measures.by_size(score.rows)
+    known = [name for name, *_ in measures.SIZES]
+    groups = {name: rows for name, rows in measures.by_size(sheet.rows).items() if name in known}
     shares = {measure.line: {name: measure.share(rows) for name, rows in groups.items()} for measure in chosen}
     return figures.right_by_size(shares)

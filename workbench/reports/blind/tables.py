@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from collections import Counter
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ from workbench.blind.criteria import Row, right, right_word
 from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
 from workbench.blind.power import Power
 from workbench.blind.share import Share
+from workbench.diagnose.verdict.judge import calibration
 from workbench.tables import Column, Table, words
 
 WILSON = "In brackets: 95 % Wilson interval, in per cent."
@@ -84,6 +86,15 @@ def methods(rows: Sequence[Row]) -> Table:
     return Table([words("measured"), Column("cases"), *heads], lines, note)
 
 
+def methods_by_kind(rows: Sequence[Row]) -> list[tuple[str, Table]]:
+    """Heading and table of each kind of machine; one kind needs no name."""
+    kinds = sorted({criteria.kind_of(row) for row in rows})
+    head = "Beside other methods"
+    if len(kinds) < 2:
+        return [(head, methods(rows))]
+    return [(f"{head}: {kind}", methods([row for row in rows if criteria.kind_of(row) == kind])) for kind in kinds]
+
+
 def _parted(name: str) -> str:
     """Split into lines of about twelve characters."""
     return "\n".join(textwrap.wrap(name, 14))
@@ -101,15 +112,15 @@ def amounts(rows: Sequence[Row]) -> Table:
         lines.append([name, error, n.covered.text(), oracle, calibration, times])
     columns = [
         words("kind, source"),
-        Column("parameters'\nerror, median", "%"),
+        Column("parameter\nerror", "%"),
         Column("inside their\n90 % interval"),
-        Column("shrink over the\ntrue effect's"),
+        Column("shrink over\noracle's"),
         Column("calibration\nerror"),
-        Column("CPU time,\nmedian, largest", "s"),
+        Column("CPU,\nlargest", "s"),
     ]
     note = (
-        "Medians. Asked: 85 to 95 % inside the interval, shrink at least 0.9 of that of the true effect fitted to the "
-        "same runs, calibration error at most 0.05."
+        "Medians, beside the largest CPU time. Asked: 85 to 95 % inside the interval, shrink at least 0.9 of the "
+        "oracle's, the true effect fitted to the same runs, calibration error at most 0.05."
     )
     missing = numbers(rows).without_oracle
     if missing:
@@ -133,6 +144,19 @@ def confusion(rows: Sequence[Row]) -> Table:
         for told in sorted(counts)
     ]
     return Table([words("in the machine"), Column("cases"), words("answers")], lines)
+
+
+def confusion_counts(rows: Sequence[Row]) -> dict[str, Counter[str]]:
+    """What is in the machine -> answer -> how often, of single effects, unlisted causes and machines without a gap. A
+    wrong pair is one answer."""
+    counts: dict[str, Counter[str]] = {}
+    for row in rows:
+        if len(row["label"]["effects"]) < 2:
+            told = "unlisted cause" if criteria.unlisted(row) else _told(row)
+            word = row["word"].replace("_", " ")
+            said = (row["names"][0] if len(row["names"]) == 1 else "two effects") if word == "named" else word
+            counts.setdefault(told.replace("none", "no gap"), Counter())[said] += 1
+    return dict(sorted(counts.items(), key=lambda item: (item[0] in ("unlisted cause", "no gap"), item[0])))
 
 
 def _told(row: Row) -> str:
@@ -161,8 +185,8 @@ def misses(rows: Sequence[Row], most: int | None = None) -> Table:
     lines = []
     for row in wrong[:most]:
         size = criteria.size_over_noise(row)
-        told = "+".join(row["label"]["effects"]) or "none"
-        said = "+".join(row["names"]) or row["word"].replace("_", " ")
+        told = " + ".join(row["label"]["effects"]) or "none"
+        said = " + ".join(row["names"]) or row["word"].replace("_", " ")
         source = f"{criteria.family_of(row)}, {criteria.source_of(row)}"
         shown = "–" if math.isnan(size) else f"{size:.1f}"
         probability = f"{row['ranking'][0][2]:.2f}" if row["ranking"] else "–"
@@ -193,25 +217,63 @@ def miss_lines(rows: Sequence[Row], most: int) -> list[str]:
 def why(row: Row) -> str:
     """The reason of a wrong answer in one line, from the hypotheses that were weighed."""
     if row["word"] in ("refused", "failed"):
-        return str(row["warnings"][0]).strip().splitlines()[-1] if row["warnings"] else row["word"]
+        return _last_line(row)
     word, told = right_word(row), set(row["label"]["effects"])
     if criteria.right_or_alike(row):
         return "the right one is said to be alike"
     if word == "no_gap":
         least = row["before"] / row["noise"] if row["noise"] else math.nan
-        return f"residual {least:.1f} times the noise before any effect"
+        return f"residual {least:.1f} times the noise before any effect{_against(row)}"
+    if word == "unknown" and row["word"] == "no_gap":
+        return "no hypothesis explains enough of it, and too little is left" if criteria.visible(row) else _SMALL
     if word == "unknown":
         return f"a listed effect takes {100.0 * (row.get('explained') or 0.0):.0f} % of the gap's energy"
     if not criteria.visible(row):
-        return "smaller than the noise"
+        return _SMALL
     if criteria.among_first_three(row):
-        return "among the first three"
+        place, probability = next(
+            (place, p)
+            for place, (verdict, names, p) in enumerate(row["ranking"], start=1)
+            if verdict == "named" and set(names) == told
+        )
+        return f"the right one comes {_ORDINALS[place]}, with {probability:.2f}{_against(row)}"
     if told & set(row["names"]):
         added = sorted(set(row["names"]) - told)
         return f"with {added[0]} beside it" if added else "the other one is missed"
-    if any(set(fit["names"]) == told for fit in row["weighed"]):
-        return "weighed, and worth less than the answer"
-    return "not among the fits that the search followed"
+    merit = next((fit["merit"] for fit in row["weighed"] if set(fit["names"]) == told), None)
+    if merit is not None:
+        best = max(fit["merit"] for fit in row["weighed"])
+        return f"weighed, and worth less than the answer: merit {merit:.0f}, the best {best:.0f}{_against(row)}"
+    return f"not among the fits that the search followed{_against(row)}"
+
+
+_SMALL = "smaller than the noise"
+_ORDINALS = {1: "first", 2: "second", 3: "third"}
+_EVIDENCE = {
+    "left": "what is left",
+    "prior": "stretched tolerances",
+    "bound": "a value at its bound",
+    "against": "two effects that undo each other",
+}
+MOST_OF_A_LINE = 140  # characters of an error
+
+
+def _against(row: Row) -> str:
+    """What spoke most for an unknown cause, where that is the answer."""
+    speaks = {name: value for name, value in row["evidence"].items() if value > 0.0 and name in _EVIDENCE}
+    if row["word"] != "unknown" or not speaks:
+        return ""
+    weights = calibration()
+    most = max(speaks, key=lambda name: weights.get(f"unknown_{name}", 0.0) * speaks[name])
+    return f"; for an unknown one speaks most: {_EVIDENCE[most]}"
+
+
+def _last_line(row: Row) -> str:
+    """Of what the diagnosis said as it broke off, without the folder, which is gone."""
+    if not row["warnings"]:
+        return str(row["word"])
+    line = str(row["warnings"][0]).strip().splitlines()[-1]
+    return textwrap.shorten(re.sub(r"\S*workbench-blind-[^/\\]*[/\\]", "", line), MOST_OF_A_LINE, placeholder=" …")
 
 
 def power(chart: Power) -> Table:

@@ -1,0 +1,261 @@
+"""`python -m benchmarks.sensitivity FOLDER... --out ANSWERS --page docs/verdict_numbers.md`: the verdict's numbers.
+
+Every number of the verdict that is set by hand, or fitted once, with its reason and with the answers that are right
+when it is 30 % smaller and larger. FOLDERs are sealed campaigns (`workbench blind`) that are open already. Each is
+searched once; the search is judged again with each number. What is kept in ANSWERS stays, so that a stop loses little.
+The list is taken from the code: numbers and the comments beside them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import importlib
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from workbench.blind.answer import load, save
+from workbench.blind.criteria import Row, right, right_or_alike
+from workbench.blind.make import mapped
+from workbench.blind.score import open_all, sheet_of
+from workbench.blind.seal import CAMPAIGNS
+from workbench.blind.share import Share
+from workbench.tables import Column, Table, words
+
+ROOT = Path(__file__).resolve().parents[1]
+PLACES = ("workbench/diagnose/verdict", "workbench/diagnose/hypotheses/merit.py")
+FACTORS = (0.7, 1.3)
+CALIBRATION = "calibration.json"
+# Why calibration.json has each number; a weight of evidence for an unknown cause has the evidence's own reason.
+REASONS = {
+    "threshold": "merit that machines without a gap do not reach",
+    "pair": "merit that a second effect costs beside its parameters",
+    "temperature": "merits count divided by it: the sureness of the answers",
+    "elsewhere": "of the logarithm of the number of hypotheses: of many, one looks good by chance",
+    "interval": "factor on standard errors: nine of ten true values inside the 90 % interval",
+    "unknown_bias": "log odds of an unknown cause where nothing speaks for one",
+    "unknown_left": "weight of what the best hypothesis leaves",
+    "unknown_prior": "weight of tolerances stretched beyond chance",
+    "unknown_bound": "weight of an effect's value at its bound",
+    "unknown_against": "weight of two effects that undo each other",
+}
+
+
+@dataclass(frozen=True)
+class Number:
+    """place: module or calibration.json. value: a number, or a container whose numbers are scaled together. reason: the
+    comment beside it."""
+
+    place: str
+    name: str
+    value: Any
+    reason: str
+
+    @property
+    def key(self) -> str:
+        return f"{self.place}:{self.name}"
+
+    def times(self, factor: float) -> Any:
+        return _times(self.value, factor)
+
+
+def _times(value: Any, factor: float) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _times(part, factor) for key, part in value.items()}
+    return max(round(value * factor), 1) if isinstance(value, int) else value * factor
+
+
+def numbers() -> list[Number]:
+    """In the order of the code; the calibration's first."""
+    from workbench.diagnose.verdict.judge import calibration
+
+    listed = [Number(CALIBRATION, name, value, reason_of(name)) for name, value in calibration().items()]
+    for place in PLACES:
+        path = ROOT / place
+        for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
+            listed += constants(file)
+    return listed
+
+
+def reason_of(name: str) -> str:
+    return REASONS.get(name, f"weight of {name.removeprefix('unknown_').replace('_', ' ')}")
+
+
+def constants(file: Path) -> list[Number]:
+    """Module-level names in capitals that are numbers, with the comment behind or above them."""
+    text = file.read_text(encoding="utf-8")
+    lines = text.splitlines()
+    module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+    found = []
+    for node in ast.parse(text).body:
+        if not isinstance(node, ast.Assign) or not isinstance(target := node.targets[0], ast.Name):
+            continue
+        try:
+            value = ast.literal_eval(node.value)
+        except ValueError:
+            continue
+        if target.id.isupper() and _numeric(value):
+            found.append(Number(module, target.id, value, _comment(lines, node.lineno - 1)))
+    return found
+
+
+def _numeric(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return bool(value) and all(map(_numeric, value.values()))
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _comment(lines: Sequence[str], at: int) -> str:
+    _, mark, behind = lines[at].partition("#")
+    if mark:
+        return behind.strip()
+    above: list[str] = []
+    while at > 0 and lines[at - 1].startswith("#"):
+        at -= 1
+        above.insert(0, lines[at].lstrip("# "))
+    return " ".join(above)
+
+
+@contextmanager
+def changed(number: Number, factor: float) -> Iterator[None]:
+    """The number at `factor` of itself, in every module of the diagnosis that has imported it."""
+    if number.place == CALIBRATION:
+        from workbench.diagnose.verdict.judge import calibration
+
+        kept: Any = calibration()
+        kept[number.name] = number.times(factor)
+        try:
+            yield
+        finally:
+            kept[number.name] = number.value
+        return
+    own = getattr(importlib.import_module(number.place), number.name)
+    users = [
+        module
+        for name, module in sorted(sys.modules.items())
+        if name.startswith("workbench.diagnose") and getattr(module, number.name, None) is own
+    ]
+    for module in users:
+        setattr(module, number.name, number.times(factor))
+    try:
+        yield
+    finally:
+        for module in users:
+            setattr(module, number.name, own)
+
+
+def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[str, Any]:
+    """The search of one campaign judged with the numbers as they are, and with each one changed: key -> answers."""
+    from workbench.diagnose.diagnose import diagnose
+    from workbench.diagnose.verdict.judge import alike, judge
+    from workbench.errors import InputError
+    from workbench.logs import read_campaign
+
+    try:
+        diagnosis = diagnose(read_campaign(campaigns / name), study=False)
+    except InputError:
+        return {}
+    search, kind = diagnosis.search, diagnosis.search.problem.active.kind
+
+    def said() -> dict[str, Any]:
+        judged = judge(search)
+        return {"word": judged.word, "names": list(judged.names), "alike": list(alike(judged, kind))}
+
+    as_is = said()
+    answers: dict[str, Any] = {"as it is": [as_is]}
+    for number in listed:
+        answers[number.key] = []
+        for factor in FACTORS:
+            with changed(number, factor):
+                answers[number.key].append(said())
+    return answers
+
+
+def _kept(out: Path, listed: Sequence[Number], campaign: tuple[str, Path]) -> str:
+    name, folder = campaign
+    save(json.dumps(judged_anew(folder.parent, listed, folder.name)), out / f"{name}.json")
+    return name
+
+
+def table(rows: Sequence[Row], answers: Mapping[str, Mapping[str, Any]], listed: Sequence[Number]) -> Table:
+    """A line for each number: place, value, reason, answers that are right with it 30 % smaller and larger."""
+    those = [row for row in rows if answers.get(file_name(row))]
+
+    def share(key: str, which: int) -> str:
+        given = [{**row, **answers[file_name(row)][key][which]} for row in those if key in answers[file_name(row)]]
+        exact, also = Share.counted(given, right), Share.counted(given, right_or_alike)
+        return f"{exact.count}, {also.count} of {exact.of}" if exact.of else "–"
+
+    as_is = share("as it is", 0)
+    lines = [
+        [
+            n.name,
+            n.place.removeprefix("workbench.diagnose."),
+            _shown(n.value),
+            n.reason,
+            share(n.key, 0),
+            share(n.key, 1),
+        ]
+        for n in listed
+    ]
+    heads = [words("number"), words("where"), Column("value"), words("reason")]
+    columns = [*heads, Column("30 % smaller"), Column("30 % larger")]
+    note = f"Right, and right or alike, with all numbers as they are: {as_is}."
+    return Table(columns, lines, note)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key}: {_shown(part)}" for key, part in value.items())
+    return f"{value:g}"
+
+
+def file_name(row: Row) -> str:
+    return str(row["folder"]).replace("/", "_")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folders", type=Path, nargs="+", help="sealed campaigns that were scored")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="folder for what was judged anew; what is there is kept"
+    )
+    parser.add_argument(
+        "--count", type=int, help="campaigns of each folder, the first ones; 0: none, for the list alone"
+    )
+    parser.add_argument("--page", type=Path, help="page whose table is written anew")
+    parser.add_argument("--processes", type=int, default=2)
+    given = parser.parse_args()
+    scores = [score.with_rows(score.rows[: given.count]) for score in open_all(given.folders)]
+    rows, listed = sheet_of(scores).rows, numbers()
+    at = [score.folder / CAMPAIGNS / row["folder"] for score in scores for row in score.rows]
+    todo = [(file_name(row), folder) for row, folder in zip(rows, at, strict=True)]
+    todo = [(name, folder) for name, folder in todo if not (given.out / f"{name}.json").exists()]
+    with mapped(given.processes) as over:
+        for k, name in enumerate(over(partial(_kept, given.out, listed), todo), start=1):
+            print(f"{k}/{len(todo)} {name}", flush=True)
+    made = table(rows, load(given.out), listed)
+    print(f"{made.markdown()}\n\n{made.note}")
+    if given.page:
+        write(given.page, made)
+
+
+BEGIN = "<!-- made by python -m benchmarks.sensitivity -->"
+
+
+def write(page: Path, made: Table) -> None:
+    """What stands behind BEGIN on the page is replaced."""
+    head, mark, _ = page.read_text(encoding="utf-8").partition(BEGIN)
+    if not mark:
+        raise SystemExit(f"{page} has no line {BEGIN}")
+    page.write_text(f"{head}{BEGIN}\n\n{made.markdown()}\n\n{made.note}\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
