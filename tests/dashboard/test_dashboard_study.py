@@ -30,6 +30,7 @@ from workbench.dashboard.pages.loop.controls import KI, KP
 from workbench.dashboard.pages.study.address import from_address, in_address
 from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
 from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
+from workbench.dashboard.serve import SCRIPT
 from workbench.errors import InputError
 from workbench.figures.study import peak_torque_over_payload
 from workbench.figures.style import GROUND, INK, for_dark
@@ -541,7 +542,7 @@ def test_every_page_that_is_there_can_be_imported():
 def test_the_whole_app_runs_in_its_frame():
     from streamlit.testing.v1 import AppTest
 
-    app = AppTest.from_file(str(ROOT / "workbench" / "dashboard" / "main.py"), default_timeout=60.0).run()
+    app = AppTest.from_file(str(SCRIPT), default_timeout=60.0).run()
     assert not app.exception and len(app.metric) == 4
 
 

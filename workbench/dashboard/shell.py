@@ -46,6 +46,7 @@ PAGES: dict[str, tuple[str, str]] = {
     "Validate": ("workbench.dashboard.pages.validate.page:show", ":material/fact_check:"),
     "Gap": ("workbench.dashboard.pages.gap.page:show", ":material/troubleshoot:"),
     "Machine": ("workbench.dashboard.pages.machine.page:show", ":material/precision_manufacturing:"),
+    "Plant": ("workbench.dashboard.pages.plant.page:show", ":material/developer_board:"),
     "Batches": ("workbench.dashboard.pages.batches.page:show", ":material/dynamic_feed:"),
 }
 
