@@ -78,7 +78,7 @@ def _begin(spec: dict[str, Any], machine: Hoist) -> None:
 def _attach() -> dict[str, Any]:
     port = st.number_input("UDP port", 1024, 65535, PORTS["udp"], key="plant port")
     st.caption(
-        "A plant of this computer that `workbench serve … --protocol udp` runs. The machine above is the one that the "
+        "A plant that `workbench serve` runs on this computer, over UDP. The machine above is the one that the "
         "built-in client is set for."
     )
     return {"attach": int(port)}
