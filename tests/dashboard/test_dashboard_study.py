@@ -34,11 +34,12 @@ from workbench.dashboard.serve import SCRIPT
 from workbench.errors import InputError
 from workbench.figures.study import peak_torque_over_payload
 from workbench.figures.style import GROUND, INK, for_dark
+from workbench.logs.signal_files import as_csv, as_mat, as_parquet
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.metrics import find
 from workbench.study.conclude.side_studies import over_payload, over_ramps
 from workbench.study.execute.run import StudyResult, run_study
-from workbench.study.results.signals import signals_csv, signals_mat, signals_parquet
+from workbench.study.results.signals import labelled_runs
 from workbench.study.scenario.load import load_study, plan_study
 from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import read_standalone, standalone_text
@@ -195,10 +196,11 @@ def test_signals_are_the_runs_own_in_every_form(tmp_path: Path):
     result = run_study(plan_study(scenario, default_hoist()))
     run = result.runs["700kg_ruckig"]
     file = tmp_path / "signals.mat"
-    file.write_bytes(signals_mat(result))
+    file.write_bytes(as_mat(labelled_runs(result)))
     speed = loadmat(file)["run_ruckig_700kg"]["speed_motor_rad_s"][0, 0].ravel()
     assert (speed == run["speed_motor_rad_s"]).all()
-    for table in (read_table(BufferReader(signals_parquet(result))), read_csv(BufferReader(signals_csv(result)))):
+    runs = labelled_runs(result)
+    for table in (read_table(BufferReader(as_parquet(runs))), read_csv(BufferReader(as_csv(runs)))):
         mine = [kind == "ruckig" for kind in table["reference"].to_pylist()]
         assert table["tension_drum_n"].to_numpy()[mine] == pytest.approx(run["tension_drum_n"], rel=1e-12)
 

@@ -22,6 +22,7 @@ from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_page import save_study_page, start_of_move
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.style import label
+from workbench.logs.signal_files import FORMS
 from workbench.machine import Hoist
 from workbench.metrics import Metric, View, shown_in
 from workbench.references import BASELINE
@@ -31,7 +32,7 @@ from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.utilisation import SIGN, alarm, utilisation
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
 from workbench.study.results.row import Row
-from workbench.study.results.signals import FORMS
+from workbench.study.results.signals import labelled_runs
 from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import standalone_text
 from workbench.study.variations.varying import swept_axes
@@ -207,7 +208,7 @@ def _take_away(result: StudyResult) -> None:
     with st.expander("Signals and report", icon=":material/download:"), st.container(horizontal=True):
         for ending, (write, kind) in FORMS.items():
             st.download_button(
-                f"Signals ({ending})", lambda write=write: write(result), f"{name}.{ending}", kind,  # type: ignore[misc]
+                f"Signals ({ending})", lambda write=write: write(labelled_runs(result)), f"{name}.{ending}", kind,  # type: ignore[misc]
                 key=f"study signals {ending}", on_click="ignore",
             )  # fmt: skip
         st.download_button(
