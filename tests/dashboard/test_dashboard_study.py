@@ -211,8 +211,17 @@ def test_one_cursor_goes_over_all_rows_of_a_column(drawn):
     assert {trace["xaxis"] for trace in spec["data"]} == {"x10", "x11", "x12"}  # three columns of four rows
 
 
+def trapezoid_and_ruckig(app: Any) -> Any:
+    return app.pills(key="study.references").set_value(["ruckig"]).run()
+
+
+def test_the_first_table_has_the_references_that_a_drive_engineer_weighs():
+    assert START.references == ("trapezoid", *Controls().references)
+    assert START.references == ("trapezoid", "ruckig", "ruckig_equal_time", "optimal")
+
+
 def test_runs_that_fail_are_said_and_the_others_shown():
-    app = page("Study").run()
+    app = trapezoid_and_ruckig(page("Study").run())
     app.multiselect(key="study.payloads").set_value([0.0, "30000"]).run()
     assert not app.exception
     assert app.warning[0].value.startswith("2 of 4 runs failed") and "30000 kg, trapezoid" in app.warning[0].value
@@ -220,7 +229,7 @@ def test_runs_that_fail_are_said_and_the_others_shown():
 
 
 def test_references_are_not_compared_where_one_of_them_fails():
-    app = page("Study").run()
+    app = trapezoid_and_ruckig(page("Study").run())
     # From the rail's end, and hard: the trapezoid overshoots out of the rail with every load.
     app.slider(key="study.start").set_value(0.0)
     app.slider(key="study.up.acceleration").set_value(1.5).run()
@@ -307,7 +316,7 @@ def test_a_bad_scenario_is_one_clear_error_and_leaves_the_controls(text: str, sa
 
 
 def test_an_uploaded_machine_is_what_is_run(drawn):
-    app = page("Study").run()
+    app = trapezoid_and_ruckig(page("Study").run())
     app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
     assert not app.exception and "Choose a machine.yaml." in [each.value for each in app.info]
     assert len(app.get("plotly_chart")) == 4  # of the machine chosen before
@@ -381,7 +390,7 @@ def test_beside_a_study_lie_its_payloads_and_its_ramps():
     assert sorted({row.payload_kg for row in payloads.rows}) == [0.0, 3000.0, 4500.0, 9000.0]
     assert not payloads.runs
     ramps = run_study(over_ramps(START, machine, [0.3, 0.6], [0.8, 1.6]))
-    assert len(ramps.rows) == 8 and {row.payload_kg for row in ramps.rows} == {9000.0}
+    assert len(ramps.rows) == 4 * len(START.references) and {row.payload_kg for row in ramps.rows} == {9000.0}
 
 
 def test_kept_runs_stand_side_by_side_in_compare():

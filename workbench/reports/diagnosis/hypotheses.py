@@ -21,7 +21,8 @@ def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str,
     most = min(most, max(sum(row.probability >= WORTH_A_BAR for row in order), 3))
     shown = [(str(row.verdict), hypothesis_name(row.verdict, row.effects), row.probability) for row in order[:most]]
     if rest := order[most:]:
-        shown.append(("", f"{len(rest)} others together", sum(row.probability for row in rest)))
+        name = "1 other" if len(rest) == 1 else f"{len(rest)} others together"
+        shown.append(("", name, sum(row.probability for row in rest)))
     return shown
 
 

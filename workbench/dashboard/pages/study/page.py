@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import streamlit as st
@@ -120,7 +121,7 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     if (alarmed := alarm(uses)) is not None:
         st.error(plain(alarmed), icon=":material/warning:")
     if (shown := decision_table(result.rows)) is not None:
-        table(shown)
+        table(replace(shown, rows=[[label(name), *cells] for name, *cells in shown.rows]))
     for column, use in zip(st.columns(max(len(uses), 1)), uses, strict=False):
         colour = {"green": "green", "amber": "orange", "red": "red"}[use.light]
         column.markdown(
