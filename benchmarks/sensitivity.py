@@ -73,7 +73,7 @@ def _times(value: Any, factor: float) -> Any:
 
 def numbers() -> list[Number]:
     """In the order of the code; the calibration's first."""
-    from workbench.diagnose.verdict.judge import calibration
+    from workbench.diagnose.verdict.probability import calibration
 
     listed = [Number(CALIBRATION, name, value, reason_of(name)) for name, value in calibration().items()]
     for place in PLACES:
@@ -126,7 +126,7 @@ def _comment(lines: Sequence[str], at: int) -> str:
 def changed(number: Number, factor: float) -> Iterator[None]:
     """The number at `factor` of itself, in every module of the diagnosis that has imported it."""
     if number.place == CALIBRATION:
-        from workbench.diagnose.verdict.judge import calibration
+        from workbench.diagnose.verdict.probability import calibration
 
         kept: Any = calibration()
         kept[number.name] = number.times(factor)

@@ -18,7 +18,7 @@ from tests.support.dashboard_app import errors, page
 from tests.support.log_campaign import hoist_columns, write_campaign
 from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
-from workbench.dashboard import campaigns, session, shell
+from workbench.dashboard import campaigns, session
 from workbench.dashboard.jobs import job as jobs
 from workbench.dashboard.jobs import place as jobs_place
 from workbench.dashboard.jobs.progress import Teller
@@ -28,6 +28,7 @@ from workbench.dashboard.pages.gap import watch as gap_watch
 from workbench.dashboard.pages.gap import work as gap_work
 from workbench.dashboard.pages.gap.results import TAB
 from workbench.dashboard.pages.gap.view import VIEW, read_view, write_view
+from workbench.dashboard.serve import SCRIPT
 from workbench.diagnose import diagnose as orchestration
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.records import Diagnosis
@@ -395,7 +396,7 @@ def test_a_view_is_read_as_it_was_written(tmp_path):
 
 def test_the_address_keeps_the_jobs_on_every_page(server, monkeypatch, spring):
     number, _ = finished(server, monkeypatch, spring, "named")
-    app = AppTest.from_file(str(Path(shell.__file__).with_name("main.py")), default_timeout=60.0)
+    app = AppTest.from_file(str(SCRIPT), default_timeout=60.0)
     app.query_params["work"] = number
     app.run()
     app.query_params.clear()  # as a link to another page does

@@ -30,14 +30,16 @@ from workbench.dashboard.pages.loop.controls import KI, KP
 from workbench.dashboard.pages.study.address import from_address, in_address
 from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
 from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
+from workbench.dashboard.serve import SCRIPT
 from workbench.errors import InputError
 from workbench.figures.study import peak_torque_over_payload
 from workbench.figures.style import GROUND, INK, for_dark
+from workbench.logs.signal_files import as_csv, as_mat, as_parquet
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.metrics import find
 from workbench.study.conclude.side_studies import over_payload, over_ramps
 from workbench.study.execute.run import StudyResult, run_study
-from workbench.study.results.signals import signals_csv, signals_mat, signals_parquet
+from workbench.study.results.signals import labelled_runs
 from workbench.study.scenario.load import load_study, plan_study
 from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import read_standalone, standalone_text
@@ -194,10 +196,11 @@ def test_signals_are_the_runs_own_in_every_form(tmp_path: Path):
     result = run_study(plan_study(scenario, default_hoist()))
     run = result.runs["700kg_ruckig"]
     file = tmp_path / "signals.mat"
-    file.write_bytes(signals_mat(result))
+    file.write_bytes(as_mat(labelled_runs(result)))
     speed = loadmat(file)["run_ruckig_700kg"]["speed_motor_rad_s"][0, 0].ravel()
     assert (speed == run["speed_motor_rad_s"]).all()
-    for table in (read_table(BufferReader(signals_parquet(result))), read_csv(BufferReader(signals_csv(result)))):
+    runs = labelled_runs(result)
+    for table in (read_table(BufferReader(as_parquet(runs))), read_csv(BufferReader(as_csv(runs)))):
         mine = [kind == "ruckig" for kind in table["reference"].to_pylist()]
         assert table["tension_drum_n"].to_numpy()[mine] == pytest.approx(run["tension_drum_n"], rel=1e-12)
 
@@ -208,8 +211,17 @@ def test_one_cursor_goes_over_all_rows_of_a_column(drawn):
     assert {trace["xaxis"] for trace in spec["data"]} == {"x10", "x11", "x12"}  # three columns of four rows
 
 
+def trapezoid_and_ruckig(app: Any) -> Any:
+    return app.pills(key="study.references").set_value(["ruckig"]).run()
+
+
+def test_the_first_table_has_the_references_that_a_drive_engineer_weighs():
+    assert START.references == ("trapezoid", *Controls().references)
+    assert START.references == ("trapezoid", "ruckig", "ruckig_equal_time", "optimal")
+
+
 def test_runs_that_fail_are_said_and_the_others_shown():
-    app = page("Study").run()
+    app = trapezoid_and_ruckig(page("Study").run())
     app.multiselect(key="study.payloads").set_value([0.0, "30000"]).run()
     assert not app.exception
     assert app.warning[0].value.startswith("2 of 4 runs failed") and "30000 kg, trapezoid" in app.warning[0].value
@@ -217,7 +229,7 @@ def test_runs_that_fail_are_said_and_the_others_shown():
 
 
 def test_references_are_not_compared_where_one_of_them_fails():
-    app = page("Study").run()
+    app = trapezoid_and_ruckig(page("Study").run())
     # From the rail's end, and hard: the trapezoid overshoots out of the rail with every load.
     app.slider(key="study.start").set_value(0.0)
     app.slider(key="study.up.acceleration").set_value(1.5).run()
@@ -304,7 +316,7 @@ def test_a_bad_scenario_is_one_clear_error_and_leaves_the_controls(text: str, sa
 
 
 def test_an_uploaded_machine_is_what_is_run(drawn):
-    app = page("Study").run()
+    app = trapezoid_and_ruckig(page("Study").run())
     app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
     assert not app.exception and "Choose a machine.yaml." in [info.value for info in app.info]
     assert len(app.get("plotly_chart")) == 4  # of the machine chosen before
@@ -378,7 +390,7 @@ def test_beside_a_study_lie_its_payloads_and_its_ramps():
     assert sorted({row.payload_kg for row in payloads.rows}) == [0.0, 3000.0, 4500.0, 9000.0]
     assert not payloads.runs
     ramps = run_study(over_ramps(START, machine, [0.3, 0.6], [0.8, 1.6]))
-    assert len(ramps.rows) == 8 and {row.payload_kg for row in ramps.rows} == {9000.0}
+    assert len(ramps.rows) == 4 * len(START.references) and {row.payload_kg for row in ramps.rows} == {9000.0}
 
 
 def test_kept_runs_stand_side_by_side_in_compare():
@@ -541,7 +553,7 @@ def test_every_page_that_is_there_can_be_imported():
 def test_the_whole_app_runs_in_its_frame():
     from streamlit.testing.v1 import AppTest
 
-    app = AppTest.from_file(str(ROOT / "workbench" / "dashboard" / "main.py"), default_timeout=60.0).run()
+    app = AppTest.from_file(str(SCRIPT), default_timeout=60.0).run()
     assert not app.exception and len(app.metric) == 4
 
 

@@ -61,8 +61,13 @@ def test_the_verdict_says_where_other_limits_are_quicker_and_lower():
     beside = [row("trapezoid", 37.0, 540.0, **{"limits.acceleration_m_s2": 0.42}), row("trapezoid", 60.0, 500.0)]
     said = verdict([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 550.0)], beside)
     assert said is not None
-    assert "the trapezoid at acceleration 0.42 m/s² would beat ruckig with the same limits: 2.0 s and 10 N m" in said
-    assert said.count("would beat") == 1
+    assert "the trapezoid would do better than ruckig with the same limits at acceleration 0.42 m/s²: 2.0 s q" in said
+    assert said.count("would do better") == 1
+    own = [row("ruckig", 38.0, 540.0, **{"limits.acceleration_m_s2": 0.42})]
+    said = verdict([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 550.0)], own)
+    assert said is not None
+    assert said.endswith("ruckig with the same limits would do better at acceleration 0.42 m/s²: "
+                         "1.0 s quicker, 10 N m per motor lower.")  # fmt: skip
 
 
 def test_nothing_is_chosen_among_one():

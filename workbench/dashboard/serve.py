@@ -8,16 +8,17 @@ from pathlib import Path
 from workbench.dashboard.options import flags, hosts_allowed
 from workbench.dashboard.warm import warm
 
+SCRIPT = Path(__file__).parent / "script" / "main.py"
+
 
 def main(port: str, address: str, *hosts: str) -> None:
     """Runs streamlit; does not return."""
     from streamlit.web import cli
 
     warm()
-    script = Path(__file__).with_name("main.py")
     allowed = hosts_allowed(address, hosts)
     own = flags({"server.port": int(port), "server.address": address, "server.allowedHosts": allowed})
-    sys.argv = ["streamlit", "run", str(script), *own]
+    sys.argv = ["streamlit", "run", str(SCRIPT), *own]
     cli.main()
 
 

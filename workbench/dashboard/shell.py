@@ -43,9 +43,11 @@ PAGES: dict[str, tuple[str, str]] = {
     "Study": ("workbench.dashboard.pages.study.page:show", ":material/tune:"),
     "Compare": ("workbench.dashboard.pages.compare.page:show", ":material/compare_arrows:"),
     "Loop": ("workbench.dashboard.pages.loop.page:show", ":material/all_inclusive:"),
+    "Signals": ("workbench.dashboard.pages.signals.page:show", ":material/show_chart:"),
     "Validate": ("workbench.dashboard.pages.validate.page:show", ":material/fact_check:"),
     "Gap": ("workbench.dashboard.pages.gap.page:show", ":material/troubleshoot:"),
     "Machine": ("workbench.dashboard.pages.machine.page:show", ":material/precision_manufacturing:"),
+    "Plant": ("workbench.dashboard.pages.plant.page:show", ":material/developer_board:"),
     "Batches": ("workbench.dashboard.pages.batches.page:show", ":material/dynamic_feed:"),
 }
 

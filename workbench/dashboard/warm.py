@@ -79,4 +79,6 @@ def _others() -> None:
     from workbench.dashboard.pages.batches import page as batches  # noqa: F401
     from workbench.dashboard.pages.gap import page as gap  # noqa: F401
     from workbench.dashboard.pages.machine import page as machine_view  # noqa: F401
+    from workbench.dashboard.pages.plant import page as plant  # noqa: F401
+    from workbench.dashboard.pages.signals import page as signals  # noqa: F401
     from workbench.dashboard.pages.validate import page as validate  # noqa: F401

@@ -103,7 +103,7 @@ def diagnose(
     say(Progress(Stage.CONSEQUENCES))
     refitted = refitted_machine(problem, keys, search.within_tolerances)
     changes, why_not = _consequences(campaign, refitted, corrected, judged.word) if study else (None, "Not asked for.")
-    sentence = sentence_of(judged, gap, shrink, also, corrected.measured_correction is not None)
+    sentence = sentence_of(judged, shrink, also, corrected.measured_correction is not None)
     verdict = Verdict(
         judged.word,
         judged.names,

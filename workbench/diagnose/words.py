@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.location.records import Gap
 from workbench.diagnose.shrink import Shrink
 from workbench.diagnose.verdict.judge import Judged
 
@@ -28,14 +27,14 @@ def either(names: Names, twins: Sequence[Names]) -> str:
     return f"{text}, and {listed(tuple(shared))}" if shared else text
 
 
-def sentence_of(judged: Judged, gap: Gap, shrink: Shrink, also: Names, tabled: bool = False) -> str:
+def sentence_of(judged: Judged, shrink: Shrink, also: Names, tabled: bool = False) -> str:
     """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
     tabled: whether the corrected machine contains the measured force of an unknown cause.
     """
     unit = shrink.unit
     sure = judged.ranking[0].probability
-    size = f"{gap.residual_rms:.2g} {unit} rms below {gap.band_hz:.2g} Hz, noise {gap.noise_rms:.2g} {unit}"
+    size = f"{shrink.before:.2g} {unit} rms on runs held out, noise {shrink.noise:.2g} {unit}"
     if judged.word == "no_gap":
         return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
     if judged.word == "unknown":

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from workbench.metrics.metric import (
+    EVERYWHERE,
     HUGE,
     INDEX_ONLY,
     LoopMetric,
@@ -151,7 +152,7 @@ METRICS: tuple[Metric, ...] = (
     LoopMetric(
         name="peak_torque_motor_nm", unit="N m", label="torque peak per motor", better="lower", visible=0.1,
         definition="largest torque of the harder-worked motor, either way",
-        head="peak", decimals=0, note="torque of one motor", fixed=True,
+        head="peak", decimals=0, note="torque of one motor", fixed=True, views=EVERYWHERE | View.DECISION,
         extremes=(("highest torque peak", 1), ("lowest torque peak", -1)),
         sums=_PEAK, finish=as_summed(0),
     ),
@@ -159,7 +160,7 @@ METRICS: tuple[Metric, ...] = (
         name="peak_torque_percent", unit="%", label="torque peak of nominal", better="lower", visible=0.01,
         definition="the same in per cent of one motor's nominal torque",
         head="peak", decimals=0, note="torque of one motor", fixed=True,
-        views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES | View.DECISION,
+        views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES,
         sums=_PEAK, finish=lambda a, p, duration: a[0] * 100.0 / p.T_nominal,
     ),
     LoopMetric(

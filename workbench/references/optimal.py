@@ -14,6 +14,7 @@ loop follows.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -29,6 +30,7 @@ GIVEN_AWAY = 0.01  # of the least peak, for a gentler motion at nearly the same 
 SMOOTH = 0.1  # a change of the acceleration by 1 m/s², beside the braking peak in weights of the load
 
 
+@lru_cache(maxsize=256)  # a study asks for each of its moves, and its neighbours' studies for many of them again
 def least_peak_move(distance_m: float, speed_m_s: float, time_s: float, load: Load) -> Shape:
     """From rest to rest, the wire still at the end. InputError where torque, speed and wire do not allow the time."""
     direction, d = math.copysign(1.0, distance_m), abs(distance_m)

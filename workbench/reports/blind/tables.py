@@ -14,7 +14,7 @@ from workbench.blind.criteria import Row, right, right_word
 from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
 from workbench.blind.power import Power
 from workbench.blind.share import Share
-from workbench.diagnose.verdict.judge import calibration
+from workbench.diagnose.verdict.probability import calibration
 from workbench.tables import Column, Table, words
 
 WILSON = "In brackets: 95 % Wilson interval, in per cent."

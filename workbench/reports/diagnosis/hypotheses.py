@@ -24,7 +24,8 @@ def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str,
         for row in order[:most]
     ]
     if rest := order[most:]:
-        shown.append(("", f"{len(rest)} others together", sum(row.probability for row in rest)))
+        name = "1 other" if len(rest) == 1 else f"{len(rest)} others together"
+        shown.append(("", name, sum(row.probability for row in rest)))
     return shown
 
 

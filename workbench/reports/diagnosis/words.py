@@ -167,7 +167,7 @@ def plain_summary(d: Diagnosis) -> list[str]:
     if d.verdict.word == "no_gap":
         return [
             f"The model agrees with the machine: predicted and measured {quantity} differ by {figures(s.after)} "
-            f"{s.unit} on average, and the sensors alone make {figures(s.noise)} {s.unit} of that."
+            f"{s.unit} on average in runs that were held out; the sensors alone make {figures(s.noise)} {s.unit}."
         ]
     if d.verdict.word == "unknown" or not all(name in known for name in d.verdict.effects):
         at = f" {_at(d.where.subsystem)}" if d.where is not None else ""

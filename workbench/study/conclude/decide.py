@@ -106,9 +106,11 @@ def _better_beside(taken: Sequence[Choice], rows: Sequence[Row], beside: Sequenc
         if not rivals:
             continue
         row, mine = min(rivals, key=lambda pair: pair[0][PEAK])
+        quicker, lower = mine[TIME] - row[TIME], mine[PEAK] - row[PEAK]
+        other = "" if row.reference == choice.reference else f" than {name_of(choice)}"
         said.append(
-            f"; at {row.payload_kg:g} kg {name_of(_values(row))} at {set_in(row)} would beat {name_of(choice)}: "
-            f"{mine[TIME] - row[TIME]:.1f} s and {mine[PEAK] - row[PEAK]:.0f} N m per motor less"
+            f"; at {row.payload_kg:g} kg {name_of(_values(row))} would do better{other} at {set_in(row)}: "
+            f"{quicker:.1f} s quicker, {lower:.0f} N m per motor lower"
         )
     return "".join(said)
 

@@ -29,7 +29,7 @@ START = Scenario(
     start_position_m=4.0,
     moves=(MoveBlock(by_m=12.0), MoveBlock(dwell_s=3.0), MoveBlock(by_m=-12.0)),
     limits=LimitsBlock(speed_m_s=0.7, acceleration_m_s2=0.6, jerk_m_s3=0.8),
-    references=("trapezoid", "ruckig"),
+    references=("trapezoid", "ruckig", "ruckig_equal_time", "optimal"),
     controller=PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0),
     settle_s=3.0,
 )
@@ -44,7 +44,7 @@ class Controls:
 
     name: str = START.name
     payloads_kg: tuple[float, ...] = (0.0, 4500.0, 9000.0)
-    references: tuple[str, ...] = ("ruckig",)
+    references: tuple[str, ...] = ("ruckig", "ruckig_equal_time", "optimal")
     start_position_m: float = 4.0
     height_m: float = 12.0
     dwell_s: float = 3.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import streamlit as st
@@ -22,6 +23,7 @@ from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_page import save_study_page, start_of_move
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.style import label
+from workbench.logs.signal_files import FORMS
 from workbench.machine import Hoist
 from workbench.metrics import Metric, View, shown_in
 from workbench.references import BASELINE
@@ -31,7 +33,7 @@ from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.utilisation import SIGN, alarm, utilisation
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
 from workbench.study.results.row import Row
-from workbench.study.results.signals import FORMS
+from workbench.study.results.signals import labelled_runs
 from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import standalone_text
 from workbench.study.variations.varying import swept_axes
@@ -119,7 +121,7 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     if (alarmed := alarm(uses)) is not None:
         st.error(plain(alarmed), icon=":material/warning:")
     if (shown := decision_table(result.rows)) is not None:
-        table(shown)
+        table(replace(shown, rows=[[label(name), *cells] for name, *cells in shown.rows]))
     for column, use in zip(st.columns(max(len(uses), 1)), uses, strict=False):
         colour = {"green": "green", "amber": "orange", "red": "red"}[use.light]
         column.markdown(
@@ -207,7 +209,7 @@ def _take_away(result: StudyResult) -> None:
     with st.expander("Signals and report", icon=":material/download:"), st.container(horizontal=True):
         for ending, (write, kind) in FORMS.items():
             st.download_button(
-                f"Signals ({ending})", lambda write=write: write(result), f"{name}.{ending}", kind,  # type: ignore[misc]
+                f"Signals ({ending})", lambda write=write: write(labelled_runs(result)), f"{name}.{ending}", kind,  # type: ignore[misc]
                 key=f"study signals {ending}", on_click="ignore",
             )  # fmt: skip
         st.download_button(

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 RAMPS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.25, 1.6)  # of the acceleration that is set
 JERKS = (0.25, 0.4, 0.63, 1.0, 1.6, 2.5, 4.0)  # of the jerk that is set
-POINTS = 7
+POINTS = 5
 STEP_S = 1.5e-4  # of compute, for a step of the multi-body model
 LUMPED = {"plant": "lumped"}  # of the curves beside a study: dozens of runs
 

@@ -1,0 +1,279 @@
+"""The page Plant: the built-in client closes the loop, what is seen of a plant, its process ends with its session."""
+
+from __future__ import annotations
+
+import gc
+import socket
+import time
+from collections import deque
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("streamlit")
+
+from benchmarks.serve import Client as UdpClient
+from benchmarks.serve import Served
+from tests.support.dashboard_app import errors, page
+from workbench.dashboard.plant.client import PAUSE_S, Controller, Wanted
+from workbench.dashboard.plant.line import BITS, OtherClientError, OwnLine, Seen, UdpLine
+from workbench.dashboard.plant.process import PlantProcess
+from workbench.dashboard.plant.recorder import KEPT_S, Recorder
+from workbench.dashboard.plant.worker import Desk, wanted_of, wish_of
+from workbench.errors import InputError
+from workbench.figures.served import last_seconds, late_starts
+from workbench.machine import default_hoist
+from workbench.machine.files import machine_text
+from workbench.references import Limits, time_optimal
+from workbench.reports.loop.case import usual_controller
+from workbench.serve.plant import LivePlant
+from workbench.serve.serve import Wish
+from workbench.serve.session import Session
+
+HOIST = default_hoist()
+PI = usual_controller(HOIST)
+LIMITS = Limits(0.5, 0.6, 2.0)
+STEP_S, START_M, PAYLOAD_KG = 0.001, 9.0, 4500.0
+WITHIN_S = 60.0
+
+
+class Hand:
+    """A clock that is set by hand."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def new_session(clock: Hand) -> Session:
+    return Session(LivePlant(HOIST, STEP_S, PAYLOAD_KG, START_M), STEP_S, 0.2, clock=clock)
+
+
+def driven(session: Session, clock: Hand, controller: Controller, seconds: float) -> list[Seen]:
+    """The plant under the built-in client, without a thread or a wait; the states at its samples."""
+    line, seen = OwnLine(session), []
+    for _ in range(round(seconds / controller.dt)):
+        seen.append(line.seen())
+        line.command(controller.torque_nm(seen[-1], PAYLOAD_KG))
+        for _ in range(round(controller.dt / STEP_S)):
+            clock.now += STEP_S
+            session.step()
+    return seen
+
+
+def height(seen: Seen) -> float:
+    return seen.signals["position_carriage_m"]
+
+
+def test_the_built_in_client_holds_the_load_and_another_one_that_is_picked_up():
+    clock = Hand()
+    session = new_session(clock)
+    controller = Controller(HOIST, Wanted(PI))
+    begun = driven(session, clock, controller, 1.0)[0]
+    session.set("payload_kg", 9000.0)
+    (*_, last) = driven(session, clock, controller, 4.0)
+    assert abs(last.signals["speed_motor_rad_s"]) < 0.1
+    assert height(last) == pytest.approx(height(begun), abs=0.05)
+    grown = last.torque_nm / begun.torque_nm
+    carried = (HOIST.carriage.mass_kg + 9000.0) / (HOIST.carriage.mass_kg + 4500.0)
+    assert grown == pytest.approx(carried, rel=0.03)
+
+
+def test_the_built_in_client_goes_up_and_down_between_two_heights():
+    clock = Hand()
+    session = new_session(clock)
+    wanted = Wanted(PI, (8.5, 9.6), "ruckig", LIMITS)
+    takes = sum(time_optimal.shortest_move_s(by, LIMITS) + PAUSE_S for by in (0.6, -1.1))
+    seen = driven(session, clock, Controller(HOIST, wanted), takes)
+    heights = [height(each) for each in seen]
+    assert max(heights) == pytest.approx(9.6, abs=0.02)
+    assert heights[-1] == pytest.approx(8.5, abs=0.02)
+
+
+def test_the_built_in_client_begins_anew_after_the_brake_and_after_a_reset():
+    clock = Hand()
+    session = new_session(clock)
+    controller = Controller(HOIST, Wanted(PI))
+    driven(session, clock, controller, 0.5)
+    session.set("brake_closed", 1)
+    stopped = driven(session, clock, controller, 0.5)[-1]
+    assert stopped.told("brake_closed")
+    session.set("brake_closed", 0)
+    freed = driven(session, clock, controller, 0.5)[-1]
+    assert not freed.told("brake_closed") and abs(freed.signals["speed_motor_rad_s"]) < 0.2
+    session.set("reset", 1)
+    again = driven(session, clock, controller, 0.2)
+    assert again[0].told("waiting") and again[-1].time_s == pytest.approx(0.2, abs=0.01)
+    assert abs(again[-1].signals["speed_motor_rad_s"]) < 0.1
+
+
+def test_who_commands_the_plant_himself_takes_it_from_the_built_in_client():
+    session = new_session(Hand())
+    line = OwnLine(session)
+    line.command(500.0)
+    line.command(500.0)
+    session.command(400.0)
+    with pytest.raises(OtherClientError):
+        line.command(500.0)
+    assert session.torque_nm == 400.0
+    line.release()
+    line.command(300.0)
+    assert session.torque_nm == 300.0
+
+
+def test_rows_are_handed_out_once_and_begin_anew_after_a_reset():
+    clock = Hand()
+    session = new_session(clock)
+    recorder = Recorder(OwnLine(session), lambda: {"speed_reference_rad_s": 1.5})
+    recorder.stop()
+    line = OwnLine(session)
+    line.command(session.plant.hold_nm)
+    for _ in range(5):
+        session.step()
+        recorder._take(line.numbers())
+    first = recorder.since(-1, 0)
+    assert [row[first["columns"].index("time_s")] for row in first["rows"]] == pytest.approx(
+        [k * 1e-3 for k in range(1, 6)]
+    )
+    assert {row[first["columns"].index("speed_reference_rad_s")] for row in first["rows"]} == {1.5}
+    assert recorder.since(first["generation"], first["next"])["rows"] == []
+    recorder._take(line.numbers())  # its time stands
+    assert recorder.since(first["generation"], first["next"])["rows"] == []
+    recorder.note("motor lost")
+    assert recorder.since(first["generation"], 0)["events"] == [(0.005, "motor lost")]
+    session.reset()
+    recorder._take(line.numbers())
+    anew = recorder.since(first["generation"], first["next"])
+    assert anew["generation"] != first["generation"] and len(anew["rows"]) == 1 and anew["events"] == []
+
+
+def test_what_an_onlooker_reads_is_what_the_points_say():
+    session = new_session(Hand())
+    session.command(session.plant.hold_nm)
+    session.step()
+    numbers = OwnLine(session).numbers()
+    assert numbers == session.order({"get": list(numbers)})["get"]
+
+
+def test_figures_of_a_plant_hold_its_last_seconds_its_events_and_every_step():
+    session = new_session(Hand())
+    numbers = OwnLine(session).numbers()
+    time_s = np.arange(0.0, 30.0, 0.04)
+    columns = {name: np.full(len(time_s), value) for name, value in numbers.items()} | {
+        "time_s": time_s, "speed_reference_rad_s": np.full(len(time_s), np.nan),
+    }  # fmt: skip
+    figure = last_seconds(columns, 10.0, 1500.0, [(5.0, "too early"), (25.0, "slack")])
+    assert min(figure.data[0].x) >= 19.9 and "set point" not in {trace.name for trace in figure.data}
+    texts = [note.text for note in figure.layout.annotations]
+    assert "slack" in texts and "too early" not in texts
+    bars = late_starts({"<10 us": 3, ">=10000 us": 1}).data[0]
+    assert list(bars.y) == [75.0, 25.0]
+
+
+def test_a_plant_of_another_process_is_reached_over_udp_by_one_client_at_a_time():
+    with Served(HOIST, watchdog_s=0.2) as served:
+        line, other = UdpLine(served.port), UdpClient(served.port)
+        assert line.order({"set": {"slack_m": 0.1, "brake_closed": 1}, "get": ["slack_m"]})["get"] == {"slack_m": 0.1}
+        line.command(500.0)
+        end = time.monotonic() + WITHIN_S
+        while (seen := line.seen()) is None and time.monotonic() < end:
+            time.sleep(0.002)
+        assert seen is not None and seen.told("brake_closed")  # a command says the brake anew
+        with pytest.raises(InputError, match="unknown point 'slak_m'"):
+            line.order({"set": {"slak_m": 0.1}})
+        line.release()
+        with pytest.raises(OtherClientError):
+            commanded_by_both(line, other)
+        other.close()
+
+
+def commanded_by_both(line: UdpLine, other: UdpClient) -> None:
+    time.sleep(0.3)  # until the watchdog has taken the plant from the one before
+    for _ in range(1000):
+        other.send(400.0)
+        line.command(500.0)
+
+
+def test_a_port_without_a_plant_is_one_clear_error():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        line = UdpLine(taken.getsockname()[1])
+        line._orders.settimeout(0.01)
+        with pytest.raises(InputError, match="no plant answers over UDP on port"):
+            line.order({"status": True})
+
+
+def test_a_wish_and_a_clients_wish_come_back_from_json():
+    wish = Wish(port=0, payload_kg=4500.0, ready=("motor_fan",))
+    assert wish_of(asdict(wish)) == wish
+    with pytest.raises(InputError, match="rate_hz"):
+        wish_of(asdict(Wish(rate_hz=1e9)))
+    settings = PI.model_dump()
+    assert wanted_of({"settings": settings, "heights_m": None}) == Wanted(PI)
+    moving = {"settings": settings, "heights_m": [8, 10], "reference": "trapezoid", "limits": [0.5, 0.6, 2.0]}
+    assert wanted_of(moving) == Wanted(PI, (8.0, 10.0), "trapezoid", LIMITS)
+
+
+def test_a_desk_answers_orders_and_rows_and_lets_its_client_go():
+    session = new_session(Hand())
+    desk = Desk(OwnLine(session), HOIST, deque(["hello"]))
+    desk.answer({"client": {"settings": PI.model_dump(), "heights_m": None}})
+    answer = desk.answer({"order": {"set": {"motor_lost": 1}}, "note": "motor lost", "rows": [-1, 0]})
+    assert answer["client"]["at_work"] and session.plant.motor_lost and answer["said"] == ["hello"]
+    assert [words for _, words in answer["events"]] == ["motor lost"]
+    assert answer["status"]["pace"]["steps"] == 0
+    assert not desk.answer({"client": None, "rows": [-1, 0]})["client"]["at_work"]
+    with pytest.raises(InputError, match="unknown point"):
+        desk.answer({"order": {"set": {"moter_lost": 1}}})
+    desk.recorder.stop()
+
+
+def until(app: Any, there: Any) -> Any:
+    end = time.monotonic() + WITHIN_S
+    while not there(app):
+        assert time.monotonic() < end, [each.value for each in app.markdown]
+        time.sleep(0.1)
+        app.run()
+    return app
+
+
+def test_a_plant_is_started_faulted_moved_and_stopped_on_its_page_and_ends_with_its_session():
+    app = page("Plant").run()
+    assert not app.exception and "plant stop" not in {button.key for button in app.button}
+    app.button(key="plant start").click().run()
+    until(app, lambda app: len(app.metric) == 6)
+    process = app.session_state["plant process"]
+    assert any("waits for the first command" in each.value for each in app.markdown)
+    app.segmented_control(key="plant client").set_value("holds").run()
+    app.number_input(key="plant fault payload_kg").set_value(6000.0).run()
+    app.button(key="plant do payload_kg").click().run()
+    app.toggle(key="plant fault motor_lost").set_value(True).run()
+    until(app, lambda app: [each.value for each in app.metric if each.label == "Payload (kg)"] == ["6000"])
+    assert errors(app) == [] and not app.exception
+    told = process.ask({"order": {"get": ["is_motor_lost", "is_waiting", "payload_now_kg"]}})["order"]["get"]
+    assert told == {"is_motor_lost": 1.0, "is_waiting": 0.0, "payload_now_kg": 6000.0}
+    app.number_input(key="plant effects.gearbox_efficiency.loss_fraction").set_value(-2.0).run()
+    app.button(key="plant effect do").click().run()
+    assert "gearbox_efficiency.loss_fraction" in errors(app)[0]
+    app.button(key="plant stop").click().run()
+    assert not process.alive and app.button(key="plant start") and not app.exception
+
+
+def test_a_plants_process_ends_with_its_session_and_says_what_was_wrong():
+    wish = asdict(Wish(port=0, start_position_m=999.0))
+    process = PlantProcess({"machine": machine_text(HOIST), "wish": wish})
+    with pytest.raises(InputError, match=r"start_position_m: 999 m, expected .* the rail"):
+        process.greeting(WITHIN_S)
+    ended = process._process
+    del process
+    gc.collect()
+    assert ended.poll() is not None
+
+
+def test_flags_are_told_by_name():
+    seen = Seen(0.0, 0.0, {}, BITS["slack"] | BITS["watchdog"])
+    assert seen.told("slack") and seen.told("watchdog") and not seen.told("off_rail")
+    assert KEPT_S >= 60.0  # the longest stretch that the page offers

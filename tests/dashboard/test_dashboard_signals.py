@@ -1,0 +1,116 @@
+"""The page Signals: peaks of long logs survive, rows share one cursor, the start of a move, what is taken away."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("streamlit")
+
+from tests.support.dashboard_app import errors, page
+from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
+from workbench.dashboard import campaigns
+from workbench.dashboard.pages.signals.page import RAMP, _part, _runs_table
+from workbench.figures.signals import BEFORE_S, Stretch, browser, start_of_move
+from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet
+from workbench.run import Array, Run
+
+
+def run(n: int = 50_000, name: str = "long") -> Run:
+    """At rest for 10 s, then at speed; a peak of one sample in the torque."""
+    time: Array = np.arange(n) * np.float64(0.001)
+    torque = np.sin(time)
+    torque[12_345] = 77.0
+    speed = np.where(time < 10.0, 0.001, 100.0)
+    return Run(
+        name, time, {"speed_motor_rad_s": speed, "torque_motor_nm": torque, "tension_dead_line_n": 5e4 + 0 * time}
+    )
+
+
+def test_a_peak_of_one_sample_is_drawn_whatever_is_left_out():
+    figure = browser([Stretch.whole(run())], ["torque_motor_nm"])
+    assert len(figure.data[0].x) < 5000
+    assert max(figure.data[0].y) == 77.0
+    assert figure.data[0].x[int(np.argmax(figure.data[0].y))] == pytest.approx(12.345)
+
+
+def test_rows_have_units_and_share_one_cursor_and_one_zoom():
+    signals = ["speed_motor_rad_s", "torque_motor_nm", "tension_dead_line_n"]
+    figure = browser([Stretch.whole(run()), Stretch.whole(run(name="other"))], signals)
+    layout = figure.to_dict()["layout"]
+    titles = [axis["title"]["text"] for name, axis in layout.items() if name.startswith("yaxis")]
+    assert [title.rpartition("<br>")[2] for title in titles] == ["(rad/s)", "(N m)", "(kN)"]
+    assert {trace.xaxis for trace in figure.data} == {"x3"} and layout["hoversubplots"] == "axis"
+    assert figure.data[-1].y[0] == 50.0
+    assert [trace.name for trace in figure.data if trace.showlegend] == ["long", "other"]
+
+
+def test_a_short_stretch_shows_every_sample_between_its_ends():
+    time, values = Stretch(run(), 12.0, 13.0).cut("torque_motor_nm")
+    assert (time[0], time[-1]) == pytest.approx((12.0, 13.0), abs=0.0011)
+    assert len(time) == pytest.approx(1001, abs=2) and values.max() == 77.0
+
+
+def test_time_is_counted_from_the_start_of_the_first_move():
+    start = start_of_move(run())
+    assert start is not None
+    assert start.zero_s == pytest.approx(10.0) and start.start_s == pytest.approx(10.0 - BEFORE_S)
+    assert start.cut("speed_motor_rad_s")[0][0] == pytest.approx(-BEFORE_S, abs=0.002)
+    still = Run("still", np.arange(5.0), {"speed_motor_rad_s": np.zeros(5)})
+    blind = Run("blind", np.arange(5.0), {"torque_motor_nm": np.ones(5)})
+    assert start_of_move(still) is None and start_of_move(blind) is None
+
+
+def test_what_is_taken_away_is_every_sample_of_the_stretch(tmp_path: Path):
+    from pyarrow import BufferReader
+    from pyarrow.csv import read_csv
+    from pyarrow.parquet import read_table
+    from scipy.io import loadmat
+
+    part = _part(Stretch(run(), 12.0, 13.0), ["torque_motor_nm"])
+    labelled = [Labelled("1 up & down", {"run": "1 up", "payload_kg": 2.5}, part)] * 2
+    for back in (read_csv(BufferReader(as_csv(labelled))), read_table(BufferReader(as_parquet(labelled)))):
+        assert back.column_names == ["run", "payload_kg", "time_s", "torque_motor_nm"]
+        assert back["torque_motor_nm"].to_numpy()[:1001] == pytest.approx(part["torque_motor_nm"], rel=1e-12)
+    (tmp_path / "signals.mat").write_bytes(as_mat(labelled))
+    variables = loadmat(tmp_path / "signals.mat")
+    assert (variables["run_1_up___down"]["time_s"][0, 0].ravel() == part.time_s).all()
+    assert "run_1_up___down_2" in variables
+
+
+def test_the_table_counts_missing_samples():
+    gappy = Run("gappy", np.arange(5.0), {"torque_motor_nm": np.array([1.0, np.nan, np.nan, 2.0, 3.0])})
+    assert _runs_table([gappy]).rows[0][:6] == ("gappy", "5", "1000", "4.000", "0", "2")
+
+
+@pytest.fixture
+def offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    write_campaign(tmp_path / "owner" / "hoist", hoist_columns())
+    write_campaign(tmp_path / "owner" / "axis", axis_columns(), machine=AXIS)
+    monkeypatch.setattr(campaigns, "SHIPPED", ())
+    monkeypatch.setenv(campaigns.VARIABLE, str(tmp_path / "owner"))
+    return tmp_path / "owner"
+
+
+def spec(app: Any) -> dict[str, Any]:
+    read: dict[str, Any] = json.loads(app.get("plotly_chart")[0].proto.spec)
+    return read
+
+
+@pytest.mark.parametrize("name", ["hoist", "axis"])
+def test_runs_and_signals_of_a_campaign_are_chosen_and_drawn(offered, name):
+    app = page("Signals").run()
+    app.selectbox(key="signals campaign").set_value(name).run()
+    assert not app.exception and errors(app) == []
+    signals = app.multiselect[1]
+    assert len(spec(app)["data"]) == len(signals.value) > 0
+    signals.set_value(signals.options[:1]).run()
+    assert len(spec(app)["data"]) == 1 and not app.exception
+    app.segmented_control(key="signals stretch").set_value(RAMP).run()
+    assert not app.exception
+    app.multiselect[1].set_value([]).run()
+    assert [info.value for info in app.info] == ["Choose at least one run and one signal."]

@@ -1,0 +1,1 @@
+"""The page Plant: a served plant live, faults at a click."""

@@ -1,0 +1,1 @@
+"""The page Signals: the raw logs of a campaign."""

@@ -1,0 +1,81 @@
+"""Signals of runs over time: a row a signal, a line a run, one cursor and one zoom over all rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workbench.figures.panels import Panels
+from workbench.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
+from workbench.names import unit_of, words_of
+from workbench.run import Array, Run
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
+DASHES = ("solid", "6px,3px", "2px,2px")
+# From a unit that a log has to one that is read more easily, with what the values are multiplied by.
+SHOWN_IN: Mapping[str, tuple[str, float]] = {"N": ("kN", 1e-3)}
+ROW = 150  # px
+MOVES_ABOVE = 0.02  # of the largest speed
+BEFORE_S, AFTER_S = 0.5, 3.5  # around the start of a move
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """What is drawn of a run: from start_s to end_s of its time, shown from zero_s on."""
+
+    run: Run
+    start_s: float
+    end_s: float
+    zero_s: float = 0.0
+
+    @classmethod
+    def whole(cls, run: Run) -> Stretch:
+        return cls(run, float(run.time_s[0]), float(run.time_s[-1]))
+
+    def cut(self, signal: str) -> tuple[Array, Array]:
+        """Time (n,) and values (n,) of the stretch, and the samples that its edges lie between."""
+        first, last = np.searchsorted(self.run.time_s, (self.start_s, self.end_s))
+        inside = slice(max(int(first) - 1, 0), int(last) + 1)
+        return self.run.time_s[inside] - self.zero_s, self.run[signal][inside]
+
+
+def start_of_move(run: Run) -> Stretch | None:
+    """From shortly before the first move on, time counted from there; None for a run without a speed, or at rest."""
+    name = next((name for name in run.signals if name.startswith("speed_")), None)
+    if name is None:
+        return None
+    speed = np.abs(np.nan_to_num(run[name]))
+    moving = speed > MOVES_ABOVE * float(speed.max())
+    if not moving.any():
+        return None
+    start = float(run.time_s[int(np.argmax(moving))])
+    return Stretch(run, start - BEFORE_S, start + AFTER_S, start)
+
+
+def browser(stretches: Sequence[Stretch], signals: Sequence[str]) -> Figure:
+    """A row for each signal, a line for each run that has it. Long runs are thinned; their peaks stay."""
+    units = {signal: SHOWN_IN.get(unit_of(signal), (unit_of(signal), 1.0)) for signal in signals}
+    heads = [f"{_words(signal)}<br>({units[signal][0] or '–'})" for signal in signals]
+    panels = Panels("", heads, one_cursor=True)
+    for number, stretch in enumerate(stretches):
+        look = {
+            "color": COLOURS[number % len(COLOURS)], "width": 1.5, "simplify": False,
+            "dash": DASHES[number // len(COLOURS) % len(DASHES)],
+        }  # fmt: skip
+        for row, signal in enumerate(signals):
+            if signal in stretch.run:
+                time, values = stretch.cut(signal)
+                panels.line(row, 0, time, units[signal][1] * values, stretch.run.name, look, units[signal][0])
+    return panels.figure(ROW * len(signals) + 130)
+
+
+def _words(signal: str) -> str:
+    """A signal's name in words, broken where it is long."""
+    words = words_of(signal)
+    return words if len(words) <= 18 else words.replace(" ", "<br>", 1)
