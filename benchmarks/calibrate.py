@@ -14,9 +14,11 @@ is what the best hypothesis of machines without a gap stays below in all but one
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,8 +34,9 @@ from workbench.blind.run import run
 from workbench.blind.score import Score, open_and_score
 from workbench.blind.seal import CAMPAIGNS, key_of
 from workbench.blind.share import Share
-from workbench.diagnose.verdict.probability import CALIBRATION, calibration, rank
+from workbench.diagnose.verdict.probability import CALIBRATION, calibration, is_lost, logistic_argument, rank
 from workbench.diagnose.verdict.records import Hypothesis
+from workbench.run import Array
 
 Row = Mapping[str, Any]
 WEIGHT = "unknown_"  # of what speaks for an unknown cause; the bias is the logistic's own
@@ -48,6 +51,7 @@ SEALED, WITHHELD, ANSWERED_WITH = "sealed", "withheld", "calibration.json"
 LEAST_THRESHOLD = 4.0
 FALSE_ALARMS = 0.02
 INSIDE = 0.90
+SURE = (-30.0, 30.0)  # arguments of the logistic: as good as no unknown cause, and as nothing else
 BEFORE_RANKING = ("interval", "pair")  # to change these is to diagnose anew
 
 
@@ -194,8 +198,12 @@ def _anew(row: Row, numbers: Mapping[str, float]) -> dict[str, Any]:
 
 def _ranked(row: Row, numbers: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     twins = [[tuple(names) for names in group] for group in row.get("twins") or ()]
-    left = float((row.get("left") or {}).get("percent_of_input", 0.0))
-    return rank(_merits(row), row["evidence"], numbers, twins, left)
+    return rank(_merits(row), row["evidence"], numbers, twins, _left(row))
+
+
+def _left(row: Row) -> float:
+    """Per cent of the input that the best hypothesis leaves; 0 of a diagnosis that does not say."""
+    return float((row.get("left") or {}).get("percent_of_input", 0.0))
 
 
 def _merits(row: Row) -> list[tuple[tuple[str, ...], float]]:
@@ -276,24 +284,63 @@ def _stated(rows: Sequence[Row], numbers: Mapping[str, float]) -> dict[str, floa
     from scipy.optimize import minimize
 
     rows = [row for row in rows if not row.get("withheld")]
-    outcome = [right_as_stated(_anew(row, numbers)) for row in rows]
+    outcome = np.array([right_as_stated(_anew(row, numbers)) for row in rows], dtype=bool)
+    corners = _corners(rows, numbers)
 
     def numbers_of(values: Sequence[float]) -> dict[str, float]:
         return {"surer": math.exp(values[0])} | dict(zip(STATED[1:], map(_share, values[1:]), strict=True))
 
     def loss(values: Sequence[float]) -> float:
-        tried = {**numbers, **numbers_of(values)}
-        total = (values[0] / math.log(FACTOR)) ** 2
-        total -= ONE * sum(math.log(_share(v)) + math.log(1.0 - _share(v)) for v in values[1:])
-        for row, was_right in zip(rows, outcome, strict=True):
-            p = min(max(_ranked(row, tried)[0].probability, 1e-4), 1.0 - 1e-4)
-            total -= math.log(p if was_right else 1.0 - p)
-        return total
+        p = np.clip(corners.stated(numbers_of(values)), 1e-4, 1.0 - 1e-4)
+        unlikely = (values[0] / math.log(FACTOR)) ** 2
+        unlikely -= ONE * sum(math.log(_share(v)) + math.log(1.0 - _share(v)) for v in values[1:])
+        return float(unlikely - np.sum(np.log(np.where(outcome, p, 1.0 - p))))
 
     bounds = [(-math.log(FACTOR), math.log(FACTOR)), *[(-6.0, 6.0)] * (len(STATED) - 1)]
     begin = [0.0, *[-2.0] * (len(STATED) - 1)]
-    best = minimize(loss, begin, method="Powell", bounds=bounds, options={"xtol": 1e-2, "ftol": 1e-5})
+    best = minimize(loss, begin, method="L-BFGS-B", bounds=bounds)
     return numbers_of(best.x)
+
+
+@dataclass(frozen=True)
+class Corners:
+    """What the probability of each answer is stated from, for it is linear in each `missed_*`, and in the share that no
+    unknown cause takes.
+
+    x: (n,) the argument of the logistic. lost: (n,) whether the fits are. at: (2, 2, 2, n) the probability where no
+    unknown cause takes anything, or all (first index), where no gap is never missed, or always, and where an unknown
+    cause is.
+    """
+
+    x: Array
+    lost: np.ndarray
+    at: Array
+
+    def stated(self, numbers: Mapping[str, float]) -> Array:
+        """(n,) of the answers, by `surer` and `missed_*`."""
+        x = np.where(self.x < 0.0, numbers["surer"] * self.x, self.x)
+        unknown = 1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0)))
+        cause = np.where(self.lost, numbers["missed_lost"], numbers["missed_unknown"])
+        none = np.full(len(cause), numbers["missed_no_gap"])
+        weights = (np.stack([1.0 - p, p]) for p in (unknown, none, cause))
+        return np.asarray(np.einsum("in,jn,kn,ijkn->n", *weights, self.at))
+
+
+def _corners(rows: Sequence[Row], numbers: Mapping[str, float]) -> Corners:
+    at = np.zeros((2, 2, 2, len(rows)))
+    for n, row in enumerate(rows):
+        answer = _ranked(row, numbers)[0]
+        plain = {**row, "evidence": dict.fromkeys(row["evidence"], 0.0)}
+        for i, j, k in itertools.product((0, 1), repeat=3):
+            corner = {"unknown_bias": SURE[i], "missed_no_gap": j, "missed_unknown": k, "missed_lost": k}
+            at[i, j, k, n] = _of(answer, _ranked(plain, {**numbers, "surer": 1.0, **corner}))
+    x = [logistic_argument(row["evidence"], numbers) for row in rows]
+    lost = [is_lost(_merits(row), numbers["threshold"], _left(row)) for row in rows]
+    return Corners(np.array(x), np.array(lost, dtype=bool), at)
+
+
+def _of(answer: Hypothesis, ranking: Sequence[Hypothesis]) -> float:
+    return next(h.probability for h in ranking if (h.verdict, h.effects) == (answer.verdict, answer.effects))
 
 
 def _share(logit: float) -> float:

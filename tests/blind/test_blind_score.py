@@ -465,6 +465,16 @@ def test_what_is_stated_is_fitted_to_how_often_answers_are_right():
     assert len(lines) == 4 and lines[-1].startswith("| all |")
 
 
+def test_what_is_stated_follows_from_its_corners():
+    numbers = {**calibration(), "surer": 1.3, "missed_no_gap": 0.2, "missed_unknown": 0.3, "missed_lost": 0.6}
+    rows = [sure(2.0, True), none_of(-5.0), none_of(6.0), sure(60.0, True), *campaigns()[20:24]]
+    rows += [{**sure(5.0, True), "evidence": {**EVIDENCE, MAIN: 4.0}, "left": {"percent_of_input": 20.0}}]
+    rows += [{**sure(5.0, True), "twins": [[[VISCOUS], [OFFSET]]]}]
+    rows += [made([VISCOUS], "unknown", merits=[((), 60.0), ((VISCOUS,), 58.0)])]
+    said = [calibrate._ranked(row, numbers)[0].probability for row in rows]
+    assert calibrate._corners(rows, numbers).stated(numbers) == pytest.approx(said)
+
+
 def test_a_calibration_error_by_chance_is_what_few_answers_have():
     """Of one answer that says p it is 2 p (1 - p); of many it goes with the root of their number."""
     one = made([VISCOUS], "named", [VISCOUS], probability=0.9)

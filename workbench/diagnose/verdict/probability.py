@@ -46,7 +46,7 @@ def rank(
     likeliest of the three words. twins: groups of hypotheses that differ in name only, the first one's name leading;
     each group is one row, with one probability. left_percent: what the best hypothesis leaves, of the input's rms.
     """
-    x = numbers["unknown_bias"] + sum(numbers[f"unknown_{name}"] * value for name, value in evidence.items())
+    x = logistic_argument(evidence, numbers)
     answer = _rows(merits, _shares(merits, x, numbers), twins)[0]
     if x < 0.0:
         x *= numbers["surer"]
@@ -54,6 +54,11 @@ def rank(
     rows = _rows(merits, _with_misses(merits, _shares(merits, x, numbers), numbers, lost), twins)
     first = next(row for row in rows if (row.verdict, row.effects) == (answer.verdict, answer.effects))
     return (first, *sorted((row for row in rows if row is not first), key=lambda row: -row.probability))
+
+
+def logistic_argument(evidence: Mapping[str, float], numbers: Mapping[str, float]) -> float:
+    """Of an unknown cause: below 0 it is the less likely."""
+    return numbers["unknown_bias"] + sum(numbers[f"unknown_{name}"] * value for name, value in evidence.items())
 
 
 def is_lost(merits: Sequence[tuple[Names, float]], threshold: float, left_percent: float) -> bool:
