@@ -92,7 +92,7 @@ def constants(file: Path) -> list[Number]:
     text = file.read_text(encoding="utf-8")
     lines = text.splitlines()
     module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
-    found = []
+    numbers = []
     for node in ast.parse(text).body:
         if not isinstance(node, ast.Assign) or not isinstance(target := node.targets[0], ast.Name):
             continue
@@ -101,8 +101,8 @@ def constants(file: Path) -> list[Number]:
         except ValueError:
             continue
         if target.id.isupper() and _numeric(value):
-            found.append(Number(module, target.id, value, _comment(lines, node.lineno - 1)))
-    return found
+            numbers.append(Number(module, target.id, value, _comment(lines, node.lineno - 1)))
+    return numbers
 
 
 def _numeric(value: Any) -> bool:

@@ -278,8 +278,8 @@ def test_several_folders_are_scored_as_one_and_each_campaign_says_its_folder(mad
     assert [row["folder"] for row in sheet.rows] == [f"test/00{k}" for k in (1, 2, 3, 4)] + ["more/001", "more/002"]
     assert [row["folder"] for row in sheet_of(open_all([made.folder])).rows] == ["001", "002", "003", "004"]
     said_of = " ".join(sentences(sheet))
-    for each in (made, other):
-        assert f"{each.folder.name}: Seal (SHA-256) {each.seal_sha256}" in said_of
+    for score in (made, other):
+        assert f"{score.folder.name}: Seal (SHA-256) {score.seal_sha256}" in said_of
     assert f"Seed {SEED}." in said_of
 
 

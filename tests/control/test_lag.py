@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.discrete import sampled_plant
@@ -26,6 +25,8 @@ def lagging(time_constant_s: float) -> Hoist:
 
 @pytest.mark.parametrize("time_constant_s", [1e-6, 1e-4, 1e-3, 0.004, 0.0499, 0.0501, 10.0])
 def test_the_straight_line_has_the_exponentials_integral_and_first_moment(time_constant_s: float):
+    from scipy.integrate import quad
+
     step = lag_step(time_constant_s, H)
     exact = [
         quad(lambda t, n=n: t**n * np.exp(-t / time_constant_s), 0.0, min(H, 60.0 * time_constant_s))[0] for n in (0, 1)

@@ -88,7 +88,7 @@ def test_the_built_in_client_goes_up_and_down_between_two_heights():
     wanted = Wanted(PI, (8.5, 9.6), "ruckig", LIMITS)
     takes = sum(time_optimal.shortest_move_s(by, LIMITS) + PAUSE_S for by in (0.6, -1.1))
     seen = driven(session, clock, Controller(HOIST, wanted), takes)
-    heights = [height(each) for each in seen]
+    heights = [height(state) for state in seen]
     assert max(heights) == pytest.approx(9.6, abs=0.02)
     assert heights[-1] == pytest.approx(8.5, abs=0.02)
 
@@ -234,7 +234,7 @@ def test_a_desk_answers_orders_and_rows_and_lets_its_client_go():
 def until(app: Any, there: Any) -> Any:
     end = time.monotonic() + WITHIN_S
     while not there(app):
-        assert time.monotonic() < end, [each.value for each in app.markdown]
+        assert time.monotonic() < end, [element.value for element in app.markdown]
         time.sleep(0.1)
         app.run()
     return app
@@ -246,12 +246,12 @@ def test_a_plant_is_started_faulted_moved_and_stopped_on_its_page_and_ends_with_
     app.button(key="plant start").click().run()
     until(app, lambda app: len(app.metric) == 6)
     process = app.session_state["plant process"]
-    assert any("waits for the first command" in each.value for each in app.markdown)
+    assert any("waits for the first command" in element.value for element in app.markdown)
     app.segmented_control(key="plant client").set_value("holds").run()
     app.number_input(key="plant fault payload_kg").set_value(6000.0).run()
     app.button(key="plant do payload_kg").click().run()
     app.toggle(key="plant fault motor_lost").set_value(True).run()
-    until(app, lambda app: [each.value for each in app.metric if each.label == "Payload (kg)"] == ["6000"])
+    until(app, lambda app: [element.value for element in app.metric if element.label == "Payload (kg)"] == ["6000"])
     assert errors(app) == [] and not app.exception
     told = process.ask({"order": {"get": ["is_motor_lost", "is_waiting", "payload_now_kg"]}})["order"]["get"]
     assert told == {"is_motor_lost": 1.0, "is_waiting": 0.0, "payload_now_kg": 6000.0}

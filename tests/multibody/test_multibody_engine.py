@@ -9,13 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("exudyn", reason="the extra multibody is not installed")
-
 from workbench.multibody.exudyn_import import engine
 from workbench.multibody.motion import SPECTRAL_RADIUS, TOLERANCE
 
 G = 9.81
 Point = tuple[float, float]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def exudyn() -> None:
+    """Imported here and not above, so that the collection of the tests does not wait for it."""
+    pytest.importorskip("exudyn", reason="the extra multibody is not installed")
 
 
 class Bench:

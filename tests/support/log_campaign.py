@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from workbench.machine import default_hoist, save_machine
+from workbench.machine import default_hoist
+from workbench.machine.files import machine_text
 
 Array = npt.NDArray[np.float64]
 AXIS = """\
@@ -55,15 +57,18 @@ def csv_text(columns: Mapping[str, Array]) -> str:
     return "\n".join(rows) + "\n"
 
 
+@cache
+def _default_machine() -> str:
+    """Made once: tests write a thousand campaigns."""
+    return machine_text(default_hoist())
+
+
 def write_campaign(
     folder: Path, columns: Mapping[str, Array] | str, *, runs: str = RUNS, machine: str | None = None
 ) -> Path:
     """A campaign of one CSV run, `lift`, of the default hoist unless a machine's text is given."""
     (folder / "runs").mkdir(parents=True, exist_ok=True)
-    if machine is None:
-        save_machine(default_hoist(), folder / "machine.yaml")
-    else:
-        (folder / "machine.yaml").write_text(machine)
+    (folder / "machine.yaml").write_text(_default_machine() if machine is None else machine)
     (folder / "runs.yaml").write_text(runs)
     text = columns if isinstance(columns, str) else csv_text(columns)
     (folder / "runs" / "lift.csv").write_text(text, encoding="utf-8")

@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
-from workbench.effects.registry import know
+from workbench.effects.loading import know
 from workbench.effects.user_file import UserFile
 from workbench.errors import InputError
 from workbench.study.execute.batch import run_chunk

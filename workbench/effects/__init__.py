@@ -21,7 +21,8 @@ from workbench.effects.active import (
     sizes_of,
 )
 from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
-from workbench.effects.registry import effects_for, find, forget_users, library_effects, load_effects, names
+from workbench.effects.loading import load_effects
+from workbench.effects.registry import effects_for, find, forget_users, library_effects, names
 from workbench.effects.series import (
     logged,
     logged_input,

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.effects.correction import corrected
+from workbench.effects.correction import correction_of
 from workbench.effects.declare import Effect, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
 from workbench.errors import InputError, nearest
@@ -81,7 +81,7 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     kind = plant_of(machine).kind
     wanted = {**machine.effects, **(chosen or {})}
     if not wanted:
-        return corrected(Active(kind), machine)
+        return _corrected(Active(kind), machine)
     sizes = sizes_of(machine)
     chosen_effects = {name: find(name, kind) for name in wanted}
     values: dict[str, float] = {}
@@ -92,11 +92,11 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
         effect for effect in effects_for(kind).values() if effect in chosen_effects.values() and effect.on_sensor
     )
     if not in_plant:
-        return corrected(Active(kind, values=MappingProxyType(values), sensors=sensors), machine)
+        return _corrected(Active(kind, values=MappingProxyType(values), sensors=sensors), machine)
     own = {effect.id for effect in library_effects()}
     held = _in_plants(kind) if all(effect.id in own for effect in in_plant) else _with_users(kind)
     everything = {symbol: value for effect in held for symbol, value in vanished(effect, sizes).items()}
-    return corrected(Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors), machine)
+    return _corrected(Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors), machine)
 
 
 def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
@@ -106,7 +106,7 @@ def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
     in_plant = tuple(effect for effect in wanted if not effect.on_sensor)
     numbers = {name: whole.values[name] for effect in in_plant for name in vanished(effect, sizes_of(machine))}
     pieces = compiled(kind, in_plant) if in_plant else NO_EFFECTS
-    made = corrected(Active(kind, pieces, MappingProxyType(numbers)), machine)
+    made = _corrected(Active(kind, pieces, MappingProxyType(numbers)), machine)
     return Alone(made.effects, made.values, in_plant, tuple(effect.id for effect in whole.sensors))
 
 
@@ -115,7 +115,7 @@ def all_off(machine: Hoist | Axis) -> Active:
     kind, sizes = plant_of(machine).kind, sizes_of(machine)
     held = _with_users(kind)
     values = {symbol: value for effect in held for symbol, value in vanished(effect, sizes).items()}
-    return corrected(Active(kind, compiled(kind, held), MappingProxyType(values)), machine)
+    return _corrected(Active(kind, compiled(kind, held), MappingProxyType(values)), machine)
 
 
 def searchable(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Active:
@@ -126,7 +126,7 @@ def searchable(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Active:
     off = {symbol: value for effect in everything for symbol, value in vanished(effect, sizes).items()}
     pieces = compiled(kind, tuple(effect for effect in everything if not effect.on_sensor))
     sensors = tuple(effect for effect in everything if effect.on_sensor)
-    return corrected(Active(kind, pieces, MappingProxyType({**off, **own.values}), sensors), machine)
+    return _corrected(Active(kind, pieces, MappingProxyType({**off, **own.values}), sensors), machine)
 
 
 def parts(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
@@ -141,7 +141,7 @@ def parts(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
         gone = tuple(effect for effect in everything if _amounts(effect, sizes) and not wanted(effect))
         kept = compiled(kind.name, tuple(effect for effect in everything if effect not in gone))
         off = {symbol: value for effect in gone for symbol, value in _amounts(effect, sizes).items()}
-        return Part(corrected(Active(kind.name, kept), machine).effects, MappingProxyType(off))
+        return Part(_corrected(Active(kind.name, kept), machine).effects, MappingProxyType(off))
 
     def linear(effect: Effect) -> bool:
         amounts = all(parameter.vanishes_at is not None for parameter in effect.parameters)
@@ -213,6 +213,15 @@ def compiled(kind: str, effects: tuple[Effect, ...]) -> Effects:
     symbols = [effect.symbol(parameter, kind) for effect in effects for parameter in effect.parameters]
     memory = [_memory(effect, kind) for effect in effects if effect.memory is not None]
     return Effects(pieces, (*symbols, *RUN_SYMBOLS), memory)
+
+
+def _corrected(active: Active, machine: Hoist | Axis) -> Active:
+    """The effects at work and the machine's measured correction beside them; without one, `active` itself."""
+    correction = correction_of(machine, active.kind)
+    if correction is None:
+        return active
+    pieces, values = correction
+    return replace(active, effects=joined(active.effects, pieces), values=MappingProxyType({**active.values, **values}))
 
 
 @cache

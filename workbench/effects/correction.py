@@ -13,35 +13,27 @@ the machine has a table. Its number of points is rounded up to one of two, so fe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from functools import cache, partial
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from workbench.kinds import KINDS, Port
 from workbench.machine import Axis, Hoist, MeasuredCorrection
 from workbench.plants import Effects
 from workbench.trace.expr import Scalar, clip, floor, where
 
-if TYPE_CHECKING:
-    from workbench.effects.active import Active
-
 NAME = "measured_correction"
 SEGMENTS = (17, 33)  # between points; a periodic table has one more than points on a line
 TURN = 2.0 * math.pi
 
 
-def corrected(active: Active, machine: Hoist | Axis) -> Active:
-    """The effects at work and the machine's measured correction beside them; without one, `active` itself."""
+def correction_of(machine: Hoist | Axis, kind: str) -> tuple[Effects, Mapping[str, float]] | None:
+    """The machine's measured correction as pieces for its plant, with their numbers by symbol; None without one."""
     correction = machine.measured_correction
     if correction is None:
-        return active
-    from workbench.effects.active import joined
-
-    pieces = _pieces(active.kind, correction.over, correction.acts_on, correction.periodic, _segments(correction))
-    values = MappingProxyType({**active.values, **_numbers(correction)})
-    return replace(active, effects=joined(active.effects, pieces), values=values)
+        return None
+    pieces = _pieces(kind, correction.over, correction.acts_on, correction.periodic, _segments(correction))
+    return pieces, _numbers(correction)
 
 
 def _segments(correction: MeasuredCorrection) -> int:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import os
 import pkgutil
 import sys
 import threading
@@ -16,15 +15,14 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from workbench.effects.declare import Effect
-from workbench.effects.user_file import UserFile, declared, declared_in, read_user_file
+from workbench.effects.declare import Effect, declared_in
+from workbench.effects.user_file import UserFile
 from workbench.errors import InputError, nearest
 
 ENTRY_POINTS = "workbench.effects"  # the group; each entry names a module that declares effects
 
 _users: dict[tuple[str, str], Effect] = {}  # (id, kind) -> what users' files declared in this process
 _files: dict[str, UserFile] = {}  # path -> the file that is known
-_declared: dict[tuple[str, str], tuple[Effect, ...]] = {}  # (path, digest) -> the effects of that text
 _changing = threading.RLock()
 
 
@@ -61,35 +59,19 @@ def _of_entry_points() -> None:
         add(declared_in(module) if isinstance(module, ModuleType) else [module], place=f"entry point {entry.name}")
 
 
-def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
-    """The effects that a Python file declares; from now on they are known by name in this process.
-
-    InputError where the file is not there, fails, declares nothing, takes a name that is taken, or
-    holds an effect that no plant can take. Loading the same file again replaces what it declared before.
-    """
-    return know(read_user_file(path), path)
-
-
-def know(file: UserFile, shown: str | os.PathLike[str] | None = None) -> tuple[Effect, ...]:
-    """Makes the effects of a file known, that was read here or elsewhere; see `load_effects`.
-
-    The same text again is the same effects, so kernels that were made for them serve on.
-    """
+def replace_file(file: UserFile, effects: Iterable[Effect], place: str) -> None:
+    """Makes the effects of a user's file known in place of those it declared before. InputError as of `add`."""
     with _changing:
-        if (file.path, file.digest) not in _declared:
-            _declared[file.path, file.digest] = declared(file, shown)
-        effects = _declared[file.path, file.digest]
         before = dict(_users)
         for key in [key for key, effect in _users.items() if effect.function.__module__ == file.module]:
             del _users[key]
         try:
-            add(effects, place=str(shown or file.path))
+            add(effects, place=place)
         except InputError:
             _users.clear()
             _users.update(before)
             raise
         _files[file.path] = file
-    return effects
 
 
 def files_behind(names: Iterable[str], kind: str) -> tuple[UserFile, ...]:

@@ -30,7 +30,7 @@ class PlantProcess:
     """
 
     def __init__(self, spec: Mapping[str, Any]) -> None:
-        if sum(each.alive for each in _running) >= MOST_IN_ALL:
+        if sum(plant.alive for plant in _running) >= MOST_IN_ALL:
             raise InputError("this computer already serves the plants of others; try again in a while")
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "workbench.dashboard.plant.worker"],

@@ -126,6 +126,6 @@ def _rows(
     rows = [Hypothesis("no_gap", (), shares.no_gap), Hypothesis("unknown", (), shares.unknown)]
     rows += [Hypothesis("named", names, share, others.get(names, ())) for names, share in together.items()]
     total = {"no_gap": shares.no_gap, "unknown": shares.unknown, "named": sum(together.values())}
-    word = max(total, key=lambda each: total[each])
+    word = max(total, key=lambda verdict: total[verdict])
     rows.sort(key=lambda row: (row.verdict != word, -row.probability))
     return (rows[0], *sorted(rows[1:], key=lambda row: -row.probability))
