@@ -25,7 +25,7 @@ from workbench.diagnose.verdict.records import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.effects.declare import SUBSYSTEMS
 from workbench.errors import InputError
-from workbench.figures.place import marked_machine
+from workbench.figures.place import for_dark_ground, marked_machine
 from workbench.machine import load_machine
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import page as diagnosis_page
@@ -384,6 +384,26 @@ def test_every_place_of_a_gap_is_marked_once_on_the_drawing(subsystem: str):
     drawn = fromstring(marked_machine(d.campaign.machine, subsystem, d.shrink))
     named = [text.text for text in drawn.iter() if text.get("font-weight") == "bold"]
     assert named == [subsystem.removesuffix("_sensor")]
+
+
+def luminance(colour: str) -> float:
+    """Relative, of #rrggbb or white (WCAG 2.2)."""
+    digits = "ffffff" if colour == "white" else colour.removeprefix("#")
+    parts = [int(digits[i : i + 2], 16) / 255.0 for i in (0, 2, 4)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_the_words_of_the_drawing_can_be_read_on_its_ground(dark: bool):
+    d = made_diagnosis("named")
+    svg = marked_machine(d.campaign.machine, "guide", d.shrink)
+    drawn = fromstring(for_dark_ground(svg) if dark else svg)
+    ground = luminance(drawn.findall("{*}rect")[0].get("fill", ""))
+    for text in drawn.findall("{*}text"):
+        light, ink = sorted([ground, luminance(text.get("fill", ""))], reverse=True)
+        assert (light + 0.05) / (ink + 0.05) > 4.5, text.text
+    assert (ground < 0.1) is dark
 
 
 def test_the_bars_below_the_drawing_are_as_long_as_the_residuals():

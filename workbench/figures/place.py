@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from workbench.figures.style import BLUE, GREY, INK, ORANGE
+from workbench.figures.style import BLUE, GREY, ORANGE, on_dark
 
 WIDTH, HEIGHT = 320, 250
-_FILL, _MARK = "#E9EDF2", ORANGE
+INK, GROUND = "#222222", "white"
+_FILL, _MARK, _NOISE = "#E9EDF2", ORANGE, "#C8CDD3"
+_FILL_DARK = "#2B303B"
 Part = tuple[str, float, float, float, float]  # what is drawn, x, y, width, height in px; a circle by its box
 
 # What stands for each part of a hoist. A sensor is a small box at the shaft.
@@ -51,10 +53,18 @@ def marked_machine(machine: Any, subsystem: str, shrink: Any) -> str:
         drawn.insert(0, f'<rect x="240" y="116" width="57" height="24" fill="{_FILL}" stroke="{INK}"/>')
         drawn.insert(0, f'<path d="M212 128 H240" stroke="{INK}" stroke-width="3"/>')
     words = [_text(x, y, _SHORT.get(name, name), name == subsystem) for name, (x, y) in names.items()]
+    inside = "".join([*drawn, *words]) + _bars(shrink)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" font-family="sans-serif">'
-        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="white"/>{"".join(drawn)}{"".join(words)}{_bars(shrink)}</svg>'
+        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="{GROUND}"/>{inside}</svg>'
     )
+
+
+def for_dark_ground(svg: str) -> str:
+    """The same drawing on a dark page: ground, ink and what is not marked change, marks and bars stay."""
+    for light in (INK, GROUND, GREY):
+        svg = svg.replace(f'"{light}"', f'"{on_dark(light)}"')
+    return svg.replace(_FILL, _FILL_DARK)
 
 
 def _part(parts: tuple[Part, ...], marked: bool) -> str:
@@ -80,7 +90,7 @@ def _bars(s: Any) -> str:
     largest = max(s.before, s.after, s.noise, 1e-12)
     lines = []
     for k, (name, value, colour) in enumerate(
-        (("before", s.before, GREY), ("after", s.after, BLUE), ("noise", s.noise, "#C8CDD3"))
+        (("before", s.before, GREY), ("after", s.after, BLUE), ("noise", s.noise, _NOISE))
     ):
         y = 198 + 17 * k
         lines.append(f'<text x="52" y="{y + 11}" font-size="11" text-anchor="end" fill="{INK}">{name}</text>')

@@ -125,6 +125,11 @@ _GLASS, _DARK_GLASS = "rgba(255,255,255,", "rgba(14,17,23,"  # behind words that
 _DARK = {light.lower(): dark for light, dark in _LIGHT_TO_DARK.items()}
 
 
+def on_dark(colour: str) -> str:
+    """What a colour of the light ground becomes on the dark one."""
+    return _DARK.get(colour.lower(), colour)
+
+
 def _turned(value: Any) -> Any:
     if isinstance(value, str):
         return _DARK.get(value.lower(), value.replace(_GLASS, _DARK_GLASS))

@@ -11,8 +11,9 @@ from workbench.dashboard import session
 from workbench.dashboard.jobs.job import Job, result_folder
 from workbench.dashboard.machines import keep_machine
 from workbench.dashboard.pages.gap.view import VIEW, View, read_view
-from workbench.dashboard.widgets import chart, numbers, plain, said, table
+from workbench.dashboard.widgets import chart, is_dark, numbers, plain, said, table
 from workbench.effects import check
+from workbench.figures.place import for_dark_ground
 from workbench.figures.save import Section
 from workbench.machine import load_machine
 
@@ -48,7 +49,7 @@ def show_results(job: Job) -> None:
             f"{said(' '.join(view.lead))}"
         )
         if drawing is not None:
-            drawing.image(view.place, width="stretch")
+            drawing.image(for_dark_ground(view.place) if is_dark() else view.place, width="stretch")
     for warning in view.warnings:
         st.warning(plain(warning), icon=":material/warning:")
     numbers(view.numbers)

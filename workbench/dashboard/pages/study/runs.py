@@ -25,6 +25,7 @@ log = logging.getLogger(__name__)
 RAMPS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.25, 1.6)  # of the acceleration that is set
 JERKS = (0.25, 0.4, 0.63, 1.0, 1.6, 2.5, 4.0)  # of the jerk that is set
 POINTS = 5
+KEPT = 20  # studies whose signals are kept, of all sessions together
 STEP_S = 1.5e-4  # of compute, for a step of the multi-body model
 LUMPED = {"plant": "lumped"}  # of the curves beside a study: dozens of runs
 
@@ -35,7 +36,7 @@ def results(scenario: Scenario, machine: Hoist) -> StudyResult:
     if scenario.plant == "multibody":
         steps = sum(spec.duration_s / min(spec.step_s, spec.controller.sample_time_s) for spec in study.specs)
         log.info("%d runs on the multi-body machine, some %.0f s", len(study.specs), max(1.0, STEP_S * steps))
-    return _run(*_values(study), study)
+    return _with_signals(*_values(study), study)
 
 
 def beside_payloads(scenario: Scenario, machine: Hoist) -> StudyResult:
@@ -72,7 +73,13 @@ def _values(study: Study) -> tuple[str, str]:
     return f"{study.scenario_hash} {' '.join(columns())}", study.machine_hash
 
 
-# A resource rather than data: the records are frozen, so that nobody need have a copy.
+# Resources rather than data: the records are frozen, so that nobody need have a copy. The runs of a study hold some
+# 5 MB of signals, those beside it none.
+@st.cache_resource(max_entries=KEPT, show_spinner=False)
+def _with_signals(scenario: str, machine: str, _study: Study) -> StudyResult:
+    return run_study(_study)
+
+
 @st.cache_resource(max_entries=200, show_spinner=False)
 def _run(scenario: str, machine: str, _study: Study) -> StudyResult:
     return run_study(_study)
