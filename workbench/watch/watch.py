@@ -20,6 +20,7 @@ from workbench.watch.change import Baseline
 from workbench.watch.estimate import estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Judged, Rules
 from workbench.watch.store import Kept, KeptAlarm, Store, digest_of
+from workbench.watch.stream.line import Line
 
 Say = Callable[[str], None]
 Diagnoser = Callable[[Campaign, Baseline], Mapping[str, Any]]
@@ -53,15 +54,17 @@ class Watch:
         rules: Rules,
         *,
         settle_s: float = 2.0,
+        line: Line | None = None,
         diagnose: Diagnoser | None = None,
         hook: str | None = None,
         say: Say = lambda line: None,
     ) -> None:
-        """diagnose: asked about each new alarm; None: nobody is. hook: address that each new alarm is posted to."""
+        """line: what writes logs into the folder. diagnose: asked about each new alarm; None: nobody is. hook: address
+        that each new alarm is posted to."""
         self.machine, self.rules = machine, with_usual_limits(machine, rules)
         self.store = Store(state, machine, rules)
         self._arrivals = Arrivals(folder, machine, settle_s)
-        self._diagnose, self._hook, self._say = diagnose, hook, say
+        self._diagnose, self._hook, self._say, self._line = diagnose, hook, say, line
         self._said: set[str] = set()
         self.judge = Judge(self.rules)
         for kept in self.store.cycles():
@@ -73,6 +76,8 @@ class Watch:
 
     def look(self, now: float) -> tuple[int, int]:
         """Takes what is complete; how many cycles were new, and how many logs are still waited for."""
+        if self._line is not None:
+            self._hear(self._line)
         try:
             complete, waiting = self._arrivals.look(now)
         except InputError as error:
@@ -89,6 +94,16 @@ class Watch:
             self.store.write_parquet()
         self._finish()
         return new, waiting
+
+    def _hear(self, line: Line) -> None:
+        """What there is to say of a stream; a cycle that was spoilt is kept as one that does not count."""
+        while not line.notes.empty():
+            note = line.notes.get()
+            if note.key:
+                self.store.refuse(note.key, note.name, f"{note.name}: {note.text}")
+                self._say(f"not counted: {note.name}: {note.text}")
+            else:
+                self._say(note.text)
 
     def _take(self, arrived: Arrived) -> int:
         """1 where the log is a new cycle."""
