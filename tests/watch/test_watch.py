@@ -25,8 +25,9 @@ from workbench.machine import default_hoist, save_machine, with_values
 from workbench.run import Run
 from workbench.watch.change import Detector, learn, threshold
 from workbench.watch.estimate import Estimate, estimate, watched_keys
-from workbench.watch.judge import Cycle, Judge, Rules
+from workbench.watch.judge import LOAD, Cycle, Judge, Rules
 from workbench.watch.store import Store, digest_of
+from workbench.watch.told_apart import Cause, groups_of, likelihoods, posterior
 from workbench.watch.trend import trend
 from workbench.watch.watch import Watch
 
@@ -212,6 +213,33 @@ def test_faults_of_simulated_months_raise_an_alarm_soon(kind: str, names: set[st
     assert judge.alarms[-1].causes[0].name in names
 
 
+@pytest.mark.parametrize(
+    ("true", "offset_nm", "wire_kg_per_m"), [("torque_offset", 12.0, 0.0), ("wire_mass", 0.0, 9.0)]
+)
+def test_causes_that_look_alike_are_told_apart_beside_the_healthy_cycles(
+    true: str, offset_nm: float, wire_kg_per_m: float
+):
+    healthy_ones = [estimate(HOIST, run) for run in logs("healthy")]
+    payloads = np.array([run.payload_kg for run in logs("healthy")])
+    mean = np.mean([made.resolution for made in healthy_ones], axis=0)
+    baseline = learn(np.array([made.values for made in healthy_ones]), payloads, mean[:, KEYS.index(LOAD)], KEYS)
+    effects = {"torque_offset": {"offset_nm": offset_nm}, "wire_mass": {"mass_kg_per_m": wire_kg_per_m}}
+    runs = [run for run, _ in month(HOIST, 24, lambda k: ({}, {true: effects[true]}), 9)]
+    since = [Cycle(run.name, run.payload_kg, 0.0, 9.0, estimate(HOIST, run)) for run in runs]
+    causes = {
+        name: Cause(HOIST.model_copy(update={"effects": {name: values}}))
+        for name, values in {
+            "torque_offset": {"offset_nm": 12.0},
+            "wire_mass": {"mass_kg_per_m": 9.0},
+            "carriage_mass_error": {"mass_kg": 245.0},
+        }.items()
+    }
+    logs_of = likelihoods(HOIST, causes, groups_of(since, runs, baseline), baseline)
+    after = posterior(dict.fromkeys(causes, 0.3), logs_of)
+    assert max(after, key=lambda name: after[name]) == true and after[true] > 0.85
+    assert sum(after.values()) == pytest.approx(0.9)
+
+
 # The folder and the state.
 
 
@@ -342,7 +370,7 @@ def test_an_alarm_is_posted_and_posted_later_where_nobody_answered(arrived: Path
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     for _ in range(2):  # once only
-        watch = watch_of(arrived, tmp_path / "state", hook=address, diagnose=lambda campaign, baseline: {
+        watch = watch_of(arrived, tmp_path / "state", hook=address, diagnose=lambda campaign, baseline, cycles: {
             "verdict": "named", "effects": ["friction_coulomb"], "sentence": f"{len(campaign.runs)} runs"})  # fmt: skip
         watch.look(0.0)
         watch.close()

@@ -21,7 +21,7 @@ from workbench.watch.estimate import Estimate
 from workbench.watch.trend import Trend, trend
 
 LOAD = "carriage.mass_kg"
-SAME_PAYLOAD = 0.02  # of the payload, or 10 kg: stated payloads that are one
+SAME_PAYLOAD, SAME_PAYLOAD_KG = 0.02, 10.0  # relative, at least: stated payloads that are one
 SAME_CAUSE = 0.5  # cosine between two changes, whitened, that are one
 SINGLE = 1.5  # times the threshold: one cycle alone that far off is an event
 
@@ -153,14 +153,14 @@ class Judge:
         judged.events.append(Event(k, "baseline", f"the baseline is learned from {len(chosen)} cycles"))
 
     def _known(self, payload_kg: float) -> bool:
-        return any(abs(payload_kg - known_kg) <= max(10.0, SAME_PAYLOAD * known_kg) for known_kg in self._payloads)
+        return any(abs(payload_kg - known_kg) <= max(SAME_PAYLOAD_KG, SAME_PAYLOAD * known_kg) for known_kg in self._payloads)
 
     def _test(self, k: int, cycle: Cycle, before: Cycle | None, judged: Judged) -> None:
         assert self.baseline is not None
         z = self._whitened(cycle)
         free_load = not self._known(cycle.payload_kg)
         if free_load:
-            if before is None or abs(before.payload_kg - cycle.payload_kg) > 10.0:
+            if before is None or abs(before.payload_kg - cycle.payload_kg) > SAME_PAYLOAD_KG:
                 text = f"payload {cycle.payload_kg:g} kg is new: a change of the load is not the machine's"
                 judged.events.append(Event(k, "payload", text))
             basis = self._without_load()

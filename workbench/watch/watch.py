@@ -16,14 +16,14 @@ from workbench.machine import Axis, Hoist, get_value
 from workbench.names import unit_of
 from workbench.run import Run
 from workbench.watch.arrivals import Arrivals, Arrived
-from workbench.watch.change import Baseline
+from workbench.watch.change import WINDOW, Baseline
 from workbench.watch.estimate import estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Judged, Rules
 from workbench.watch.store import Kept, KeptAlarm, Store, digest_of
 from workbench.watch.stream.line import Line
 
 Say = Callable[[str], None]
-Diagnoser = Callable[[Campaign, Baseline], Mapping[str, Any]]
+Diagnoser = Callable[[Campaign, Baseline, Sequence[Cycle]], Mapping[str, Any]]
 FRICTION_LIMIT = 1.5  # of the identified level, where the user names no limit
 MOST_DIAGNOSED = 4  # cycles since the onset that go into a diagnosis
 HOOK_S = 5.0
@@ -162,7 +162,7 @@ class Watch:
             for kept in _spread(since):
                 runs.append(self._again(kept))
             campaign = Campaign(f"since {since[0].cycle.name}", self.store.folder, self.machine, tuple(runs))
-            return dict(self._diagnose(campaign, self.judge.baseline))
+            return dict(self._diagnose(campaign, self.judge.baseline, [kept.cycle for kept in since[-WINDOW:]]))
         except InputError as error:
             return {"verdict": None, "effects": [], "sentence": f"not diagnosed: {error}"}
 
