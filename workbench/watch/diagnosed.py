@@ -43,7 +43,7 @@ def diagnosed(campaign: Campaign, baseline: Baseline, cycles: Sequence[Cycle]) -
         rows, apart = _told_apart(made, machine, rows, campaign.runs, cycles, baseline)
         if apart:
             effects = rows[0][0]
-            sentence += f" {apart}"
+            sentence = f"{apart} {sentence}"
     ranking = sorted(rows, key=lambda row: -row[2])[:5]
     return {
         "verdict": made.verdict.word,
@@ -72,9 +72,9 @@ def _told_apart(
     others = [row for row in rows if not (row[1] == "named" and len(row[0]) == 1 and row[0][0] in after)]
     first, second, *_ = after.items()
     count = sum(group.count for group in groups)
-    said = f"{count} cycle{'s say' if count > 1 else ' says'}, beside the healthy ones, {first[0]}"
-    told = f"{said} (probability {first[1]:.2f}; {_amounts(made, first[0], fits[first[0]])})"
-    return named + others, f"{told}, next {second[0]} ({second[1]:.2f})."
+    by = f"by {count} cycle{'s' if count > 1 else ''} beside the healthy ones"
+    told = f"The change comes from {first[0]} (probability {first[1]:.2f}; {_amounts(made, first[0], fits[first[0]])})"
+    return named + others, f"{told}, {by}; next {second[0]} ({second[1]:.2f}). The last runs alone:"
 
 
 def _amounts(made: Diagnosis, name: str, fit: Fitted) -> str:
