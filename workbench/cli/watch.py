@@ -30,7 +30,7 @@ EXIT_ALARM = 1
 @click.option("--limit", "limits", multiple=True, metavar="KEY=VALUE",
               help="What a value must not reach. Default: 1.5 times the friction levels. May be repeated.")  # fmt: skip
 @click.option("--nodes", type=click.Path(path_type=Path),
-              help="Of a stream: nodes.yaml, which nodes are which signals. Default: those of a served plant.")  # fmt: skip
+              help="Of a stream: which nodes are which signals. Default: those of a served plant.")  # fmt: skip
 @click.option("--still", type=click.FloatRange(0.0), help="Of a stream: speeds up to it are standing, in the signal's "
               "unit. Default: 0.5 % of a hoist's nominal speed; an axis needs it.")  # fmt: skip
 @click.option("--stand", type=click.FloatRange(0.2), default=2.0, show_default=True,
