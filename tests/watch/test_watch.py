@@ -22,7 +22,9 @@ from tests.support.commands import Commands
 from tests.support.log_campaign import csv_text
 from workbench.errors import InputError
 from workbench.machine import default_hoist, save_machine, with_values
+from workbench.machine.axis import LinearAxis
 from workbench.run import Run
+from workbench.serve.plant import LiveAxis
 from workbench.watch.change import Detector, learn, threshold
 from workbench.watch.estimate import Estimate, estimate, watched_keys
 from workbench.watch.judge import LOAD, Cycle, Judge, Rules
@@ -186,6 +188,40 @@ def test_a_clock_that_jumps_back_is_said():
     judge = Judge(FEW)
     events = [event for c in given for event in judge.add(c).events]
     assert [(event.cycle, event.kind) for event in events] == [(3, "clock")]
+
+
+def test_an_axis_shows_friction_and_a_constant_load_as_two_directions():
+    friction = {"coulomb_forward_n": 20.0, "coulomb_backward_n": 20.0, "viscous_n_s_per_m": 200.0}
+    axis = LinearAxis.model_validate({"mass_kg": 95.0, "friction": friction})
+    rng = np.random.default_rng(5)
+    machines = [axis] * 40 + [with_values(axis, {"gravity.constant_n": 3.0})] * 6
+    judge = Judge(Rules(healthy=40))
+    for k, machine in enumerate(machines):
+        run = axis_cycle(machine, rng)
+        judge.add(Cycle(run.name, 0.0, 60.0 * k, run.duration_s, estimate(axis, run)))
+    assert judge.baseline is not None
+    assert judge.baseline.line[0] == pytest.approx([95.0, 200.0, 20.0, 20.0], rel=0.05)
+    assert judge.alarms[0].cycle in (40, 41)
+    first = judge.alarms[-1].causes[0]
+    assert first.name == "constant load or offset" and first.share > 0.9
+    assert first.amount == pytest.approx(3.0, rel=0.1)
+    nominal = dict(zip(watched_keys(axis), judge.baseline.line[0], strict=True))
+    assert judge.rules.limits == {} and judge.trend_of(judge.alarms[0], nominal) is not None
+
+
+def axis_cycle(axis: LinearAxis, rng: np.random.Generator) -> Run:
+    """Two seconds forward and back under a proportional loop with the load and friction fed forward."""
+    plant, dt, n = LiveAxis(axis, 0.005), 0.005, 400
+    time_s = dt * np.arange(n)
+    wished = 0.25 * np.sin(np.pi * np.clip(time_s - 0.2, 0.0, None))
+    force, place = np.empty(n), np.empty(n)
+    for k in range(n):
+        seen = plant.signals
+        place[k] = seen["position_m"]
+        force[k] = plant.hold + 20.0 * np.tanh(100.0 * wished[k]) + 2000.0 * (wished[k] - seen["velocity_m_s"])
+        plant.step(float(force[k]))
+    signals = {"force_n": force + 0.3 * rng.normal(size=n), "position_m": place + 2e-6 * rng.normal(size=n)}
+    return Run("axis", time_s, signals, 0.0, 0.0)
 
 
 # A short month of real logs.

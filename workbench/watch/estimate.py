@@ -34,9 +34,10 @@ class Estimate:
 
 
 def watched_keys(machine: Hoist | Axis) -> tuple[str, ...]:
-    """What is estimated of each cycle."""
+    """What is estimated of each cycle: of three values that a cycle shows as two sums (`Kind.ties`), two."""
     kind = kind_of(machine)
-    return kind.watched or kind.free
+    thirds = {third for _, third in kind.ties}
+    return kind.watched or tuple(key for key in kind.free if key not in thirds)
 
 
 def estimate(machine: Hoist | Axis, run: Run, keys: Sequence[str] | None = None) -> Estimate:
