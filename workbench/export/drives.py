@@ -2,9 +2,9 @@
 
 What was read in a manual has its page as `source`: ABB's gain (a gain of 1 makes of an error of 10 % of the motor's
 synchronous speed 10 % of torque), its integral time (in which a constant error at gain 1 adds as much again; 0 is
-none), its acceleration compensation; Siemens' ramp, in the manual of an older drive: ramp-up takes (v2 - v1)/p1082 p1120 +
-(p1130 + p1131)/2. The other numbers, names and units were not compared with the manuals named in `DRIVES`, and every
-file says so (`UNCHECKED`).
+none), its acceleration compensation; Siemens' ramp, in the manual of an older drive: ramp-up takes
+(v2 - v1)/p1082 p1120 + (p1130 + p1131)/2. The other numbers, names and units were not compared with the manuals named
+in `DRIVES`, and every file says so (`UNCHECKED`).
 """
 
 from __future__ import annotations
