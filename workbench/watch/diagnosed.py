@@ -17,6 +17,7 @@ from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, get_value, with_values
+from workbench.names import unit_of, words_of
 from workbench.run import Run
 from workbench.watch.change import Baseline
 from workbench.watch.judge import Cycle
@@ -80,7 +81,13 @@ def _told_apart(
 def _amounts(made: Diagnosis, name: str, fit: Fitted) -> str:
     """The cause's parameters as the diagnosis fitted them, in words."""
     rows = estimates(made.found.problem, fit, 1.0)[name]
-    return ", ".join(f"{row.name} {_first(row.value):.3g} ± {_first(row.std_error):.2g}" for row in rows)
+    sizes = ((row.name, _plain(_first(row.value), 3), _plain(_first(row.std_error), 2)) for row in rows)
+    return ", ".join(f"{words_of(key)} {value} ± {error} {unit_of(key)}".strip() for key, value, error in sizes)
+
+
+def _plain(value: float, digits: int) -> str:
+    """A number of so many digits, without an exponent where it can be."""
+    return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def _first(value: float | tuple[float, ...]) -> float:
