@@ -181,8 +181,9 @@ class Watch:
         raised = next(raised_alarm for raised_alarm in self.judge.alarms if raised_alarm.cycle == alarm.cycle)
         goes = self.judge.trend_of(raised, nominal)
         cause = alarm.causes[0]
-        amount = f"{cause['amount']:+.3g} {unit_of(cause['keys'][0])} "
-        amount += f"({cause['name']}, {100.0 * cause['share']:.0f} % of the change)"
+        unit = unit_of(cause["keys"][0])
+        amount = f"{cause['amount']:+.3g} {unit} ({cause['name']}, {100.0 * cause['share']:.0f} % of the change)"
+        amount += "" if goes is None else f", by now {goes.now:+.3g} {unit}"
         left = None if goes is None else goes.left
         until = f"; at this rate its limit is {left:.0f} cycles away" if left is not None else ""
         sentence = f"at {name}: the machine has left its identified self since {onset}: {amount}{until}."
