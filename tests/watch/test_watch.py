@@ -23,7 +23,7 @@ from tests.support.log_campaign import csv_text
 from workbench.errors import InputError
 from workbench.machine import default_hoist, save_machine, with_values
 from workbench.machine.axis import LinearAxis
-from workbench.run import Run
+from workbench.run import Array, Run
 from workbench.serve.plant import LiveAxis
 from workbench.watch.change import Detector, learn, threshold
 from workbench.watch.estimate import Estimate, estimate, watched_keys
@@ -212,7 +212,7 @@ def test_an_axis_shows_friction_and_a_constant_load_as_two_directions():
 def axis_cycle(axis: LinearAxis, rng: np.random.Generator) -> Run:
     """Two seconds forward and back under a proportional loop with the load and friction fed forward."""
     plant, dt, n = LiveAxis(axis, 0.005), 0.005, 400
-    time_s = dt * np.arange(n)
+    time_s: Array = np.asarray(dt * np.arange(n), dtype=float)
     wished = 0.25 * np.sin(np.pi * np.clip(time_s - 0.2, 0.0, None))
     force, place = np.empty(n), np.empty(n)
     for k in range(n):

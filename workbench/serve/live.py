@@ -51,7 +51,7 @@ class LiveMachine:
         self._dt, self._substeps = step_s, max(1, math.ceil(step_s / longest_step_s - 1e-9))
         made = alone(machine, self._vanished(ready))
         active = Active(self.plant.kind, made.effects, made.values)
-        self.effects: Mapping[str, Effect] = {each.id: each for each in made.chosen}
+        self.effects: Mapping[str, Effect] = {effect.id: effect for effect in made.chosen}
         self.left_out = made.sensors_left_out
         self._effects = joined(active.effects, faults)
         self._model = PlantModel(self.plant, active)
@@ -71,7 +71,7 @@ class LiveMachine:
                 raise InputError(f"'{name}' acts on the log's sensors, not on the plant", place="ready")
             if name not in self.machine.effects:
                 ranges = effect.ranges(sizes_of(self.machine))
-                ready[name] = {each.name: each.vanishes_at for each in ranges if each.vanishes_at is not None}
+                ready[name] = {amount.name: amount.vanishes_at for amount in ranges if amount.vanishes_at is not None}
         return ready
 
     def _more_values(self) -> dict[str, float]:
@@ -167,12 +167,12 @@ class LiveMachine:
         self._put(symbol, value)
 
     def effect_parameters(self, name: str) -> tuple[str, ...]:
-        return tuple(each.name for each in self.effects[name].ranges(sizes_of(self.machine)))
+        return tuple(amount.name for amount in self.effects[name].ranges(sizes_of(self.machine)))
 
     def _symbol(self, name: str, parameter: str) -> str:
         if name not in self.effects:
             raise InputError(f"unknown effect '{name}'; {nearest(name, self.effects)}")
-        ranges = {each.name: each.symbol for each in self.effects[name].ranges(sizes_of(self.machine))}
+        ranges = {amount.name: amount.symbol for amount in self.effects[name].ranges(sizes_of(self.machine))}
         if parameter not in ranges:
             raise InputError(f"effect '{name}' has no parameter '{parameter}'; {nearest(parameter, ranges)}")
         return ranges[parameter]

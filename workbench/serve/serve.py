@@ -138,5 +138,5 @@ def chosen_ready(text: str | None, machine: Hoist | Axis) -> Sequence[str]:
     if text is None:
         return ()
     if text.strip() == "all":
-        return [each.id for each in effects_for(plant_of(machine).kind).values() if not each.on_sensor]
+        return [effect.id for effect in effects_for(plant_of(machine).kind).values() if not effect.on_sensor]
     return [name.strip() for name in text.split(",") if name.strip()]

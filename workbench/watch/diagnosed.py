@@ -62,7 +62,7 @@ def _told_apart(
     """The ranking with the cycles' say, the likeliest cause first, and a sentence; as it was where there is nothing to
     tell apart."""
     before = {effects[0]: p for effects, word, p in rows if word == "named" and len(effects) == 1 and p > UNLIKELY}
-    fits = {name: made.found.fits[(name,)] for name in before if (name,) in made.found.fits}
+    fits = {name: made.search.fits[(name,)] for name in before if (name,) in made.search.fits}
     groups = groups_of(cycles, runs, baseline)
     if len(fits) < 2 or not groups:
         return list(rows), ""
@@ -80,7 +80,7 @@ def _told_apart(
 
 def _amounts(made: Diagnosis, name: str, fit: Fitted) -> str:
     """The cause's parameters as the diagnosis fitted them, in words."""
-    rows = estimates(made.found.problem, fit, 1.0)[name]
+    rows = estimates(made.search.problem, fit, 1.0)[name]
     sizes = ((row.name, _plain(_first(row.value), 3), _plain(_first(row.std_error), 2)) for row in rows)
     return ", ".join(f"{words_of(key)} {value} ± {error} {unit_of(key)}".strip() for key, value, error in sizes)
 
@@ -96,7 +96,7 @@ def _first(value: float | tuple[float, ...]) -> float:
 
 def _cause(made: Diagnosis, name: str, fit: Fitted) -> Cause:
     """The machine with a cause as it was fitted, and with each of its parameters a standard error off."""
-    problem = made.found.problem
+    problem = made.search.problem
     fitted = machine_of(problem, {}, (name,), fit.setting)
     others = []
     for estimate in estimates(problem, fit, 1.0)[name]:

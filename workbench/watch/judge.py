@@ -155,7 +155,7 @@ class Judge:
         judged.events.append(Event(k, "baseline", f"the baseline is learned from {len(chosen)} cycles"))
 
     def _known(self, payload_kg: float) -> bool:
-        return any(abs(payload_kg - known_kg) <= max(SAME_PAYLOAD_KG, SAME_PAYLOAD * known_kg) for known_kg in self._payloads)
+        return any(abs(payload_kg - old_kg) <= max(SAME_PAYLOAD_KG, SAME_PAYLOAD * old_kg) for old_kg in self._payloads)
 
     def _test(self, k: int, cycle: Cycle, before: Cycle | None, judged: Judged) -> None:
         assert self.baseline is not None
