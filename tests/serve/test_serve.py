@@ -241,6 +241,12 @@ def test_a_torque_that_is_no_number_is_not_used_and_does_not_feed_the_watchdog(
     assert session.counts["refused_not_finite"] == 150
 
 
+def test_a_client_that_comes_late_is_not_told_of_its_rate(session: Session, clock: Hand, said: list[str]):
+    clock.now += 20.0
+    steps(session, clock, 1500, session.plant.hold)
+    assert said == []
+
+
 def test_a_client_twice_as_fast_is_told_once(session: Session, clock: Hand, said: list[str]):
     for _ in range(2500):
         session.command(1.0)

@@ -75,7 +75,9 @@ class Session:
             self.counts["commands"] += 1
             self._commands += 1
             self._heard = self._clock()
-            self._waits = False
+            if self._waits:  # time begins: what is counted over a second does, too
+                self._waits = False
+                self._since, self._commands, self._steps = self._heard, 1, 0
             if self._silent:
                 self._silent = False
                 self._say("the client is back")
