@@ -26,7 +26,7 @@ import numpy as np
 
 from workbench.control import PiSettings, full_pi, loop_values
 from workbench.engine.sampled import Step, observe
-from workbench.machine import Hoist, default_hoist, save_machine
+from workbench.machine import Axis, Hoist, default_hoist, save_machine
 from workbench.metrics import observer
 from workbench.plants import HOIST
 from workbench.references import Limits, motor_speed_rad_s, plan_motion
@@ -78,6 +78,12 @@ class Client:
                 _, _, _, flags, now, torque, *rest = STATE.unpack(data)
                 return Seen(now, torque, dict(zip(SIGNALS, rest, strict=False)), flags)
 
+    def receive_bytes(self) -> bytes:
+        """The next state as it comes."""
+        while (data := self._line.recv(65_536))[:4] != b"WBS1":
+            pass
+        return data
+
     def order(self, order: dict[str, Any]) -> dict[str, Any]:
         self._line.send(json.dumps(order).encode())
         return self.answer()
@@ -93,14 +99,15 @@ class Client:
 class Served:
     """A machine served in a thread of this process, over UDP on a free port."""
 
-    def __init__(self, machine: Hoist, said: list[str] | None = None, **wish: Any) -> None:
+    def __init__(self, machine: Hoist | Axis, said: list[str] | None = None, **wish: Any) -> None:
         self._stop, self._ready = threading.Event(), threading.Event()
         self.said: list[str] = [] if said is None else said
         self.status: dict[str, Any] = {}
-        self._wish = Wish(port=0, payload_kg=PAYLOAD_KG, start_position_m=START_M, **wish)
+        hangs = {"payload_kg": PAYLOAD_KG, "start_position_m": START_M} if isinstance(machine, Hoist) else {}
+        self._wish = Wish(**{"port": 0, **hangs, **wish})
         self._thread = threading.Thread(target=self._run, args=(machine,), daemon=True)
 
-    def _run(self, machine: Hoist) -> None:
+    def _run(self, machine: Hoist | Axis) -> None:
         self.status = serve(machine, self._wish, self.said.append, self._stop, ready=self._begun)
 
     def _begun(self, session: Session, port: int) -> None:

@@ -23,6 +23,7 @@ from workbench.machine import Hoist, default_hoist, get_value, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.run import Run
 from workbench.simulate.loop import LoopCase, simulate_loop
+from workbench.watch.change import WINDOW
 from workbench.watch.diagnosed import diagnosed
 from workbench.watch.estimate import estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Rules
@@ -156,7 +157,10 @@ def diagnosis(made: Watched) -> dict[str, object]:
     assert made.judge.baseline is not None
     newest = {run.payload_kg: run for run in made.last}
     campaign = Campaign("last cycles", Path("."), default_hoist(), tuple(newest.values()))
-    return diagnosed(campaign, made.judge.baseline)
+    judge = made.judge
+    onset = next(alarm.onset for alarm in judge.alarms if alarm.cycle >= made.begins)
+    since = [judge.cycles[k] for k in judge.counted if k >= onset][-WINDOW:]
+    return diagnosed(campaign, made.judge.baseline, since)
 
 
 def main() -> None:

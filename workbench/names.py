@@ -4,8 +4,9 @@ from __future__ import annotations
 
 # Longer endings stand before those that they end with.
 UNITS = {
-    "kg_m2": "kg m²", "rad_s": "rad/s", "m_s2": "m/s²", "m_s": "m/s", "rad": "rad", "nm": "N m", "kg": "kg", "m": "m",
-    "n": "N", "s": "s",
+    "n_s2_per_m2": "N s²/m²", "nm_s2_per_rad2": "N m s²/rad²", "n_s_per_m": "N s/m", "nm_s_per_rad": "N m s/rad",
+    "nm_per_rad": "N m/rad", "kg_per_m": "kg/m", "kg_m2": "kg m²", "rad_s": "rad/s", "m_s2": "m/s²", "m_s": "m/s",
+    "rad": "rad", "nm": "N m", "kg": "kg", "m": "m", "n": "N", "s": "s",
 }  # fmt: skip
 
 

@@ -416,6 +416,47 @@ def test_the_sources_compile_without_a_warning_and_take_no_memory_in_a_step(tmp_
             assert not re.search(r"\b(malloc|calloc|realloc|alloca|free)\s*\(", (folder / name).read_text())
 
 
+COUNTING = """
+#include <stddef.h>
+#include "fmi3Functions.h"
+#include "model.h"
+static long taken = 0;
+void *__real_malloc(size_t n);
+void *__real_calloc(size_t n, size_t size);
+void *__real_realloc(void *p, size_t n);
+void *__wrap_malloc(size_t n) { taken++; return __real_malloc(n); }
+void *__wrap_calloc(size_t n, size_t size) { taken++; return __real_calloc(n, size); }
+void *__wrap_realloc(void *p, size_t n) { taken++; return __real_realloc(p, n); }
+int main(void) {
+    fmi3Boolean event, end, early;
+    fmi3Float64 last, torque, seen;
+    fmi3ValueReference in = %d, out = %d;
+    fmi3Instance m = fmi3InstantiateCoSimulation("m", MODEL_TOKEN, NULL, 0, 0, 0, 0, NULL, 0, NULL, NULL, NULL);
+    if (!m || taken != 1 || fmi3EnterInitializationMode(m, 0, 0.0, 0.0, 0, 0.0) || fmi3ExitInitializationMode(m))
+        return 2;
+    taken = 0;
+    for (int k = 0; k < 2000; k++) {
+        torque = 800.0 + k %% 7;
+        if (fmi3SetFloat64(m, &in, 1, &torque, 1) || fmi3DoStep(m, 0.01 * k, 0.01, 0, &event, &end, &early, &last)
+            || fmi3GetFloat64(m, &out, 1, &seen, 1)) return 3;
+    }
+    return taken != 0;
+}
+"""
+
+
+def test_steps_take_no_memory_when_they_run(tmp_path: Path):
+    model = model_of(HOIST, Start(9000.0, 9.0))
+    write_sources(model, tmp_path / "sources", "3.0")
+    numbers = model.reference("torque_motor_nm"), model.reference("speed_motor_rad_s")
+    (tmp_path / "sources" / "driver.c").write_text(COUNTING % numbers, encoding="utf-8")
+    wrapped = [f"-Wl,--wrap={name}" for name in ("malloc", "calloc", "realloc")]
+    words = [compiling.host_compiler() or "cc", "-std=c99", "-O1", f"-I{compiling.HEADERS}", *wrapped,
+             "driver.c", *c_files("3.0"), "-o", "driver", "-lm"]  # fmt: skip
+    subprocess.run(words, cwd=tmp_path / "sources", check=True)
+    assert subprocess.run([tmp_path / "sources" / "driver"], check=False).returncode == 0
+
+
 def test_every_parameter_has_a_meaning_a_range_and_a_known_unit():
     for kind in KINDS.values():
         for key in kind.plant.parameters.values():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,11 +16,13 @@ from tests.support.commands import Commands
 from workbench.errors import InputError
 from workbench.export.compile import host_compiler
 from workbench.machine import default_hoist, save_machine
+from workbench.machine.axis import LinearAxis, RotaryAxis
 from workbench.serve.pace import MOST_BEHIND_S, Pace, lines
-from workbench.serve.plant import LivePlant
+from workbench.serve.plant import LiveAxis, LivePlant
 from workbench.serve.points import FLAGS
 from workbench.serve.serve import Wish
 from workbench.serve.session import Session
+from workbench.serve.udp import state_of
 from workbench.simulate.loop import simulate_loop
 
 HOIST = default_hoist()
@@ -144,6 +147,67 @@ def test_an_effect_that_is_ready_is_off_until_it_is_set(clock: Hand):
         other.set_effect("friction_viscos", "viscous_n_s_per_m", 1.0)
 
 
+# An axis.
+
+AXIS = LinearAxis.model_validate(
+    {
+        "mass_kg": 95.0,
+        "friction": {"coulomb_forward_n": 20.0, "coulomb_backward_n": 25.0, "viscous_n_s_per_m": 200.0},
+        "gravity": {"constant_n": 5.0},
+    }
+)
+TURNING = RotaryAxis.model_validate(
+    {
+        "inertia_kg_m2": 0.8,
+        "friction": {"coulomb_forward_nm": 2.0, "coulomb_backward_nm": 2.0, "viscous_nm_s_per_rad": 0.1},
+    }
+)
+
+
+def test_a_served_axis_nears_the_speed_at_which_friction_and_load_take_its_force(clock: Hand, said: list[str]):
+    session = Session(LiveAxis(AXIS, 0.001, start=0.3), 0.001, 0.1, clock=clock, say=said.append)
+    assert session.plant.hold == 5.0 and session.plant.signals["position_m"] == 0.3
+    force, time_constant_s = 65.0, 95.0 / 200.0
+    steps(session, clock, 1000, force)
+    top = (force - 20.0 - 5.0) / 200.0
+    # Starting takes the distance that friction turns over in, 1e-4 m/s: nothing beside the rest.
+    expected = top * (1.0 - math.exp(-1.0 / time_constant_s))
+    assert session.plant.signals["velocity_m_s"] == pytest.approx(expected, rel=1e-3)
+    assert session.status()["values"]["force_at_work_n"] == force
+    steps(session, clock, 2000)
+    assert session.flags == BITS["watchdog"] and any("force is zero" in line for line in said)
+    assert abs(session.plant.signals["velocity_m_s"]) < 1e-3  # friction has stopped it
+
+
+def test_an_axis_has_the_points_of_an_axis_only(clock: Hand):
+    session = Session(LiveAxis(TURNING, 0.001, ready=["friction_coulomb"]), 0.001, 0.1, clock=clock)
+    names = [point.name for point in session.inputs]
+    assert names == ["torque_nm", "reset", "effects.friction_coulomb.level_nm"]
+    assert [p.name for p in session.outputs if p.kind == "number"][:2] == ["time_s", "torque_at_work_nm"]
+    assert not {"payload_now_kg", "is_slack", "is_off_rail", "is_brake_closed"} & {p.name for p in session.outputs}
+    with pytest.raises(InputError, match="unknown point 'payload_kg'"):
+        session.set("payload_kg", 1.0)
+    steps(session, clock, 200, 4.0)
+    free = session.plant.signals["speed_rad_s"]
+    session.set("reset", 1)
+    session.set("effects.friction_coulomb.level_nm", 1.0)
+    steps(session, clock, 200, 4.0)
+    assert session.plant.signals["speed_rad_s"] == pytest.approx(0.5 * free, rel=0.02)
+    with pytest.raises(InputError, match="carries no payload"):
+        LiveAxis(AXIS, 0.001, 100.0)
+
+
+def test_a_client_over_udp_pushes_an_axis():
+    with Served(AXIS, watchdog_s=5.0) as served:
+        client = Client(served.port)
+        client.send(65.0, flags=1)  # a brake that it has not
+        now, at_work, *signals = state_of(served.session.plant).unpack(client.receive_bytes())[4:]
+        assert now > 0.0 and at_work == 65.0 and len(signals) == 3
+        assert client.order({"get": ["velocity_m_s"]})["get"]["velocity_m_s"] > 0.0
+        client.close()
+    assert any("stands still until the first force; 5.0 N hold it" in line for line in served.said)
+
+
 # The session.
 
 
@@ -175,6 +239,12 @@ def test_a_torque_that_is_no_number_is_not_used_and_does_not_feed_the_watchdog(
     assert session.flags & BITS["watchdog"]
     assert sum("finite number" in line for line in said) == 1
     assert session.counts["refused_not_finite"] == 150
+
+
+def test_a_client_that_comes_late_is_not_told_of_its_rate(session: Session, clock: Hand, said: list[str]):
+    clock.now += 20.0
+    steps(session, clock, 1500, session.plant.hold)
+    assert said == []
 
 
 def test_a_client_twice_as_fast_is_told_once(session: Session, clock: Hand, said: list[str]):
@@ -213,7 +283,8 @@ def test_a_carriage_that_leaves_the_rail_stands_until_reset(clock: Hand, said: l
 def test_an_order_that_cannot_be_changes_nothing(session: Session, order: object, expected: str):
     with pytest.raises(InputError, match=expected):
         session.order(order)
-    assert session.plant.payload_kg == 4500.0 and session.plant.slack_m == 0.0
+    assert session.plant.payload_kg == 4500.0
+    assert session.order({"get": ["slack_m"]})["get"] == {"slack_m": 0.0}
 
 
 # The pace.

@@ -22,11 +22,14 @@ from tests.support.commands import Commands
 from tests.support.log_campaign import csv_text
 from workbench.errors import InputError
 from workbench.machine import default_hoist, save_machine, with_values
-from workbench.run import Run
+from workbench.machine.axis import LinearAxis
+from workbench.run import Array, Run
+from workbench.serve.plant import LiveAxis
 from workbench.watch.change import Detector, learn, threshold
 from workbench.watch.estimate import Estimate, estimate, watched_keys
-from workbench.watch.judge import Cycle, Judge, Rules
+from workbench.watch.judge import LOAD, Cycle, Judge, Rules
 from workbench.watch.store import Store, digest_of
+from workbench.watch.told_apart import Cause, groups_of, likelihoods, posterior
 from workbench.watch.trend import trend
 from workbench.watch.watch import Watch
 
@@ -187,6 +190,40 @@ def test_a_clock_that_jumps_back_is_said():
     assert [(event.cycle, event.kind) for event in events] == [(3, "clock")]
 
 
+def test_an_axis_shows_friction_and_a_constant_load_as_two_directions():
+    friction = {"coulomb_forward_n": 20.0, "coulomb_backward_n": 20.0, "viscous_n_s_per_m": 200.0}
+    axis = LinearAxis.model_validate({"mass_kg": 95.0, "friction": friction})
+    rng = np.random.default_rng(5)
+    machines = [axis] * 40 + [with_values(axis, {"gravity.constant_n": 3.0})] * 6
+    judge = Judge(Rules(healthy=40))
+    for k, machine in enumerate(machines):
+        run = axis_cycle(machine, rng)
+        judge.add(Cycle(run.name, 0.0, 60.0 * k, run.duration_s, estimate(axis, run)))
+    assert judge.baseline is not None
+    assert judge.baseline.line[0] == pytest.approx([95.0, 200.0, 20.0, 20.0], rel=0.05)
+    assert judge.alarms[0].cycle in (40, 41)
+    first = judge.alarms[-1].causes[0]
+    assert first.name == "constant load or offset" and first.share > 0.9
+    assert first.amount == pytest.approx(3.0, rel=0.1)
+    nominal = dict(zip(watched_keys(axis), judge.baseline.line[0], strict=True))
+    assert judge.rules.limits == {} and judge.trend_of(judge.alarms[0], nominal) is not None
+
+
+def axis_cycle(axis: LinearAxis, rng: np.random.Generator) -> Run:
+    """Two seconds forward and back under a proportional loop with the load and friction fed forward."""
+    plant, dt, n = LiveAxis(axis, 0.005), 0.005, 400
+    time_s: Array = np.asarray(dt * np.arange(n), dtype=float)
+    wished = 0.25 * np.sin(np.pi * np.clip(time_s - 0.2, 0.0, None))
+    force, place = np.empty(n), np.empty(n)
+    for k in range(n):
+        seen = plant.signals
+        place[k] = seen["position_m"]
+        force[k] = plant.hold + 20.0 * np.tanh(100.0 * wished[k]) + 2000.0 * (wished[k] - seen["velocity_m_s"])
+        plant.step(float(force[k]))
+    signals = {"force_n": force + 0.3 * rng.normal(size=n), "position_m": place + 2e-6 * rng.normal(size=n)}
+    return Run("axis", time_s, signals, 0.0, 0.0)
+
+
 # A short month of real logs.
 
 
@@ -210,6 +247,33 @@ def test_faults_of_simulated_months_raise_an_alarm_soon(kind: str, names: set[st
         judge.add(Cycle(run.name, run.payload_kg, 69.0 * k, run.duration_s, estimate(HOIST, run)))
     assert judge.alarms and 70 <= judge.alarms[0].cycle <= 90
     assert judge.alarms[-1].causes[0].name in names
+
+
+@pytest.mark.parametrize(
+    ("true", "offset_nm", "wire_kg_per_m"), [("torque_offset", 12.0, 0.0), ("wire_mass", 0.0, 9.0)]
+)
+def test_causes_that_look_alike_are_told_apart_beside_the_healthy_cycles(
+    true: str, offset_nm: float, wire_kg_per_m: float
+):
+    healthy_ones = [estimate(HOIST, run) for run in logs("healthy")]
+    payloads = np.array([run.payload_kg for run in logs("healthy")])
+    mean = np.mean([made.resolution for made in healthy_ones], axis=0)
+    baseline = learn(np.array([made.values for made in healthy_ones]), payloads, mean[:, KEYS.index(LOAD)], KEYS)
+    effects = {"torque_offset": {"offset_nm": offset_nm}, "wire_mass": {"mass_kg_per_m": wire_kg_per_m}}
+    runs = [run for run, _ in month(HOIST, 24, lambda k: ({}, {true: effects[true]}), 9)]
+    since = [Cycle(run.name, run.payload_kg, 0.0, 9.0, estimate(HOIST, run)) for run in runs]
+    causes = {
+        name: Cause(HOIST.model_copy(update={"effects": {name: values}}))
+        for name, values in {
+            "torque_offset": {"offset_nm": 12.0},
+            "wire_mass": {"mass_kg_per_m": 9.0},
+            "carriage_mass_error": {"mass_kg": 245.0},
+        }.items()
+    }
+    logs_of = likelihoods(HOIST, causes, groups_of(since, runs, baseline), baseline)
+    after = posterior(dict.fromkeys(causes, 0.3), logs_of)
+    assert max(after, key=lambda name: after[name]) == true and after[true] > 0.85
+    assert sum(after.values()) == pytest.approx(0.9)
 
 
 # The folder and the state.
@@ -342,7 +406,7 @@ def test_an_alarm_is_posted_and_posted_later_where_nobody_answered(arrived: Path
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     for _ in range(2):  # once only
-        watch = watch_of(arrived, tmp_path / "state", hook=address, diagnose=lambda campaign, baseline: {
+        watch = watch_of(arrived, tmp_path / "state", hook=address, diagnose=lambda campaign, baseline, cycles: {
             "verdict": "named", "effects": ["friction_coulomb"], "sentence": f"{len(campaign.runs)} runs"})  # fmt: skip
         watch.look(0.0)
         watch.close()

@@ -32,7 +32,11 @@ from workbench.cli.options import effects_option
     help="Port. Default: 5560 (udp), 5020 (modbus), 4840 (opcua); 0: any free port.",
 )
 @click.option("--payload", type=float, default=0.0, show_default=True, help="Payload at the start, in kg.")
-@click.option("--start-position", type=float, help="Height at the start, in m. Default: mid rail.")
+@click.option(
+    "--start-position",
+    type=float,
+    help="Height at the start, in m (an axis: its position, m or rad). Default: mid rail; 0.",
+)
 @click.option(
     "--watchdog",
     type=float,
@@ -65,7 +69,8 @@ def command(
     seconds: float | None,
     status_file: Path | None,
 ) -> None:
-    """Serve the plant of MACHINE, a machine.yaml: torque in, speed, height and tensions out, faults on command.
+    """Serve the plant of MACHINE, a machine.yaml: torque in, speed, height and tensions out, faults on command; an
+    axis: force or torque in, position and speed out.
 
     docs/serve.md lists packets, registers and nodes. The plant is held at rest until the first torque arrives. Ctrl-C
     stops it; a histogram shows how late the steps began.

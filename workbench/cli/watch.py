@@ -12,7 +12,7 @@ EXIT_ALARM = 1
 
 
 @click.command(name="watch")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("source", metavar="FOLDER|opc.tcp://…")
 @click.option("--machine", required=True, type=click.Path(path_type=Path), help="The machine as identified.")
 @click.option("--state", required=True, type=click.Path(path_type=Path), help="Folder that keeps what is known.")
 @click.option("--once", is_flag=True, help="Take what is there and end; else logs are waited for until Ctrl-C.")
@@ -29,11 +29,24 @@ EXIT_ALARM = 1
               help="So long after such a rest, in s, cycles do not count.")  # fmt: skip
 @click.option("--limit", "limits", multiple=True, metavar="KEY=VALUE",
               help="What a value must not reach. Default: 1.5 times the friction levels. May be repeated.")  # fmt: skip
+@click.option("--nodes", type=click.Path(path_type=Path),
+              help="Of a stream: which nodes are which signals. Default: those of a served plant.")  # fmt: skip
+@click.option("--still", type=click.FloatRange(0.0), help="Of a stream: speeds up to it are standing, in the signal's "
+              "unit. Default: 0.5 % of a hoist's nominal speed; an axis needs it.")  # fmt: skip
+@click.option("--stand", type=click.FloatRange(0.2), default=2.0, show_default=True,
+              help="Of a stream: a rest so long, in s, ends a cycle.")  # fmt: skip
+@click.option("--silent", type=click.FloatRange(0.2), default=2.0, show_default=True,
+              help="Of a stream: without a value for so long, in s, while it moves, it has stopped.")  # fmt: skip
+@click.option("--sample", type=click.FloatRange(0.0005, 0.5), default=0.01, show_default=True,
+              help="Of a stream: how often the server samples, in s.")  # fmt: skip
+@click.option(
+    "--for", "seconds", type=click.FloatRange(0.0), help="End after so many seconds. Default: Ctrl-C ends it."
+)
 @click.option("--skip-diagnosis", is_flag=True, help="Do not diagnose new alarms.")
 @click.option("--webhook", help="Address that each new alarm is posted to as JSON.")
 @effects_option
 def command(
-    folder: Path,
+    source: str,
     machine: Path,
     state: Path,
     once: bool,
@@ -44,17 +57,26 @@ def command(
     pause: float,
     warm_up: float,
     limits: tuple[str, ...],
+    nodes: Path | None,
+    still: float | None,
+    stand: float,
+    silent: float,
+    sample: float,
+    seconds: float | None,
     skip_diagnosis: bool,
     webhook: str | None,
 ) -> int:
-    """Watch the logs that come into FOLDER: each cycle's friction, mass, inertia and offset, and when they change.
+    """Watch the logs that come into FOLDER, or the cycles of a stream: friction, mass, inertia and offset of each, and
+    when they change.
 
     A log is described by its entry in FOLDER/runs.yaml, or by a file beside it, LOG.yaml, with payload_kg and
-    start_position_m. The state holds watch.sqlite, cycles.parquet, alarms.parquet and watch.html. Exit status: 1
-    where this call raised an alarm, 0 where it raised none.
+    start_position_m. A stream is an OPC UA server, opc.tcp://HOST:PORT; see docs/watch.md. The state holds
+    watch.sqlite, cycles.parquet, alarms.parquet and watch.html. Exit status: 1 where this call raised an alarm, 0
+    where it raised none.
     """
     import signal
     import threading
+    import time
 
     from workbench.effects import check
     from workbench.machine import load_machine
@@ -63,6 +85,7 @@ def command(
     from workbench.watch.diagnosed import diagnosed
     from workbench.watch.judge import Rules
     from workbench.watch.limits import read_limits
+    from workbench.watch.stream.line import SCHEME, line_of
     from workbench.watch.watch import Watch, run
 
     rules = Rules(cycles_between, healthy or HEALTHY, pause, warm_up, read_limits(limits))
@@ -70,16 +93,26 @@ def command(
     stop = threading.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda *_: stop.set())
+    streams = source.startswith(SCHEME)
+    folder = state / "stream" if streams else Path(source)
+    line = line_of(source, nodes, read, folder, sample, still, stand, silent, once=once) if streams else None
     watch = Watch(
-        folder, read, state, rules, settle_s=settle, diagnose=None if skip_diagnosis else diagnosed, hook=webhook,
-        say=lambda line: click.echo(line, err=True),
+        folder, read, state, rules, settle_s=0.0 if streams else settle, line=line,
+        diagnose=None if skip_diagnosis else diagnosed, hook=webhook, say=lambda text: click.echo(text, err=True),
     )  # fmt: skip
+    ends = None if seconds is None else time.monotonic() + seconds
     try:
+        if line is not None:
+            line.start()
+            click.echo(f"Listening to {source}; Ctrl-C ends it.", err=True)
         run(
-            watch, every, stop.is_set, once=once, settle_s=settle, after=lambda: write_page(watch, state / "watch.html")
-        )
+            watch, every, lambda: stop.is_set() or (ends is not None and time.monotonic() >= ends), once=once,
+            settle_s=settle, after=lambda: write_page(watch, state / "watch.html"),
+        )  # fmt: skip
         click.echo(answer(watch))
         click.echo(f"\nReport: {state / 'watch.html'}")
         return EXIT_ALARM if watch.new_alarms else 0
     finally:
+        if line is not None:
+            line.close()
         watch.close()

@@ -34,7 +34,7 @@ def machine_of(
     if not names:
         return machine
     chosen = {name: _values(problem, name, setting) for name in names}
-    return _with_effects(machine, {**machine.effects, **chosen})
+    return with_effects(machine, {**machine.effects, **chosen})
 
 
 def refitted_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: Fitted | Setting) -> Hoist | Axis:
@@ -70,9 +70,10 @@ def _ranges(problem: Problem, name: str) -> tuple[Ranged, ...]:
     return ranges_of(find(name, plant_of(problem.machine).kind), problem.machine, problem.runs)
 
 
-def _with_effects(machine: AnyMachine, effects: Mapping[str, Mapping[str, float]]) -> AnyMachine:
+def with_effects(machine: AnyMachine, effects: Mapping[str, Mapping[str, float]]) -> AnyMachine:
+    """The machine with these effects in place of its own. InputError for a value that an effect cannot have."""
     changed = type(machine).model_validate(machine.model_dump() | {"effects": effects})
-    of(changed)  # InputError for a value that the effect cannot have
+    of(changed)
     return cast(AnyMachine, changed)
 
 

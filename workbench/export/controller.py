@@ -50,9 +50,12 @@ def _plain(name: str) -> str:
 def settings_text(made: DriveSettings) -> str:
     """The parameters as YAML, with what differs."""
     parameters = {
-        s.number: {"name": s.name, "value": float(f"{s.value:.6g}"), "unit": s.unit, "why": s.why}
+        s.number: {
+            "name": s.name, "value": float(f"{s.value:.6g}"), "unit": s.unit, "why": s.why,
+            **({"source": s.source} if s.source else {}),
+        }
         for s in made.settings
-    }
+    }  # fmt: skip
     data = {"drive": made.drive, "manual": made.manual, "drives": made.drives, "parameters": parameters}
     return dumps({**data, "differs": list(made.differs)})
 

@@ -1,10 +1,10 @@
 """The controller and its reference in the parameters of drives that have a speed controller of their own.
 
-Read for this: of ABB, the page of 25.03 and the definition of the gain (a gain of 1 makes of 10 % error 10 % output,
-100 % being the motor's nominal speed and torque; the integration time is that in which a constant error at gain 1 adds
-as much again); of Siemens, the rounding formula of the MICROMASTER 440 Operating Instructions 10/06, section 3.12.2:
-ramp-up takes (v2 - v1)/p1082 p1120 + (p1130 + p1131)/2. The other numbers, names and units were not compared with the
-manuals named in `DRIVES`, and every file says so (`UNCHECKED`).
+What was read in a manual has its page as `source`: ABB's gain (a gain of 1 makes of an error of 10 % of the motor's
+synchronous speed 10 % of torque), its integral time (in which a constant error at gain 1 adds as much again; 0 is
+none), its acceleration compensation; Siemens' ramp, in the manual of an older drive: ramp-up takes
+(v2 - v1)/p1082 p1120 + (p1130 + p1131)/2. The other numbers, names and units were not compared with the manuals named
+in `DRIVES`, and every file says so (`UNCHECKED`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,14 @@ from workbench.machine import Hoist
 from workbench.plants import HOIST
 
 UNCHECKED = (
-    "Numbers, names and units of these parameters were not all compared with the drive's manual; compare each before "
-    "it is entered."
+    "Numbers, names and units of parameters without a source were not compared with the drive's manual; compare each "
+    "before it is entered."
 )
+MM440 = "MICROMASTER 440 Operating Instructions 10/06, p. 183, section 3.12.2, the ramp of an older Siemens drive"
+GAIN = "ACS880-104 firmware manual, p. 269: 0.00 to 250.00; an error of 10 % of synchronous speed gives 10 %"
+INTEGRAL = "ACS880-x04 firmware manual, p. 233: 0.00 to 1000.00 s; 0 disables the integral part"
+DERIVATIVE = "ACS880 ESP firmware manual, p. 271: at 0 the controller works as a PI"
+ACCELERATION = "ACS880 firmware manual, p. 329: 0.00 to 1000.00 s; 50 to 100 % of the mechanical time constant"
 RPM = 60.0 / (2.0 * math.pi)
 
 
@@ -36,13 +41,15 @@ class RampLimits:
 
 @dataclass(frozen=True)
 class Setting:
-    """One parameter of a drive: number and name as its manual has them, the value in the manual's unit, and why."""
+    """One parameter of a drive: number and name as its manual has them, the value in the manual's unit, and why.
+    source: where the manual was read, "" where it was not."""
 
     number: str
     name: str
     value: float
     unit: str
     why: str
+    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -142,11 +149,11 @@ def _siemens(c: _Case) -> list[Setting]:
         for number, name in (("p1120", "Ramp-function generator ramp-up time"),
                              ("p1121", "Ramp-function generator ramp-down time")):  # fmt: skip
             made.append(
-                Setting(number, name, c.ramp_time_s, "s", "from standstill to p1082 at the largest acceleration")
+                Setting(number, name, c.ramp_time_s, "s", "from standstill to p1082 at the largest acceleration", MM440)
             )
         for number, name in (("p1130", "Ramp-function generator initial rounding-off time"),
                              ("p1131", "Ramp-function generator final rounding-off time")):  # fmt: skip
-            made.append(Setting(number, name, c.rounding_time_s, "s", "acceleration over jerk"))
+            made.append(Setting(number, name, c.rounding_time_s, "s", "acceleration over jerk", MM440))
     return made
 
 
@@ -156,17 +163,30 @@ def _abb(c: _Case) -> list[Setting]:
     made = [
         Setting("46.01", "Speed scaling", c.top_rad_s * RPM, "rpm", "the motor's nominal speed; ramps refer to it"),
         Setting(
-            "25.02", "Speed proportional gain", gain, "", "kp of one motor times nominal speed over nominal torque"
+            "25.02",
+            "Speed proportional gain",
+            gain,
+            "",
+            "kp of one motor times nominal speed over nominal torque",
+            GAIN,
         ),
-        Setting("25.03", "Speed integration time", c.integral_time_s, "s", "kp/ki; 0 switches the integral part off"),
-        Setting("25.04", "Speed derivation time", 0.0, "s", "the controller is a PI"),
+        Setting(
+            "25.03",
+            "Speed integration time",
+            c.integral_time_s,
+            "s",
+            "kp/ki; 0 switches the integral part off",
+            INTEGRAL,
+        ),
+        Setting("25.04", "Speed derivation time", 0.0, "s", "the controller is a PI", DERIVATIVE),
         Setting("30.19", "Minimum torque 1", -100.0 * c.machine.drive.overload, "%", "overload, of nominal torque"),
         Setting("30.20", "Maximum torque 1", 100.0 * c.machine.drive.overload, "%", "overload, of nominal torque"),
     ]
     if s.feed_forward.inertia > 0.0:
         time = s.feed_forward.inertia * c.inertia * c.top_rad_s / motor.nominal_torque_nm
         made.append(Setting("25.06", "Acc comp derivation time", time, "s",
-                            "share fed forward of inertia times nominal speed over nominal torque"))  # fmt: skip
+                            "share fed forward of inertia times nominal speed over nominal torque",
+                            ACCELERATION))  # fmt: skip
     if c.ramp is not None:
         made += [
             Setting(number, name, c.ramp_time_s, "s", "from standstill to 46.01 at the largest acceleration")
@@ -237,6 +257,12 @@ def _differences(drive: str, c: _Case) -> list[str]:
         said.append(
             "Feed-forward of weight and friction needs an additional torque set point from the controller above."
         )
+    filtered_s = c.machine.drive.speed_filter_s
+    if filtered_s > 0.0:
+        said.append(
+            f"The gains were tuned behind a speed filter of {1e3 * filtered_s:g} ms; give the drive's own smoothing of "
+            f"the actual speed{' (servo: p1441)' if drive == 'siemens-s120' else ''} the same time."
+        )
     if s.anti_windup != "none":
         said.append(
             "The drive stops its integral part at a limit in its own way; back at the limit's end it may differ."
@@ -247,8 +273,11 @@ def _differences(drive: str, c: _Case) -> list[str]:
         )
     if drive == "abb-acs880":
         said.append(
-            "The error's 100 % are taken as nominal motor speed; compare with the drive's scaling (99.09, 46.01)."
+            "25.02 counts the error in the motor's synchronous speed, which machine.yaml does not hold: its nominal "
+            "speed stands for it. Multiply 25.02 by synchronous over nominal speed where they differ."
         )
+        if s.feed_forward.inertia > 0.0:
+            said.append("The drive filters its acceleration compensation (25.07, 8 ms unless it is set).")
         if c.ramp is not None:
             said.append(
                 "The manual says what shape times do in words only; compare one recorded ramp with the reference."

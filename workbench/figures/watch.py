@@ -17,23 +17,35 @@ if TYPE_CHECKING:
 MEAN_OF = 20  # cycles
 
 
-def parameters(names: Sequence[tuple[str, str]], values: Array, baseline: int, alarms: Sequence[int]) -> Figure:
-    """names: (words, unit) of each; values: (cycles, m); baseline: cycles whose mean is drawn; alarms: cycles."""
+def parameters(
+    names: Sequence[tuple[str, str]],
+    values: Array,
+    baseline: int,
+    alarms: Sequence[int],
+    counted: Sequence[bool] | None = None,
+) -> Figure:
+    """names: (words, unit) of each; values: (cycles, m); baseline: cycles that count whose mean is drawn; alarms:
+    cycles; counted: whether each cycle counts, None for all."""
     heads = [f"{word} ({unit})" if unit else word for word, unit in names]
     panels = Panels("Estimates, cycle by cycle", heads, x_title="cycle")
     x = np.arange(len(values), dtype=float)
+    counts = np.ones(len(values), dtype=bool) if counted is None else np.asarray(counted, dtype=bool)
     for i, (_, unit) in enumerate(names):
-        dots = {"size": 4, "color": GREY}
-        panels.line(i, 0, x, values[:, i], "one cycle", {"color": GREY}, unit, mode="markers", marker=dots)
-        if len(values) > MEAN_OF:
-            sums = np.cumsum(np.concatenate([[0.0], values[:, i]]))
+        for chosen, name, symbol in ((counts, "one cycle", "circle"), (~counts, "does not count", "circle-open")):
+            if chosen.any():
+                dots = {"size": 4, "color": GREY, "symbol": symbol}
+                series = x[chosen], values[chosen, i]
+                panels.line(i, 0, *series, name, {"color": GREY}, unit, mode="markers", marker=dots)
+        of, at = values[counts, i], x[counts]
+        if len(of) > MEAN_OF:
+            sums = np.cumsum(np.concatenate([[0.0], of]))
             mean = (sums[MEAN_OF:] - sums[:-MEAN_OF]) / MEAN_OF
             look = {"color": BLUE, "width": 1.8}
-            panels.line(i, 0, x[MEAN_OF - 1 :], mean, f"mean of {MEAN_OF}", look, unit)
-        panels.level(i, 0, float(np.mean(values[: max(1, baseline), i])), "baseline" if i == 0 else "")
-    figure = panels.figure(190 * len(names) + 120)
-    _mark(figure, alarms)
-    return figure
+            panels.line(i, 0, at[MEAN_OF - 1 :], mean, f"mean of {MEAN_OF}", look, unit)
+        if len(of):
+            panels.level(i, 0, float(np.mean(of[: max(1, baseline)])), "baseline" if i == 0 else "")
+        _mark(panels, i, alarms)
+    return panels.figure(190 * len(names) + 120)
 
 
 def statistic(values: Array, threshold: float | None, alarms: Sequence[int]) -> Figure:
@@ -43,11 +55,10 @@ def statistic(values: Array, threshold: float | None, alarms: Sequence[int]) -> 
     panels.line(0, 0, x, values, "statistic", {"color": BLUE, "width": 1.6})
     if threshold is not None:
         panels.level(0, 0, threshold, "alarm above")
-    figure = panels.figure(380)
-    _mark(figure, alarms)
-    return figure
+    _mark(panels, 0, alarms)
+    return panels.figure(380)
 
 
-def _mark(figure: Figure, cycles: Sequence[int]) -> None:
+def _mark(panels: Panels, row: int, cycles: Sequence[int]) -> None:
     for cycle in cycles:
-        figure.add_vline(x=cycle, line={"color": VERMILLION, "width": 1.2, "dash": "dot"})
+        panels.shade(row, 0, cycle, cycle, VERMILLION, edge=1.2)

@@ -12,7 +12,7 @@ from typing import Any, Literal, Protocol
 from workbench.errors import InputError
 from workbench.machine import Axis, Hoist
 from workbench.serve.pace import ask_priority, lines
-from workbench.serve.plant import LivePlant
+from workbench.serve.plant import live_machine
 from workbench.serve.session import Say, Session
 from workbench.serve.udp import UdpServer
 
@@ -71,17 +71,18 @@ def serve(
     """Serves the machine until `stop` is set or `for_s` seconds are over; returns the session's last status.
 
     ready: is told the session and the port once clients may come. InputError where the port is taken, an extra is
-    missing, the machine is of a kind that is not served.
+    missing, or the machine cannot be served so.
     """
     wish.check()
     step_s = 1.0 / wish.rate_hz
-    plant = LivePlant(machine, step_s, wish.payload_kg, wish.start_position_m, wish.ready)
+    plant = live_machine(machine, step_s, wish.payload_kg, wish.start_position_m, wish.ready)
     session = Session(plant, step_s, wish.watchdog_s, watchdog_brake=wish.watchdog_brake, clock=time.monotonic, say=say)
     server = _server(session, wish)
     try:
         say(
             f"{machine.name}: plant at {wish.rate_hz:g} Hz by {wish.protocol} on {wish.address}, port {server.port}, "
-            f"{_reach(wish.address)}. It hangs still until the first torque; {plant.hold_nm:.1f} N m hold it."
+            f"{_reach(wish.address)}. It {'hangs' if plant.has_brake else 'stands'} still until the first "
+            f"{plant.kind.drive.quantity}; {plant.hold:.1f} {plant.kind.drive.unit} hold it."
         )
         for name in plant.left_out:
             say(f"{name} acts on the log's sensors and is not in the plant: signals here are the true ones")
@@ -132,10 +133,10 @@ def _server(session: Session, wish: Wish) -> Server:
 def chosen_ready(text: str | None, machine: Hoist | Axis) -> Sequence[str]:
     """Names of effects with commas between; `all`: the whole library but for sensors."""
     from workbench.effects import effects_for
-    from workbench.plants import HOIST
+    from workbench.plants import plant_of
 
     if text is None:
         return ()
     if text.strip() == "all":
-        return [effect.id for effect in effects_for(HOIST.kind).values() if not effect.on_sensor]
+        return [effect.id for effect in effects_for(plant_of(machine).kind).values() if not effect.on_sensor]
     return [name.strip() for name in text.split(",") if name.strip()]

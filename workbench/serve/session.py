@@ -10,8 +10,8 @@ from typing import Any
 
 from workbench.errors import InputError, nearest
 from workbench.serve import points as tables
+from workbench.serve.live import LiveMachine
 from workbench.serve.pace import Pace
-from workbench.serve.plant import LivePlant
 
 SAID_EVERY_S = 5.0  # a complaint of one kind is repeated after that time at the earliest
 TOO_FAST = 1.2  # commands a step, over a second, that are worth a word
@@ -28,7 +28,7 @@ class Session:
 
     def __init__(
         self,
-        plant: LivePlant,
+        plant: LiveMachine,
         step_s: float,
         watchdog_s: float,
         *,
@@ -36,21 +36,22 @@ class Session:
         clock: Callable[[], float],
         say: Say = lambda line: None,
     ) -> None:
-        self.plant, self.step_s, self.watchdog_s = plant, step_s, watchdog_s
+        self.plant: LiveMachine = plant
+        self.step_s, self.watchdog_s = step_s, watchdog_s
         self._watchdog_brake, self._clock, self._say_line = watchdog_brake, clock, say
         self.lock = threading.RLock()
         self.pace = Pace(step_s)
         self.counts: Counter[str] = Counter()
         self._said: dict[str, float] = {}
-        self.brake_late_s = 0.0
-        self.inputs, self.outputs = tables.inputs(self), tables.outputs()
+        self.brake_late_s: float = 0.0
+        self.inputs, self.outputs = tables.inputs(self), tables.outputs(plant)
         self._waits = True
         self._halted = ""
         self._start()
 
     def _start(self) -> None:
-        self.torque_nm = self.plant.hold_nm
-        self.brake_asked = False
+        self.asked = self.plant.hold
+        self.brake_asked: bool = False
         self._opens_at: float | None = None  # time of the plant
         self._heard = self._clock()
         self._since, self._commands, self._steps = self._clock(), 0, 0
@@ -58,17 +59,25 @@ class Session:
 
     # What a client asks for.
 
-    def command(self, torque_nm: float, brake: bool | None = None) -> bool:
-        """Torque of all motors, N m, from the next step on; brake None leaves it. False where it is no number."""
+    @property
+    def torque_nm(self) -> float:
+        """What a hoist's client asked for last: torque of all motors, N m."""
+        return self.asked
+
+    def command(self, value: float, brake: bool | None = None) -> bool:
+        """The input from the next step on, in its unit; brake None leaves it. False where it is no number."""
         with self.lock:
-            if not math.isfinite(torque_nm):
-                self.refused("not_finite", f"torque {torque_nm}: expected a finite number; the last torque stays")
+            if not math.isfinite(value):
+                word = self.plant.kind.drive.quantity
+                self.refused("not_finite", f"{word} {value}: expected a finite number; the last {word} stays")
                 return False
-            self.torque_nm = torque_nm
+            self.asked = value
             self.counts["commands"] += 1
             self._commands += 1
             self._heard = self._clock()
-            self._waits = False
+            if self._waits:  # time begins: what is counted over a second does, too
+                self._waits = False
+                self._since, self._commands, self._steps = self._heard, 1, 0
             if self._silent:
                 self._silent = False
                 self._say("the client is back")
@@ -153,15 +162,16 @@ class Session:
             if live and not self._silent and now - self._heard > self.watchdog_s:
                 self._silent = True
                 self.counts["watchdog"] += 1
-                brake = ", the brake closes" if self._watchdog_brake else ""
-                self._say(f"the client is silent for {self.watchdog_s:g} s: torque is zero{brake}")
+                brake = ", the brake closes" if self._watchdog_brake and self.plant.has_brake else ""
+                word = self.plant.kind.drive.quantity
+                self._say(f"the client is silent for {self.watchdog_s:g} s: {word} is zero{brake}")
             if self.brake_asked or (self._silent and self._watchdog_brake):
                 self.plant.close_brake(True)
                 if not self.brake_asked:
                     self._opens_at = self.plant.time_s + self.brake_late_s
             elif self.plant.brake_closed and (self._opens_at is None or self.plant.time_s >= self._opens_at - 1e-9):
                 self.plant.close_brake(False)
-            self.plant.step(0.0 if self._silent else self.torque_nm)
+            self.plant.step(0.0 if self._silent else self.asked)
             self.counts["steps"] += 1
             self._steps += 1
             self._judge()

@@ -1,9 +1,10 @@
 """UDP: one packet in, one packet out; docs/serve.md has their layout.
 
 Command, 24 bytes, little endian: "WBC1", sequence uint32, flags uint32 (bit 0: the brake holds), reserved uint32,
-torque of all motors float64, N m.
+the input float64: of a hoist the torque of all motors, N m.
 State, 112 bytes: "WBS1", sequence uint32, sequence of the last command uint32, flags uint32 (bits of `points.FLAGS`),
-then float64: time_s, torque_at_work_nm, the plant's nine signals, payload_kg.
+then float64: time_s, torque_at_work_nm, the plant's nine signals, payload_kg. An axis' state is shorter or longer: its
+input at work, its own signals, and no payload.
 A datagram that begins with "{" is an order in JSON (see `Session.order`), answered in JSON.
 """
 
@@ -16,13 +17,14 @@ import time
 from collections.abc import Callable, Iterator
 
 from workbench.errors import InputError
+from workbench.serve.live import LiveMachine
 from workbench.serve.pace import run_at_pace
 from workbench.serve.plant import SIGNALS
 from workbench.serve.ports import udp_socket
 from workbench.serve.session import Session
 
 COMMAND = struct.Struct("<4sIIId")
-STATE = struct.Struct(f"<4sIII{len(SIGNALS) + 3}d")
+STATE = struct.Struct(f"<4sIII{len(SIGNALS) + 3}d")  # of a hoist; see `state_of`
 COMMAND_MAGIC, STATE_MAGIC = b"WBC1", b"WBS1"
 BRAKE_BIT = 1
 MOST_BYTES = 65_536
@@ -31,11 +33,16 @@ MOST_A_STEP = 1000  # datagrams that are read before a step; a flood does not st
 Address = tuple[str, int]
 
 
+def state_of(plant: LiveMachine) -> struct.Struct:
+    """The layout of a machine's state."""
+    return struct.Struct(f"<4sIII{len(plant.shown) + 2 + plant.carries}d")
+
+
 class UdpServer:
     """The socket of one session. One client at a time: the first one, until it is silent."""
 
     def __init__(self, session: Session, address: str, port: int, send_every: int = 1) -> None:
-        self._session, self._every = session, send_every
+        self._session, self._every, self._state = session, send_every, state_of(session.plant)
         self._client: Address | None = None
         self._sequence = self._echo = 0
         self._socket = udp_socket(address, port)
@@ -96,14 +103,14 @@ class UdpServer:
             session.refused("size", f"packet of {len(data)} bytes from {shown(sender)} is {word}: "
                             f"expected {COMMAND.size}; it is not used")  # fmt: skip
             return False
-        magic, sequence, flags, _, torque = COMMAND.unpack(data)
+        magic, sequence, flags, _, value = COMMAND.unpack(data)
         if magic != COMMAND_MAGIC:
             session.refused("magic", f"packet from {shown(sender)} begins with {magic!r}, expected {COMMAND_MAGIC!r}")
             return False
         if self._client not in (None, sender) and not (session.silent or session.waits):
             session.refused("second_client", f"{shown(sender)} is not heard: {shown(self._client)} has the plant")
             return False
-        if not session.command(torque, bool(flags & BRAKE_BIT)):
+        if not session.command(value, bool(flags & BRAKE_BIT) if session.plant.has_brake else None):
             return False
         self._client, self._echo = sender, sequence
         return True
@@ -125,8 +132,10 @@ class UdpServer:
             return
         session, self._sequence = self._session, (self._sequence + 1) & 0xFFFFFFFF
         plant = session.plant
-        values = (plant.time_s, plant.torque_nm, *plant.signals.values(), plant.payload_kg)
-        self._to(STATE.pack(STATE_MAGIC, self._sequence, self._echo, session.flags, *values), self._client)
+        values = [plant.time_s, plant.at_work, *plant.signals.values()]
+        if plant.carries:
+            values.append(plant.payload_kg)
+        self._to(self._state.pack(STATE_MAGIC, self._sequence, self._echo, session.flags, *values), self._client)
 
     def _to(self, data: bytes, address: Address) -> None:
         try:

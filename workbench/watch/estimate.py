@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.identify.fit import STEP, fit
 from workbench.identify.models import BalanceModel
-from workbench.identify.parameters import free_parameters
+from workbench.identify.parameters import Free, free_parameters
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.run import Array, Run
@@ -34,9 +34,10 @@ class Estimate:
 
 
 def watched_keys(machine: Hoist | Axis) -> tuple[str, ...]:
-    """What is estimated of each cycle."""
+    """What is estimated of each cycle: of three values that a cycle shows as two sums (`Kind.ties`), two."""
     kind = kind_of(machine)
-    return kind.watched or kind.free
+    thirds = {third for _, third in kind.ties}
+    return kind.watched or tuple(key for key in kind.free if key not in thirds)
 
 
 def estimate(machine: Hoist | Axis, run: Run, keys: Sequence[str] | None = None) -> Estimate:
@@ -48,15 +49,11 @@ def estimate(machine: Hoist | Axis, run: Run, keys: Sequence[str] | None = None)
     model = BalanceModel(Bench(machine, [run]))
     free = free_parameters(machine, [run], keys)
     result = fit(model, free)
-    m = len(free)
-    zero = np.maximum(np.zeros(m), [f.lowest_z for f in free])
-    out = model.residuals(free, [zero, *(zero + STEP * row for row in np.eye(m))])
-    jacobian = (out[1:] - out[0]).T / STEP
     sigma = max(result.noise_rms, result.residual_rms)
-    normal = jacobian.T @ jacobian / sigma**2
-    prior = np.diag([0.0 if f.prior_std is None else f.prior_std**-2 for f in free])
-    in_z = np.linalg.pinv(normal + prior, rcond=1e-14) @ normal
-    unit = np.array([f.scale * (f.nominal if f.logarithmic else 1.0) for f in free])
+    _, out = _around_nominal(model, free)
+    jacobian = (out[1:] - out[0]).T / STEP
+    in_z = _inverse(jacobian, free, sigma) @ (jacobian.T @ jacobian / sigma**2)
+    unit = _units(free)
     return Estimate(
         keys,
         np.array(result.value),
@@ -65,3 +62,36 @@ def estimate(machine: Hoist | Axis, run: Run, keys: Sequence[str] | None = None)
         result.residual_rms_before,
         result.noise_rms,
     )
+
+
+def shift(machine: Hoist | Axis, run: Run, other: Hoist | Axis, keys: Sequence[str]) -> Array:
+    """(m,) by how much the estimates of a run move where it is `other` that made the log, in the keys' units.
+
+    Linear around the nominal values, the noise the sensor's. other: the machine with effects.
+    """
+    model, changed = BalanceModel(Bench(machine, [run])), BalanceModel(Bench(other, [run]))
+    changed.rows = model.rows
+    free = free_parameters(machine, [run], keys)
+    zero, out = _around_nominal(model, free)
+    jacobian = (out[1:] - out[0]).T / STEP
+    # What the other machine's torque is beyond this one's: residuals are measured less predicted.
+    beyond = out[0] - changed.residuals(free, [zero])[0]
+    sigma = max(model.noise, 1e-300)
+    return np.asarray(-_units(free) * (_inverse(jacobian, free, sigma) @ (jacobian.T @ beyond)) / sigma**2)
+
+
+def _around_nominal(model: BalanceModel, free: Sequence[Free]) -> tuple[Array, Array]:
+    """z of the nominal values, and the residuals (1 + m, samples) there and a step along each."""
+    zero = np.maximum(np.zeros(len(free)), [f.lowest_z for f in free])
+    return zero, model.residuals(free, [zero, *(zero + STEP * row for row in np.eye(len(free)))])
+
+
+def _inverse(jacobian: Array, free: Sequence[Free], sigma: float) -> Array:
+    """(m, m) covariance of z under the noise and the tolerances."""
+    prior = np.diag([0.0 if f.prior_std is None else f.prior_std**-2 for f in free])
+    return np.asarray(np.linalg.pinv(jacobian.T @ jacobian / sigma**2 + prior, rcond=1e-14))
+
+
+def _units(free: Sequence[Free]) -> Array:
+    """(m,) of a value per z."""
+    return np.array([f.scale * (f.nominal if f.logarithmic else 1.0) for f in free])

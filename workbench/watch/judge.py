@@ -21,7 +21,7 @@ from workbench.watch.estimate import Estimate
 from workbench.watch.trend import Trend, trend
 
 LOAD = "carriage.mass_kg"
-SAME_PAYLOAD = 0.02  # of the payload, or 10 kg: stated payloads that are one
+SAME_PAYLOAD, SAME_PAYLOAD_KG = 0.02, 10.0  # relative, at least: stated payloads that are one
 SAME_CAUSE = 0.5  # cosine between two changes, whitened, that are one
 SINGLE = 1.5  # times the threshold: one cycle alone that far off is an event
 
@@ -60,12 +60,14 @@ class Event:
 
 @dataclass(frozen=True)
 class Cause:
-    """A direction of change. name: in words; keys: what changes; amount: of the first key, in its unit."""
+    """A direction of change. name: in words; keys: what changes, each by its weight; amount: of the first key, in its
+    unit."""
 
     name: str
     keys: tuple[str, ...]
     amount: float
     share: float
+    weights: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -153,14 +155,14 @@ class Judge:
         judged.events.append(Event(k, "baseline", f"the baseline is learned from {len(chosen)} cycles"))
 
     def _known(self, payload_kg: float) -> bool:
-        return any(abs(payload_kg - known_kg) <= max(10.0, SAME_PAYLOAD * known_kg) for known_kg in self._payloads)
+        return any(abs(payload_kg - old_kg) <= max(SAME_PAYLOAD_KG, SAME_PAYLOAD * old_kg) for old_kg in self._payloads)
 
     def _test(self, k: int, cycle: Cycle, before: Cycle | None, judged: Judged) -> None:
         assert self.baseline is not None
         z = self._whitened(cycle)
         free_load = not self._known(cycle.payload_kg)
         if free_load:
-            if before is None or abs(before.payload_kg - cycle.payload_kg) > 10.0:
+            if before is None or abs(before.payload_kg - cycle.payload_kg) > SAME_PAYLOAD_KG:
                 text = f"payload {cycle.payload_kg:g} kg is new: a change of the load is not the machine's"
                 judged.events.append(Event(k, "payload", text))
             basis = self._without_load()
@@ -236,22 +238,26 @@ class Judge:
         keys = self.cycles[-1].estimate.keys
         whole = self.baseline.whiten @ change
         total = float(whole @ whole)
-        shares = []
-        for name, chosen in directions(keys):
-            column = self._resolution[:, [keys.index(key) for key in chosen]].sum(axis=1)
+        found = []
+        for name, chosen, weights in directions(keys):
+            column = self._column(chosen, weights)
             white = self.baseline.whiten @ column
             size = float(white @ white)
             if size == 0.0 or total == 0.0:
                 continue
             amount = float(white @ whole) / size
-            shares.append(Cause(name, chosen, amount, amount * amount * size / total))
-        return tuple(sorted(shares, key=lambda cause: -cause.share))
+            found.append(Cause(name, chosen, amount, amount * amount * size / total, weights))
+        return tuple(sorted(found, key=lambda cause: -cause.share))
+
+    def _column(self, chosen: Sequence[str], weights: Sequence[float]) -> Array:
+        """(m,) what a true change of those keys by their weights does to the estimates."""
+        keys = self.cycles[-1].estimate.keys
+        return np.asarray(self._resolution[:, [keys.index(key) for key in chosen]] @ np.array(weights))
 
     def amounts(self, cause: Cause, since: int) -> list[float]:
         """How much of a cause each counted cycle since then shows, in the unit of its first key."""
         assert self.baseline is not None
-        keys = self.cycles[-1].estimate.keys
-        column = self._resolution[:, [keys.index(key) for key in cause.keys]].sum(axis=1)
+        column = self._column(cause.keys, cause.weights)
         white = self.baseline.whiten @ column
         size = float(white @ white)
         return [float(white @ self._whitened(self.cycles[i])) / size for i in self.counted if i >= since and size > 0.0]
@@ -260,15 +266,20 @@ class Judge:
         """How the likeliest cause goes on since its onset. nominal: the machine's values by key."""
         cause = alarm.causes[0]
         key = cause.keys[0]
-        limit = self.rules.limits.get(key)
+        limit = self.rules.limits.get(key) if min(cause.weights) > 0.0 else None
         return trend(self.amounts(cause, alarm.onset), None if limit is None else limit - nominal[key])
 
 
-def directions(keys: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
-    """Candidate changes: friction both ways alike, and each parameter for itself."""
+def directions(keys: Sequence[str]) -> list[tuple[str, tuple[str, ...], tuple[float, ...]]]:
+    """Candidate changes with the weights of their keys: each parameter for itself, friction both ways alike; and, where
+    no parameter is one, a constant load, which is friction of one way more and of the other way less."""
+    made: list[tuple[str, tuple[str, ...], tuple[float, ...]]] = [(words_of(key), (key,), (1.0,)) for key in keys]
     friction = tuple(key for key in keys if "coulomb" in key)
-    made: list[tuple[str, tuple[str, ...]]] = [(words_of(key), (key,)) for key in keys]
-    return [("friction both ways", friction), *made] if len(friction) == 2 else made
+    if len(friction) != 2:
+        return made
+    loads = [key for key in keys if key == LOAD or "offset" in key or "gravity" in key]
+    constant = [] if loads else [("constant load or offset", friction, (1.0, -1.0))]
+    return [("friction both ways", friction, (1.0, 1.0)), *constant, *made]
 
 
 def _cosine(a: Array, b: Array) -> float:

@@ -16,13 +16,14 @@ from workbench.machine import Axis, Hoist, get_value
 from workbench.names import unit_of
 from workbench.run import Run
 from workbench.watch.arrivals import Arrivals, Arrived
-from workbench.watch.change import Baseline
+from workbench.watch.change import WINDOW, Baseline
 from workbench.watch.estimate import estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Judged, Rules
 from workbench.watch.store import Kept, KeptAlarm, Store, digest_of
+from workbench.watch.stream.line import Line
 
 Say = Callable[[str], None]
-Diagnoser = Callable[[Campaign, Baseline], Mapping[str, Any]]
+Diagnoser = Callable[[Campaign, Baseline, Sequence[Cycle]], Mapping[str, Any]]
 FRICTION_LIMIT = 1.5  # of the identified level, where the user names no limit
 MOST_DIAGNOSED = 4  # cycles since the onset that go into a diagnosis
 HOOK_S = 5.0
@@ -53,15 +54,17 @@ class Watch:
         rules: Rules,
         *,
         settle_s: float = 2.0,
+        line: Line | None = None,
         diagnose: Diagnoser | None = None,
         hook: str | None = None,
         say: Say = lambda line: None,
     ) -> None:
-        """diagnose: asked about each new alarm; None: nobody is. hook: address that each new alarm is posted to."""
+        """line: what writes logs into the folder. diagnose: asked about each new alarm; None: nobody is. hook: address
+        that each new alarm is posted to."""
         self.machine, self.rules = machine, with_usual_limits(machine, rules)
         self.store = Store(state, machine, rules)
         self._arrivals = Arrivals(folder, machine, settle_s)
-        self._diagnose, self._hook, self._say = diagnose, hook, say
+        self._diagnose, self._hook, self._say, self._line = diagnose, hook, say, line
         self._said: set[str] = set()
         self.judge = Judge(self.rules)
         for kept in self.store.cycles():
@@ -73,6 +76,8 @@ class Watch:
 
     def look(self, now: float) -> tuple[int, int]:
         """Takes what is complete; how many cycles were new, and how many logs are still waited for."""
+        if self._line is not None:
+            self._hear(self._line)
         try:
             complete, waiting = self._arrivals.look(now)
         except InputError as error:
@@ -89,6 +94,16 @@ class Watch:
             self.store.write_parquet()
         self._finish()
         return new, waiting
+
+    def _hear(self, line: Line) -> None:
+        """What there is to say of a stream; a cycle that was spoilt is kept as one that does not count."""
+        while not line.notes.empty():
+            note = line.notes.get()
+            if note.key:
+                self.store.refuse(note.key, note.name, f"{note.name}: {note.text}")
+                self._say(f"not counted: {note.name}: {note.text}")
+            else:
+                self._say(note.text)
 
     def _take(self, arrived: Arrived) -> int:
         """1 where the log is a new cycle."""
@@ -147,7 +162,7 @@ class Watch:
             for kept in _spread(since):
                 runs.append(self._again(kept))
             campaign = Campaign(f"since {since[0].cycle.name}", self.store.folder, self.machine, tuple(runs))
-            return dict(self._diagnose(campaign, self.judge.baseline))
+            return dict(self._diagnose(campaign, self.judge.baseline, [kept.cycle for kept in since[-WINDOW:]]))
         except InputError as error:
             return {"verdict": None, "effects": [], "sentence": f"not diagnosed: {error}"}
 
@@ -166,8 +181,9 @@ class Watch:
         raised = next(raised_alarm for raised_alarm in self.judge.alarms if raised_alarm.cycle == alarm.cycle)
         goes = self.judge.trend_of(raised, nominal)
         cause = alarm.causes[0]
-        amount = f"{cause['amount']:+.3g} {unit_of(cause['keys'][0])} "
-        amount += f"({cause['name']}, {100.0 * cause['share']:.0f} % of the change)"
+        unit = unit_of(cause["keys"][0])
+        amount = f"{cause['amount']:+.3g} {unit} ({cause['name']}, {100.0 * cause['share']:.0f} % of the change)"
+        amount += "" if goes is None else f", by now {goes.now:+.3g} {unit}"
         left = None if goes is None else goes.left
         until = f"; at this rate its limit is {left:.0f} cycles away" if left is not None else ""
         sentence = f"at {name}: the machine has left its identified self since {onset}: {amount}{until}."

@@ -50,8 +50,8 @@ def write_page(watch: Watch, path: Path) -> None:
             Section(
                 "Trends",
                 figures=[
-                    (parameters(names, values, learned, marks),
-                     "Dots: one cycle's estimate, held by the machine's tolerances. Dotted lines: alarms."),
+                    (parameters(names, values, learned, marks, [k.counted for k in kept]),
+                     "Dots: one cycle's estimate, held by the machine's tolerances. Upright lines: alarms."),
                     (statistic(over_time, thresholds[0] if thresholds else None, marks),
                      f"The threshold gives one false alarm in {watch.rules.cycles_between:g} cycles of a healthy "
                      "machine, by simulation; after an alarm the test begins anew."),

@@ -1,0 +1,312 @@
+"""A stream of values: where cycles begin and end, what spoils one, and a server that comes and goes."""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.watch import healthy, month
+from tests.support.commands import Commands
+from tests.support.opcua_machine import OpcUaMachine
+from workbench.errors import InputError
+from workbench.logs.runs_file import Entry
+from workbench.machine import default_hoist, save_machine
+from workbench.machine.axis import LinearAxis
+from workbench.run import Run
+from workbench.watch.arrivals import Arrivals, Arrived
+from workbench.watch.estimate import estimate
+from workbench.watch.judge import Rules
+from workbench.watch.stream.cut import TRIGGER, Cut, CutRules, Cutter
+from workbench.watch.stream.line import Line, still_speed
+from workbench.watch.stream.logged import Logs, on_grid, with_payload
+from workbench.watch.stream.nodes import nodes_of
+from workbench.watch.watch import Watch
+
+HOIST = default_hoist()
+RULES = CutRules("speed", still=0.1, stand_s=1.0, silent_s=1.0)
+DT = 0.02
+NODES = """nodes:
+  torque_motor_nm: ns=2;s=Drive.torque_motor_nm
+  speed_motor_rad_s: ns=2;s=Drive.speed_motor_rad_s
+  payload_kg: ns=2;s=Drive.payload_kg
+start_position_m: 9.0
+"""
+
+
+@pytest.fixture
+def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+# Where a cycle begins and ends.
+
+
+def speed_at(t: float) -> float:
+    """Two moves of a second, a dwell of half a second between: from 2.0 to 4.5, every 6 s."""
+    t = t % 6.0
+    return math.sin(math.pi * (t - 2.0)) * (2.0 < t < 3.0) - math.sin(math.pi * (t - 3.5)) * (3.5 < t < 4.5)
+
+
+def play(
+    cutter: Cutter,
+    begin: float,
+    end: float,
+    *,
+    speed: Callable[[float], float] = speed_at,
+    clock: float = 1000.0,
+    late: Callable[[float], float] = lambda t: 0.0,
+) -> None:
+    for k in range(round(begin / DT), round(end / DT)):
+        t = k * DT
+        cutter.add("speed", clock + t, speed(t), t + late(t))
+        cutter.add("torque", clock + t, 10.0 * speed(t), t + late(t))
+
+
+def test_a_cycle_lies_between_two_stands_and_a_dwell_is_part_of_it():
+    cutter = Cutter(RULES)
+    play(cutter, 0.0, 18.0)
+    assert not cutter.spoilt and len(cutter.cycles) == 3
+    for k, cut in enumerate(cutter.cycles):
+        assert cut.moves_s == pytest.approx((1002.0 + 6 * k, 1004.5 + 6 * k), abs=0.1)
+        assert cut.begin_s == pytest.approx(cut.moves_s[0] - 0.5) and cut.end_s == pytest.approx(cut.moves_s[1] + 0.5)
+        time_s, signals = on_grid(cut, "speed")
+        assert np.diff(time_s) == pytest.approx(DT) and time_s[0] == 0.0
+        expected = [speed_at(t) for t in time_s + cut.begin_s - 1000.0]
+        assert signals["speed"] == pytest.approx(expected, abs=0.04) and signals["torque"] == pytest.approx(
+            10.0 * np.array(expected), abs=0.4
+        )
+
+
+def test_a_stream_that_begins_in_a_motion_waits_for_a_stand():
+    cutter = Cutter(RULES)
+    play(cutter, 2.4, 11.9)
+    assert [round(cut.moves_s[0] - 1008.0) for cut in cutter.cycles] == [0]
+
+
+def test_values_that_do_not_change_need_not_come_again():
+    cutter, last = Cutter(RULES), math.nan
+    for k in range(300):
+        t = k * DT
+        if (value := speed_at(t)) != last:
+            cutter.add("speed", 50.0 + t, value, t)
+            last = value
+        cutter.tick(t)
+    (cut,) = cutter.cycles
+    time_s, signals = on_grid(cut, "speed")
+    dwell = signals["speed"][
+        (time_s > cut.moves_s[0] + 1.1 - cut.begin_s) & (time_s < cut.moves_s[0] + 1.4 - cut.begin_s)
+    ]
+    assert len(dwell) > 10 and np.all(dwell == 0.0)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.7])
+def test_a_stream_that_stops_in_a_motion_spoils_that_cycle_only(late: float):
+    cutter = Cutter(RULES)
+    play(cutter, 0.0, 2.5, late=lambda t: late)
+    for t in (2.6, 3.0, 5.0, 8.0):
+        cutter.tick(t + late)
+    play(cutter, 9.0, 17.9, late=lambda t: late)
+    assert [bad.in_cycle for bad in cutter.spoilt] == [True] and "no value came" in cutter.spoilt[0].reason
+    assert [round(cut.moves_s[0]) for cut in cutter.cycles] == [1014]
+
+
+@pytest.mark.parametrize(("jump", "word"), [(-3600.0, "back"), (3600.0, "ahead"), (-5.0, "back"), (5.0, "ahead")])
+def test_a_clock_that_jumps_in_a_cycle_spoils_that_cycle_only(jump: float, word: str):
+    cutter = Cutter(RULES)
+    play(cutter, 0.0, 2.5)
+    play(cutter, 2.5, 17.9, clock=1000.0 + jump)
+    assert [(bad.in_cycle, word in bad.reason) for bad in cutter.spoilt] == [(True, True)]
+    assert [round(cut.moves_s[0] - jump) for cut in cutter.cycles] == [1008, 1014]
+
+
+def test_what_comes_late_and_at_once_is_no_clock_that_jumps():
+    cutter = Cutter(RULES)
+    play(cutter, 0.0, 6.0, late=lambda t: max(0.0, 3.9 - t) if t > 2.2 else 0.0)
+    assert not cutter.spoilt and len(cutter.cycles) == 1
+
+
+def test_what_comes_twice_or_out_of_order_counts_once():
+    cutter, plain = Cutter(RULES), Cutter(RULES)
+    play(plain, 0.0, 6.0)
+    for k in range(300):
+        for j in (k, max(k - 3, 0)):
+            cutter.add("speed", 1000.0 + j * DT, speed_at(j * DT), k * DT)
+    assert not cutter.spoilt and cutter.cycles[0].series["speed"] == plain.cycles[0].series["speed"]
+
+
+def test_a_lost_line_spoils_a_cycle_under_way():
+    cutter = Cutter(RULES)
+    play(cutter, 0.0, 2.5)
+    cutter.broken("the line was lost")
+    play(cutter, 2.8, 11.9)
+    assert len(cutter.spoilt) == 1 and len(cutter.cycles) == 1
+
+
+def test_a_trigger_marks_cycles_by_its_edges():
+    cutter = Cutter(CutRules("speed", still=0.1, stand_s=1.0, silent_s=1.0, triggered=True))
+    last = math.nan
+    for k in range(900):
+        t = k * DT
+        if (high := float(80 <= k % 300 < 250)) != last:
+            cutter.add(TRIGGER, t, high, t)
+            last = high
+        cutter.add("speed", t, speed_at(t), t)
+    assert [cut.moves_s for cut in cutter.cycles] == [pytest.approx((1.6 + 6 * k, 5.0 + 6 * k)) for k in range(3)]
+
+
+def test_a_position_alone_says_when_it_moves():
+    cutter = Cutter(CutRules("position", still=0.1, is_position=True, stand_s=1.0, silent_s=1.0))
+    place = np.cumsum([speed_at(k * DT) * DT for k in range(300)])
+    for k, x in enumerate(place):
+        cutter.add("position", k * DT, float(x), k * DT)
+    assert len(cutter.cycles) == 1 and cutter.cycles[0].moves_s == pytest.approx((2.0, 4.5), abs=0.2)
+
+
+# What is written.
+
+
+def cut_with(payload: list[tuple[float, float]]) -> Cut:
+    times = [k * DT for k in range(300)]
+    series = {
+        "speed": (times, [speed_at(t) for t in times]),
+        "payload_kg": tuple(map(list, zip(*payload, strict=True))),
+    }
+    return Cut(1.5, 5.0, (2.0, 4.5), series)  # type: ignore[arg-type]
+
+
+def test_a_payload_picked_up_before_the_move_shortens_the_stand_and_one_changed_in_it_spoils_the_cycle():
+    cut, payload = with_payload(cut_with([(-9.0, 0.0), (1.8, 4500.0), (4.7, 0.0)]), "payload_kg")
+    assert payload == 4500.0 and (cut.begin_s, cut.end_s) == (1.8, 4.7)
+    with pytest.raises(InputError, match="changed from 0 to 4500 kg"):
+        with_payload(cut_with([(-9.0, 0.0), (3.0, 4500.0)]), "payload_kg")
+    with pytest.raises(InputError, match="is nan, expected kg"):
+        with_payload(cut_with([(-9.0, math.nan)]), "payload_kg")
+
+
+@pytest.mark.parametrize(("bad", "said"), [(2, "bridged"), (60, "samples in a row are missing")])
+def test_numbers_that_are_none_are_missing_samples_of_the_log(bad: int, said: str, tmp_path: Path):
+    (run,) = runs(1)
+    time_s, torque = run.time_s, run["torque_motor_nm"].copy()
+    torque[100 : 100 + bad] = math.nan
+    signals = {"torque_motor_nm": torque, "speed_motor_rad_s": run["speed_motor_rad_s"]}
+    file = Logs(tmp_path).write(1000.0, time_s, signals, {"payload_kg": run.payload_kg, "start_position_m": 9.0})
+    arrivals = Arrivals(tmp_path, HOIST, 0.0)
+    arrived = Arrived(file, Entry(name="a", file=file.name, payload_kg=run.payload_kg, start_position_m=9.0))
+    if bad < 5:
+        assert any(said in note for note in arrivals.read(arrived).notes)
+    else:
+        with pytest.raises(InputError, match=said):
+            arrivals.read(arrived)
+
+
+# A server that is not ours.
+
+
+@cache
+def runs(count: int) -> tuple[Run, ...]:
+    return tuple(run for run, _ in month(HOIST, count, healthy, 3))
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def machine() -> Iterator[OpcUaMachine]:
+    made = OpcUaMachine(["torque_motor_nm", "speed_motor_rad_s", "payload_kg"], free_port(), rate=20.0)
+    yield made
+    made.down()
+
+
+def watch_of(place: Path, machine: OpcUaMachine, said: list[str]) -> tuple[Watch, Line]:
+    (place / "nodes.yaml").write_text(NODES)
+    nodes = nodes_of(place / "nodes.yaml", HOIST)
+    rules = CutRules(nodes.motion, still_speed(HOIST, None), silent_s=40.0, slip_s=40.0)
+    line = Line(machine.address, nodes, rules, HOIST, place / "stream", 0.01, clock=machine.clock)
+    rule = Rules(healthy=60)
+    return Watch(place / "stream", HOIST, place / "state", rule, settle_s=0.0, line=line, say=said.append), line
+
+
+def until(what: Callable[[], bool], seconds: float = 10.0) -> None:
+    ends = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < ends, "it never came"
+        time.sleep(0.05)
+
+
+def test_cycles_of_a_server_are_those_of_its_logs_and_a_server_that_goes_and_comes_spoils_one(
+    machine: OpcUaMachine, tmp_path: Path
+):
+    whole, said = runs(3), list[str]()
+    watch, line = watch_of(tmp_path, machine, said)
+    stand = 4.0 / machine.rate
+
+    def played(run: Run, **more: Callable[[float], bool]) -> None:
+        machine.put({"payload_kg": run.payload_kg}, machine.clock())
+        time.sleep(stand)
+        machine.play(run, {}, **more)
+
+    line.start()
+    played(whole[0])
+    until(lambda: watch.look(0.0)[0] == 1)
+    played(whole[1], until=lambda t: t > 3.0)
+    machine.down()
+    until(lambda: bool(watch.look(0.0)) and any("the line is lost" in text for text in said))
+    machine.put({"speed_motor_rad_s": 0.0}, machine.clock())
+    machine.up()
+    until(lambda: bool(watch.look(0.0)) and any("the line is back" in text for text in said))
+    played(whole[2])
+    until(lambda: watch.look(0.0)[0] == 1)
+    line.close()
+    kept = watch.store.cycles()
+    watch.close()
+    assert [k.cycle.payload_kg for k in kept] == [whole[0].payload_kg, whole[2].payload_kg]
+    for k, run in zip(kept, (whole[0], whole[2]), strict=True):
+        alone = estimate(HOIST, run)
+        assert np.all(np.abs(k.cycle.estimate.values - alone.values) < 2.0 * alone.errors + 1e-9)
+    assert sum("not counted" in text and "the line to the server was lost" in text for text in said) == 1
+
+    again, idle = watch_of(tmp_path, machine, said)
+    assert again.look(0.0) == (0, 0) and len(again.judge.cycles) == 2
+    assert not idle.in_cycle
+    again.close()
+
+
+def test_what_a_stream_lacks_is_one_line(machine: OpcUaMachine, tmp_path: Path, commands: Commands):
+    save_machine(HOIST, tmp_path / "machine.yaml")
+    nodes = tmp_path / "nodes.yaml"
+
+    def said(text: str, *more: object, address: str = machine.address) -> str:
+        nodes.write_text(text)
+        where = "--machine", tmp_path / "machine.yaml", "--state", tmp_path / "state"
+        done = commands("watch", address, *where, *more)
+        assert done.status == 2 and len(done.err.strip().splitlines()) == 1
+        return done.err
+
+    named = "--nodes", nodes
+    assert "no server answers" in said(NODES, *named, address=f"opc.tcp://127.0.0.1:{free_port()}")
+    assert "did you mean 'ns=2;s=Drive.torque_motor_nm'" in said(NODES.replace("Drive.torque", "Drive.torq"), *named)
+    assert "is no node, expected such as" in said(NODES.replace("ns=2;s=Drive.payload_kg", "payload"), *named)
+    assert "has no namespace 'urn:workbench:plant'" in said(NODES)
+    assert "did you mean 'torque_motor_nm'" in said(NODES.replace("  torque_motor_nm", "  torque_motor_n"), *named)
+    without = "".join(line for line in NODES.splitlines(keepends=True) if "speed" not in line)
+    assert "has no node for speed_motor_rad_s" in said(without, *named)
+    assert "needs a node for position_carriage_m" in said(NODES.replace("start_position_m: 9.0\n", ""), *named)
+    assert "a stream has no end" in said(NODES, *named, "--once")
+
+
+def test_an_axis_has_to_be_told_what_standing_is():
+    friction = {"coulomb_forward_n": 20.0, "coulomb_backward_n": 20.0, "viscous_n_s_per_m": 200.0}
+    axis = LinearAxis.model_validate({"mass_kg": 95.0, "friction": friction})
+    assert still_speed(axis, 0.01) == 0.01
+    with pytest.raises(InputError, match="needs a speed up to which the machine stands, in m/s"):
+        still_speed(axis, None)
