@@ -260,25 +260,44 @@ def test_before_it_slides_an_axis_gives_way_like_a_spring():
     assert axis_replay({}, force, 0.002, forward=20.0, backward=20.0, viscous=4000.0, constant=0.0)[-1, 0] < 1e-4
 
 
-def test_play_takes_its_share_of_an_axis_friction_away_after_a_reversal():
-    """Slow forth and back: in mid-play share (1 - n^2) of the friction is gone, and n follows its own law."""
-    machine = linear_axis(forward=20.0, backward=20.0, viscous=0.0, constant=0.0)
-    model = PlantModel(PLANTS["axis-linear"], of(machine, {"backlash": {"play_m": 0.01, "load_share": 0.5}}))
+def driven_through_play(t: Array, v: Array, play: float, shares: tuple[float, float], **values: float) -> Array:
+    """Force and the motor's lead over what lies behind the play, (n, 2), of a linear axis that moves so."""
+    machine = linear_axis(**values)
+    own = {"play_m": play, "load_share": shares[0], "friction_over_load_share": shares[1]}
+    model = PlantModel(PLANTS["axis-linear"], of(machine, {"backlash": own}))
     p = [model.values(machine, 0.0, 0.0)]
-    t = np.linspace(0.0, 10.0, 2001)
-    v = np.where(t < 5.0, 0.01, -0.01)
-    x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * 0.005])
+    x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
     start, _ = model.starts([0.0], [0.0], [0.0], p)
     out = kernels.driven(
-        model.plant, model.table(p), t[:, None], x[:, None], v[:, None], np.zeros((len(t), 1)), start[2:],
+        model.plant, model.table(p), t[:, None], x[:, None], v[:, None], np.gradient(v, t)[:, None], start[2:],
         model.scales(0.01, p), effects=model.effects,
     )  # fmt: skip
-    force, n = out[:, 0, 0], out[:, 2, 0]  # behind the input: presliding's state, then this one's
-    back = (t > 5.01) & (t < 9.9)
-    turned = x[back] - np.max(x)
-    assert n[back] == pytest.approx(2.0 * np.exp(turned / 0.005) - 1.0, abs=0.01)
-    assert force[back] == pytest.approx(-20.0 * (1.0 - 0.5 * (1.0 - n[back] ** 2)), rel=1e-6)
-    assert np.min(np.abs(force[back])) < 10.5 and force[990] == pytest.approx(20.0)
+    return out[:, [0, 2], 0]  # behind the input: presliding's state, then this one's two
+
+
+def test_within_the_play_the_motor_feels_its_own_share_and_behind_it_all_of_the_axis():
+    """Slow forth and back: after the reversal friction's share is gone while the play is crossed, then it is back."""
+    t = np.linspace(0.0, 10.0, 20001)
+    v = np.where(t < 5.0, 0.01, -0.01) * np.minimum(np.abs(t - 5.0) / 0.05, 1.0)
+    rubbing = {"forward": 20.0, "backward": 20.0, "viscous": 0.0, "constant": 0.0}
+    force, lead = driven_through_play(t, v, 0.01, (0.4, 1.0), **rubbing).T
+    before, within, behind = (t > 2.0) & (t < 4.9), (t > 5.3) & (t < 5.9), t > 7.0
+    assert force[before] == pytest.approx(20.0, abs=0.05) and lead[before] == pytest.approx(0.005, abs=2e-5)
+    assert force[within] == pytest.approx(-20.0 * 0.6, abs=0.05)
+    assert force[behind] == pytest.approx(-20.0, abs=0.05) and lead[behind] == pytest.approx(-0.005, abs=2e-5)
+
+
+def test_what_lies_behind_a_play_runs_on_through_it_while_the_motor_brakes():
+    """Without friction it keeps its speed: the way is crossed when b t^2/2 is the play, and the motor brakes alone."""
+    t = np.linspace(0.0, 4.0, 40001)
+    v = np.where(t < 1.0, 0.2 * t, np.where(t < 3.0, 0.2, np.maximum(0.2 - 2.0 * (t - 3.0), 0.0)))
+    bare = {"forward": 0.0, "backward": 0.0, "viscous": 0.0, "constant": 0.0}
+    share, play, mass = 0.3, 0.002, linear_axis(**bare).mass_kg
+    force, lead = driven_through_play(t, v, play, (share, 0.0), **bare).T
+    crossing = (t > 3.001) & (t < 3.0 + math.sqrt(play) - 0.003)
+    assert force[crossing] == pytest.approx(-2.0 * mass * (1.0 - share), rel=1e-3)
+    assert lead[crossing] == pytest.approx(0.5 * play - (t[crossing] - 3.0) ** 2, abs=2e-5)
+    assert force[(t > 0.5) & (t < 0.9)] == pytest.approx(0.2 * mass, rel=1e-3)
 
 
 def test_an_axis_heavier_than_stated_asks_more_force_to_accelerate():

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from workbench.effects.correction import correction_of
-from workbench.effects.declare import Effect, Ranged
+from workbench.effects.declare import Effect, EffectMemory, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
 from workbench.errors import InputError, nearest
 from workbench.kinds import Sizes, kind_of
@@ -145,10 +145,10 @@ def parts(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
 
     def linear(effect: Effect) -> bool:
         amounts = all(parameter.vanishes_at is not None for parameter in effect.parameters)
-        return effect.id in traces or (effect.memory is None and amounts)
+        return effect.id in traces or (not effect.memory and amounts)
 
     def forceful(effect: Effect) -> bool:
-        return effect.memory is None and effect.place_on(kind.name) in forces
+        return not effect.memory and effect.place_on(kind.name) in forces
 
     return of_these(linear), of_these(lambda effect: linear(effect) or forceful(effect))
 
@@ -209,9 +209,10 @@ def compiled(kind: str, effects: tuple[Effect, ...]) -> Effects:
     """The pieces of several effects in the plant; one object for one set, for kernels are found by it."""
     pieces: dict[str, list[Callable[[Any, Any], Scalar]]] = {}
     for effect in effects:
-        pieces.setdefault(effect.place_on(kind), []).append(partial(_piece, effect, kind))
+        for place, function in {effect.place_on(kind): effect.function, **effect.beside}.items():
+            pieces.setdefault(place, []).append(partial(_piece, effect, function, kind))
     symbols = [effect.symbol(parameter, kind) for effect in effects for parameter in effect.parameters]
-    memory = [_memory(effect, kind) for effect in effects if effect.memory is not None]
+    memory = [_memory(effect, state, kind) for effect in effects for state in effect.memory]
     return Effects(pieces, (*symbols, *RUN_SYMBOLS), memory)
 
 
@@ -237,19 +238,16 @@ def joined(first: Effects, second: Effects) -> Effects:
     )
 
 
-def _piece(effect: Effect, kind: str, s: Any, p: Any) -> Scalar:
-    return effect.function(s, effect.own(p, kind), p)
+def _piece(effect: Effect, function: Callable[[Any, Any, Any], Any], kind: str, s: Any, p: Any) -> Scalar:
+    return function(s, effect.own(p, kind), p)
 
 
-def _memory(effect: Effect, kind: str) -> Memory:
-    memory = effect.memory
-    assert memory is not None
-
+def _memory(effect: Effect, memory: EffectMemory, kind: str) -> Memory:
     def own(p: Any) -> SimpleNamespace:
         return effect.own(p, kind)
 
     return Memory(
-        effect.memory_symbol,
+        effect.memory_symbol(memory),
         rate=lambda s, p: memory.rate(s, own(p), p),
         start=lambda p: memory.start(own(p), p),
         scale=lambda p: float(memory.scale(own(p), p)),

@@ -75,7 +75,8 @@ class Effect:
     listed: bool
     function: Callable[[Any, Any, Any], Any]
     inverse: Callable[[Any, Any, Any], Any] | None
-    memory: EffectMemory | None
+    memory: tuple[EffectMemory, ...]
+    beside: Mapping[str, Callable[[Any, Any, Any], Any]]
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
@@ -103,13 +104,14 @@ class Effect:
     def own(self, p: Any, kind: str) -> SimpleNamespace:
         """e: the effect's parameters, and its memory, out of the plant's."""
         e = {short: getattr(p, symbol) for short, symbol in _symbols(self, kind)}
-        if self.memory is not None and hasattr(p, self.memory_symbol):
-            e[self.memory.symbol] = getattr(p, self.memory_symbol)
+        for each in self.memory:
+            if hasattr(p, self.memory_symbol(each)):
+                e[each.symbol] = getattr(p, self.memory_symbol(each))
         return SimpleNamespace(**e)
 
-    @property
-    def memory_symbol(self) -> str:
-        return f"{self.id}__memory"
+    def memory_symbol(self, each: EffectMemory) -> str:
+        """What a state of its own is called among the plant's parameters."""
+        return f"{self.id}__memory_{each.symbol}"
 
     def ranges(self, sizes: Sizes) -> tuple[Ranged, ...]:
         """Its parameters on one machine."""
@@ -150,7 +152,8 @@ def effect(
     dissipative: bool = False,
     listed: bool = True,
     inverse: Callable[[Any, Any, Any], Any] | None = None,
-    memory: EffectMemory | None = None,
+    memory: Sequence[EffectMemory] = (),
+    beside: Mapping[str, Callable[[Any, Any, Any], Any]] | None = None,
 ) -> Callable[[Callable[[Any, Any, Any], Any]], Effect]:
     """Declares the function beneath as an effect.
 
@@ -158,7 +161,8 @@ def effect(
     regime: when it shows. reads: the signals at the place that it reads, with units.
     dissipative: for values at or above the vanishing ones it takes energy only. listed: its
     name is one that a diagnosis may give without being asked for it. inverse: of an effect on
-    a sensor, from the logged series to the true one.
+    a sensor, from the logged series to the true one. memory: states of its own. beside: what it adds at other places
+    of the same plants, by place.
     ValueError for a declaration that does not fit together.
     """
 
@@ -179,7 +183,8 @@ def effect(
             listed=listed,
             function=function,
             inverse=inverse,
-            memory=memory,
+            memory=tuple(memory),
+            beside=dict(beside or {}),
         )
         for problem in problems(made):
             raise ValueError(f"effect {name}: {problem}")

@@ -113,7 +113,7 @@ def _section(effect: Effect, title: str) -> list[str]:
     places = "; ".join(dict.fromkeys(f"{kind.partition('-')[0]}: {place} ({of})" for kind, place, of in where))
     traits = [
         "takes energy only" if effect.dissipative else "",
-        "keeps a state" if effect.memory is not None else "",
+        "keeps a state" if effect.memory else "",
         "" if effect.listed else "not listed",
     ]
     listed = [trait for trait in traits if trait]

@@ -73,13 +73,14 @@ def _in_plant(effect: Effect, kind: str) -> str:
             **{name: float(rng.uniform(0.1, 10.0)) for name in (*PLANTS[kind].parameters, *RUN_SYMBOLS)}
         )
         e = _vanished(effect)
-        if effect.memory is not None:
-            setattr(e, effect.memory.symbol, float(effect.memory.start(e, p)))
-            if not float(effect.memory.scale(e, p)) > 0.0:
+        for memory in effect.memory:
+            setattr(e, memory.symbol, float(memory.start(e, p)))
+            if not float(memory.scale(e, p)) > 0.0:
                 return "its memory's scale is not positive"
-        value = effect.function(s, e, p)
-        if value != 0.0:
-            return f"gives {float(value):g} where its parameters vanish, expected exactly 0"
+        for function in (effect.function, *effect.beside.values()):
+            value = function(s, e, p)
+            if value != 0.0:
+                return f"gives {float(value):g} where its parameters vanish, expected exactly 0"
     return ""
 
 

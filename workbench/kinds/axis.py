@@ -171,6 +171,7 @@ def axis_kind(
         ),
         "sizes": partial(sizes, plant.kind),
         "rigid": rigid,
+        "bridged_blows": True,
         "transmitted": _transmitted,
         "tables": (*over, *turns, *clocks),
         "ports": {"axis": Port("axis_force", drive.unit, "v", lambda s, p: s.switch, _way, levered=False)},

@@ -264,7 +264,8 @@ class Kind:
     take it.
     transmitted(p, frame, input, acceleration, payload_kg): of an input, (n,), what goes through to the load, and the
     mass or inertia that moves there. gravity: m/s^2.
-    log_timing: whether one sampling step between the channels of a log is a base parameter.
+    log_timing: whether one sampling step between the channels of a log is a base parameter. bridged_blows: whether a
+    diagnosis takes the blows of a play out of its logs (`simulate/blows.py`), for no law of the library has them.
     payload: whether runs carry payloads. studies: whether studies, loop, tune and the dashboard's drawing are for
     it. whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
     to_log: signals that one more run could log, cheapest first. zero_input: why an input of zero cannot be.
@@ -301,6 +302,7 @@ class Kind:
     sized_by_runs: Mapping[str, str | float] = field(default_factory=dict)
     ties: tuple[tuple[tuple[str, str], str], ...] = ()
     log_timing: bool = True
+    bridged_blows: bool = False
     payload: bool = False
     studies: bool = False
     start: Start | None = None

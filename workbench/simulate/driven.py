@@ -24,6 +24,7 @@ from workbench.machine import Axis, Hoist
 from workbench.plants import Plant, plant_of
 from workbench.run import Array, Run
 from workbench.simulate.band import default_band
+from workbench.simulate.blows import bridged
 from workbench.simulate.lowpass import inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving
 from workbench.simulate.plant_model import PlantModel, plant_model
@@ -68,8 +69,10 @@ class Bench:
         band_hz: float | None = None,
         active: Active | None = None,
         parts: Sequence[Part] = (),
+        blows: Sequence[Array] = (),
     ) -> None:
-        """active: effects in place of the machine's own. parts: of them, the smallest first; the first one that has
+        """active: effects in place of the machine's own. blows: times of each run at which the acceleration is bridged.
+        parts: of them, the smallest first; the first one that has
         all that is at work is simulated, which takes less time."""
         self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
         self.model = plant_model(machine, active)
@@ -78,7 +81,8 @@ class Bench:
         ]
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
         # The motion behind the log: what a late speed sensor shows is brought forward first.
-        self.motions = [motion_of(true_run(run, self.model.active), self.plant, self.band_hz) for run in self.runs]
+        self.blows = tuple(blows) or tuple(np.zeros(0) for _ in self.runs)
+        self.motions = [self._motion(j, true_run(run, self.model.active), 0.0) for j, run in enumerate(self.runs)]
         self.symbols = tuple(vars(self.base[0]))
         self.row_of = {symbol: row for row, symbol in enumerate(self.symbols)}
         self.parts = tuple(parts)
@@ -181,6 +185,12 @@ class Bench:
             needed[idle] = k
         return needed
 
+    def _motion(self, j: int, run: Run, earlier_s: float) -> Motion:
+        motion = motion_of(run, self.plant, self.band_hz)
+        if not len(self.blows[j]):
+            return motion
+        return replace(motion, acceleration=bridged(run.time_s, motion.acceleration, self.blows[j] - earlier_s))
+
     def _motions_behind(self, j: int, table: Array) -> tuple[list[Motion], list[int]]:
         """The true motions of run j, which differ where sets differ in the sensor's delay, and each set's."""
         rows = [self.row_of[name] for name in self._late]
@@ -193,7 +203,7 @@ class Bench:
             return self.motions[j]
         if (j, key) not in self._behind:
             behind = true_run(self.runs[j], self.model.active, dict(zip(self._late, key, strict=True)))
-            self._behind[j, key] = motion_of(behind, self.plant, self.band_hz)
+            self._behind[j, key] = self._motion(j, behind, sum(key))
             while len(self._behind) > MOTIONS_KEPT * len(self.runs):
                 self._behind.popitem(last=False)
         return self._behind[j, key]

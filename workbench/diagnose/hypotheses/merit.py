@@ -17,13 +17,22 @@ from workbench.diagnose.hypotheses.score import Score, explained
 from workbench.effects import find
 from workbench.run import Array
 
+PLAY = "backlash"  # the effect whose blows are found in the logs (`simulate/blows.py`)
+BLOWS = 150.0  # merit of a play where blows come again: no other effect has them, and no fit looks at them
+BESIDE_PLAY = 0.3  # as SECOND, where the first is a play: when its teeth meet is foretold to some milliseconds only
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
+
+
+def of_blows(problem: Problem, effects: Collection[str]) -> float:
+    """The merit that effects have by the blows in the logs."""
+    return BLOWS if problem.struck and PLAY in effects else 0.0
 
 
 def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score) -> float:
     """The gain that a further effect could have by correcting the inexact law of this fit: SECOND of what the fit
-    explains, as rms."""
-    return SECOND**2 * explained(problem, near, fit, score)
+    explains, as rms; BESIDE_PLAY where that is a play with its blows."""
+    second = BESIDE_PLAY if of_blows(problem, fit.effects) else SECOND
+    return second**2 * explained(problem, near, fit, score)
 
 
 def beyond(data: float, least: float) -> float:

@@ -16,6 +16,7 @@ from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSIO
 from workbench.effects import find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.kinds import kind_of
 from workbench.run import Array, Run
+from workbench.simulate.blows import beside, repeated_blows
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass, noise_rms
 from workbench.simulate.lowpass_at import LowpassAt
@@ -25,6 +26,7 @@ SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
 STEP = 1e-3  # of z, for derivatives
 LATE_STEP = 0.5  # of a sample, for derivatives by a delay: friction jumps between two samples, not on the way
+BLOW_GUARD_S = 0.04  # around a blow of a play, not looked at: how well its time can be foretold
 LATE_OF_BAND = 0.05  # of its period, at least: over less, the jumps of friction outweigh what the band shows
 
 
@@ -36,6 +38,8 @@ SENSOR_KEYS = (GAIN, OFFSET, TENSION_GAIN)
 class Problem:
     """Measured minus predicted input of all runs while the machine moves, thinned to nearly independent samples.
 
+    Where blows of a play come again, the motion is bridged across them and the samples beside them are left out.
+
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
     independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit.
     errors: noise and discrepancy, as the data are weighed (`ErrorModel`).
@@ -44,16 +48,18 @@ class Problem:
     """
 
     def __init__(self, machine: Any, runs: Sequence[Run], band_hz: float | None = None) -> None:
-        self.machine, self.runs = machine, tuple(runs)
         kind = kind_of(machine)
+        self.machine, self.runs = machine, tuple(runs)
         self.active = searchable(machine, runs)
-        self.bench = Bench(machine, runs, band_hz, active=self.active, parts=parts(machine, runs))
+        blows = blows_of(machine, runs) if kind.bridged_blows else ()
+        self.bench = Bench(machine, runs, band_hz, active=self.active, parts=parts(machine, runs), blows=blows)
         self._idle = idle_sensors(machine, runs)
         self._smooth: dict[int, LowpassAt] = {}
         self.band_hz = self.bench.band_hz
         self.rows: list[np.ndarray] = []
         spacing = []
-        for run, moving in zip(self.bench.runs, self.bench.moving, strict=True):
+        for run, at_speed, blows_s in zip(self.bench.runs, self.bench.moving, self.bench.blows, strict=True):
+            moving = at_speed & ~beside(run.time_s, blows_s, BLOW_GUARD_S)
             stride = max(1, int(1.0 / (SAMPLES_PER_PERIOD * self.band_hz * run.sample_time_s)))
             stride = max(stride, int(np.count_nonzero(moving)) // MOST_ROWS)
             self.rows.append(np.flatnonzero(moving)[::stride])
@@ -91,6 +97,11 @@ class Problem:
         weighed = copy(self)
         weighed.errors = self.errors.sized(sizes)
         return weighed
+
+    @property
+    def struck(self) -> bool:
+        """Whether blows of a play come again in the runs."""
+        return any(len(blows) for blows in self.bench.blows)
 
     @property
     def samples(self) -> int:
@@ -192,3 +203,10 @@ class Problem:
         gain, offset = kind_of(self.machine).sensor_of(self.machine)
         said = {GAIN: gain, OFFSET: offset, TENSION_GAIN: 1.0, **setting}
         return [float(x) for x in map(said.__getitem__, SENSOR_KEYS) if not isinstance(x, tuple)]
+
+
+def blows_of(machine: Any, runs: Sequence[Run]) -> tuple[Array, ...]:
+    """Times of the blows of a play in each run, s."""
+    kind = kind_of(machine)
+    plant = kind.plant
+    return repeated_blows(runs, kind.rigid(machine, 0.0).inertia, plant.positions[0], plant.speeds[0], plant.input)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -67,7 +67,10 @@ def atoms(
     base: Mapping[str, float | tuple[float, ...]],
     shapes_of: Mapping[str, Sequence[Mapping[str, float]]] | None = None,
 ) -> list[Atom]:
-    """Every effect's signatures around the setting `base`. shapes_of: an effect's shapes, None to try all."""
+    """Every effect's signatures around the setting `base`. shapes_of: an effect's shapes, None to try all.
+
+    Where blows come again, an amount that has `tries` starts from each of them: a play shows at its own share only.
+    """
     planned: list[tuple[Effect, dict[str, float], tuple[Ranged, ...], Ranged | None, list[dict[str, float]]]] = []
     for effect in effects:
         ranges = ranges_of(effect, problem.machine, problem.runs)
@@ -81,7 +84,10 @@ def atoms(
             symbols = [r.symbol for r in shapes]
             tried = product(*(_tried(problem, r) for r in shapes))
             points = [dict(zip(symbols, point, strict=True)) for point in tried]
-        for at in points:
+        starts = [amounts]
+        if problem.struck and len(amounts) == 1 and amounts[0].tries:
+            starts = [(replace(amounts[0], start=start),) for start in amounts[0].tries]
+        for at, amounts in product(points, starts):
             lanes: list[dict[str, float]] = []
             for r in amounts:
                 amount = {x.symbol: _around(base, x) + (x.start - _off(x) if x is r else 0.0) for x in amounts}

@@ -22,7 +22,7 @@ from workbench.diagnose.hypotheses.fits import (
     stepped_aside,
 )
 from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, Value, bounds_of, effect_knobs, setting_of, within
-from workbench.diagnose.hypotheses.merit import beyond, beyond_discrepancy, discounted, inexact
+from workbench.diagnose.hypotheses.merit import PLAY, beyond, beyond_discrepancy, discounted, inexact, of_blows
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.scan import Atom, atoms
@@ -249,7 +249,7 @@ class Search:
         promised = self._promised(near, signatures)
         self.linear |= {(name,): promise.gain for name, promise in promised.items()}
         order = sorted(promised, key=lambda name: -promised[name].merit)
-        strained = self._strained(base)
+        strained = self._strained(base) | ({PLAY} if self.problem.struck else set())
         order = [
             name
             for k, name in enumerate(order)
@@ -378,7 +378,8 @@ class Search:
 
     def _worth(self, base: Fitted, fit: Fitted, gain: float) -> float:
         """A single effect's merit, less what the discrepancy alone could gain. gain: the fall of the score."""
-        return beyond_discrepancy(self.problem, base, fit, gain) - cost(self.problem, len(fit.z) - len(base.z))
+        own = of_blows(self.problem, fit.effects) - cost(self.problem, len(fit.z) - len(base.z))
+        return beyond_discrepancy(self.problem, base, fit, gain) + own
 
     def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> float:
         """The merit that a further effect adds to a leader, by its linear estimate. least: the gain that the leader's
@@ -388,7 +389,8 @@ class Search:
         left = leader.residual - taken + leader.jacobian @ (z - leader.z)
         data = discounted(self.problem, (promise.atom.effect.id,), promise.data, leader.residual, left)
         paid = promise.gain - promise.merit
-        return promise.gain - promise.data + beyond(data, least) - paid
+        own = of_blows(self.problem, (promise.atom.effect.id,)) - paid
+        return promise.gain - promise.data + beyond(data, least) + own
 
     def _drop(self, base: Fitted) -> None:
         """Refit each effect of the leading pairs alone, started from the pair: a pair needs both effects to earn their

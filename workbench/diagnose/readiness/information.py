@@ -27,7 +27,7 @@ def informative_band(bench: Bench, seed: int) -> float:
     random = np.random.default_rng(seed)
     noisy = [noisier(run, logged_motion(bench, run), random) for run in bench.runs]
     before = [raw for raw, _ in bench.predict([bench.base])[0]]
-    beside = Bench(bench.machine, noisy, bench.band_hz)
+    beside = Bench(bench.machine, noisy, bench.band_hz, blows=bench.blows)
     after = [raw for raw, _ in beside.predict([beside.base])[0]]
     # The noise added once more is as large as that of the log: what it adds, the log's own has added already.
     with_noise = _spectrum(bench.runs, before)

@@ -83,7 +83,7 @@ def logged_motion(bench: Bench, run: Run) -> tuple[str, ...]:
 
 def _predicted(problem: Problem, runs: list[Run] | tuple[Run, ...]) -> list[Array]:
     """Each run's low-passed input at the base values, on the problem's rows."""
-    bench = Bench(problem.machine, runs, problem.band_hz)
+    bench = Bench(problem.machine, runs, problem.band_hz, blows=problem.bench.blows)
     return [
         lowpass(run.time_s, raw, problem.band_hz)[rows]
         for run, (raw, _), rows in zip(runs, bench.predict([bench.base])[0], problem.rows, strict=True)

@@ -16,7 +16,15 @@ import numpy as np
 
 from workbench.diagnose.hypotheses.base import traces
 from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.merit import SECOND, beyond, beyond_discrepancy, discrepancy_rms, inexact
+from workbench.diagnose.hypotheses.merit import (
+    PLAY,
+    SECOND,
+    beyond,
+    beyond_discrepancy,
+    discrepancy_rms,
+    inexact,
+    of_blows,
+)
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
@@ -44,6 +52,7 @@ OWN_AGAIN = 0.007  # of that, what comes again with place or speed; the EMPS axi
 OWN_BLOW = 0.003  # of that, what comes in a few moments at speed; the EMPS axis leaves none
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
+UNHEARD = 10.0  # as evidence: blows that come again, and a hypothesis without play
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
 
 
@@ -110,7 +119,8 @@ def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
             continue
         gain = none.value - scores[names].value
         merit = beyond_discrepancy(problem, search.base, fit, gain) - cost(problem, len(fit.z) - len(search.base.z))
-        singles[names] = weighed(names, scores[names], beyond_trace(problem, fit, names[0], merit))
+        merit = beyond_trace(problem, fit, names[0], merit) + of_blows(problem, names)
+        singles[names] = weighed(names, scores[names], merit)
     all_weighed = {names: _not_freer(search, w, singles, kind) for names, w in singles.items()}
     for size in range(2, max(map(len, search.fits), default=0) + 1):
         together: dict[Names, Weighed] = {}
@@ -132,7 +142,7 @@ def _added(search: SearchResult, first: Weighed, names: Names, score: Score) -> 
     data = beyond(gain - prior, inexact(problem, search.within_tolerances, first.fit, first.score))
     (last,) = set(names) - set(first.names)
     merit = prior + data - cost(problem, len(fit.z) - len(first.fit.z))
-    return beyond_trace(problem, fit, last, merit) - calibration()["pair"]
+    return beyond_trace(problem, fit, last, merit) + of_blows(problem, (last,)) - calibration()["pair"]
 
 
 def _not_freer(search: SearchResult, mine: Weighed, beside: Mapping[Names, Weighed], kind: str) -> Weighed:
@@ -239,6 +249,8 @@ def evidence_of(search: SearchResult, held: Fitted, score: Score, left: Left, sh
     two effects undo each other, above UNDONE.
     """
     own = len(search.base.z)
+    if search.problem.struck:  # what stays beside a blow are its rebounds, which no law foretells
+        return {"left": 0.0 if PLAY in held.effects else UNHEARD, "prior": 0.0, "bound": 0.0, "against": 0.0}
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
     bent = SECOND**2 * explained(search.problem, search.base, held, score) if held.effects else 0.0
     return {

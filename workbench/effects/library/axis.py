@@ -6,10 +6,13 @@ import math
 from typing import Any
 
 from workbench.effects.declare import EffectMemory, Parameter, effect
-from workbench.plants.axis import level
-from workbench.trace.expr import Scalar, absolute, sin, where
+from workbench.plants.axis import friction, level
+from workbench.trace.expr import Scalar, absolute, clip, maximum, minimum, sin, where
 
-PRESS_S = 0.01  # a load that outweighs friction presses the teeth onto their flank within this time
+CONTACT = 2.0 * math.pi * 100.0  # rad/s, of the teeth on their flank: beyond what a diagnosis compares
+LEAST_SHARE = 0.1  # a smaller share of the inertia carries a smaller part of the load
+SETTLES_S = 0.02  # at a run's start the load lies on the flank that it presses against
+PLAYS = tuple(0.0005 * 1.3**k for k in range(16))  # the blow of a play a third larger comes a pulse's width later
 
 
 @effect(
@@ -30,6 +33,10 @@ def _speed(s: Any) -> Scalar:
     return s.velocity_m_s if hasattr(s, "velocity_m_s") else s.speed_rad_s
 
 
+def _position(s: Any) -> Scalar:
+    return s.position_m if hasattr(s, "position_m") else s.angle_rad
+
+
 def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
     v = _speed(s)
     length = where(e.d > 0.0, e.d, 1.0)
@@ -46,9 +53,9 @@ def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
     equation="F = F_C S(v) − z;  z' = (F_C v − |v| z)/d",
     reference="P. R. Dahl, A solid friction model, Aerospace Corp. TOR-0158(3107-18), 1968",
     shows="after each reversal the friction comes back over a distance, not at once",
-    memory=EffectMemory(
-        "z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: max(p.F_f, p.F_b) or 1.0,
-    ),
+    memory=[
+        EffectMemory("z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: max(p.F_f, p.F_b) or 1.0),
+    ],
 )  # fmt: skip
 def presliding(s: Any, e: Any, p: Any) -> Scalar:
     """Friction that builds up over a small distance, as bristles bend, instead of jumping at a reversal."""
@@ -75,33 +82,66 @@ def torque_ripple(s: Any, e: Any, p: Any) -> Scalar:
     return e.A * sin(2.0 * math.pi * e.n * s.x + e.phi)
 
 
-def _flank_rate(s: Any, e: Any, p: Any) -> Scalar:
-    """Where the teeth are: -1 to 1; moved by the motion, held on their flank by a load beyond friction."""
+def _through(v: Scalar, e: Any, p: Any) -> Scalar:
+    """Force from flank to flank over the share of the inertia behind it: a stiff contact that only pushes."""
+    sunk = e.q - clip(e.q, -0.5 * e.play, 0.5 * e.play)
+    pushed = p.M * (CONTACT * CONTACT * sunk + 2.0 * CONTACT * (v - e.w))
+    return where(sunk > 0.0, maximum(pushed, 0.0), where(sunk < 0.0, minimum(pushed, 0.0), 0.0))
+
+
+def _within(e: Any) -> Scalar:
+    """1 on the way from flank to flank, 0 in contact."""
+    return where(absolute(e.q) < 0.5 * e.play, 1.0, 0.0)
+
+
+def _load_behind(position: Scalar, e: Any, p: Any) -> Scalar:
+    """The load over the share of the inertia that it pulls at."""
+    return (p.G * sin(position) + p.C) / maximum(e.share, LEAST_SHARE)
+
+
+def _lead_rate(s: Any, e: Any, p: Any) -> Scalar:
+    load = _load_behind(_position(s), e, p)
+    flank = where(load < 0.0, -0.5, 0.5) * e.play + load / (p.M * CONTACT * CONTACT)
+    rate = where(s.t < SETTLES_S, (flank - e.q) * CONTACT, _speed(s) - e.w)
+    return where(e.share > 0.0, rate, 0.0)
+
+
+def _behind_rate(s: Any, e: Any, p: Any) -> Scalar:
+    """The acceleration of what lies behind the play."""
     v = _speed(s)
-    half = where(e.play > 0.0, 0.5 * e.play, 1.0)
-    load = _load(s, p)
-    pressed = where(absolute(load) > level(v, p), (where(load > 0.0, 1.0, -1.0) - e.n) / PRESS_S, 0.0)
-    return where(e.play > 0.0, (v - absolute(v) * e.n) / half + pressed, 0.0)
+    resisting = e.rub * friction(e.w, p) + _load_behind(_position(s) - e.q, e, p)
+    rate = where(s.t < SETTLES_S, (v - e.w) * CONTACT, (_through(v, e, p) - resisting) / p.M)
+    return where(e.share > 0.0, rate, 0.0)
 
 
-def _load(s: Any, p: Any) -> Scalar:
-    return p.C if hasattr(s, "velocity_m_s") else p.G * sin(s.angle_rad) + p.C
+def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
+    return -(e.share * p.M * _within(e))
 
 
 @effect(
     place={"axis": "axis_force"}, subsystem="axis", regime="event",
     parameters=[
-        Parameter("play", "play_{m}", "from flank to flank", "length", 0.0, 0.1, 0.001, 0.003,
-                  vanishes_at=0.0, domain="not_negative"),
-        Parameter("share", "load_share", "of friction and load that lies beyond the play", "1", 0.0, 1.0, 0.1, 0.5,
-                  domain="not_negative", tries=(0.5,)),
+        Parameter("share", "load_share", "of the inertia that lies behind the play, with all of the load", "1",
+                  0.0, 0.95, 2.0, 0.5, vanishes_at=0.0, domain="not_negative", tries=(0.3, 0.4, 0.5, 0.6, 0.7, 0.8)),
+        # Little and large play look nothing alike: it is tried, and the share says whether there is any.
+        Parameter("play", "play_{m}", "from flank to flank", "length", 1e-4, 0.1, 0.03, 0.003,
+                  domain="positive", tries=PLAYS),
+        Parameter("rub", "friction_over_load_share", "the friction behind the play, over the share of it", "1",
+                  0.0, 1.5, 2.0, 0.0, domain="not_negative", tries=(0.0, 0.4, 0.8, 1.2)),
     ],
-    reads={"friction": "the axis' friction, {n}", "load": "its load, {n}", "n": "its memory: the flank, −1 to 1"},
-    equation="F = share (1 − n²)(friction + load);  n' = (v − |v| n)/(play/2), held at the load's flank",
+    reads={"friction": "the axis' friction, {n}", "x": "position, {m}", "q": "its memory: motor before load, {m}",
+           "w": "its memory: the load's speed, {m}/s"},
+    equation="within the play M → (1 − share) M and F = share (rub friction + load/share);  q' = v − w;  "
+    "M w' = T − rub friction(w) − load/share;  T: pushes beyond ±play/2, critically damped at 100 Hz",
     reference="M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002",
-    shows="a gap in friction and load for a short way after each reversal; the blow at its end is left out",
-    memory=EffectMemory("n", _flank_rate, start=lambda e, p: where(p.C >= 0.0, 1.0, -1.0), scale=lambda e, p: 1.0),
+    shows="after each reversal the motor moves without the load for a short way; the blow at its end is left out",
+    memory=[
+        EffectMemory("q", _lead_rate, start=lambda e, p: where(p.C < 0.0, -0.5, 0.5) * e.play,
+                     scale=lambda e, p: e.play),
+        EffectMemory("w", _behind_rate, start=lambda e, p: 0.0, scale=lambda e, p: 0.1 * CONTACT * e.play),
+    ],
+    beside={"axis_inertia": _less_inertia},
 )  # fmt: skip
 def backlash(s: Any, e: Any, p: Any) -> Scalar:
-    """Play in the drive: after a reversal what lies beyond it asks nothing until the teeth meet again."""
-    return where(e.play > 0.0, e.share * (1.0 - e.n * e.n) * (s.friction + s.load), 0.0)
+    """Play in the drive: within it the motor moves without the inertia, friction and load that lie behind."""
+    return where(e.share > 0.0, e.share * _within(e) * (e.rub * s.friction + _load_behind(s.x, e, p)), 0.0)

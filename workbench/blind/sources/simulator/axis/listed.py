@@ -165,8 +165,8 @@ def _presliding(rng: np.random.Generator, s: Scales) -> Cause:
 def _backlash(rng: np.random.Generator, s: Scales) -> Cause:
     """Play between the motor's side and the load's, with a stiff contact on either flank.
 
-    share: of the inertia beyond the play; friction_share: of the friction beyond it, which the library's entry
-    calls load_share.
+    share: of the inertia beyond the play, which the library's entry calls load_share; friction_share: of the friction
+    beyond it.
     """
     play, share = s.travel * about(rng, 0.002, 0.02), rng.uniform(0.3, 0.8)
     friction = float(np.clip(share + rng.normal(scale=0.15), 0.1, 0.95))
@@ -174,7 +174,7 @@ def _backlash(rng: np.random.Generator, s: Scales) -> Cause:
         "play": play, "on_motor": 1.0 - friction, "beyond": share, "contact_hz": about(rng, 60.0, 250.0),
         "contact_zeta": about(rng, 0.02, 0.15),
     }  # fmt: skip
-    numbers = {f"play_{s.m}": play, "load_share": friction}
+    numbers = {f"play_{s.m}": play, "load_share": share, "friction_over_load_share": friction / share}
     cause = caused("backlash", "event", numbers, truth)
     return replace(cause, values={"gap": play, "share": share, "friction_share": friction})
 

@@ -1,0 +1,88 @@
+"""Blows in a log: instants at which the logged motion changes its momentum though the logged input does not.
+
+Where teeth meet at the end of a play, the motor loses momentum to what it strikes within milliseconds. Of an axis of
+inertia M moved by the input u, M v − ∫u dt changes its slope with friction and load, and jumps with a blow only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from workbench.run import Array, Run
+
+WINDOW_S = 0.006  # a blow's length, and the unit of the windows beside it that its jump is read from
+WIDER = 3.0  # times that: a blow's jump is as large over a wider window, that of a kink in the speed grows with it
+OF_NOISE, OF_SPEED = 20.0, 0.01  # a blow's jump: of the noise of jumps (robust), and of the largest momentum
+PLAIN_OF_NOISE, PLAIN_OF_SPEED, SHARP = 25.0, 0.03, 0.8  # a plain blow's; its jump over that in the wider window
+AGAIN, IN_RUNS = 4, 2  # plain blows of a campaign whose blows come again, and the runs that have some
+APART_S = 0.04
+BRIDGED_S = 0.012
+
+
+def repeated_blows(runs: Sequence[Run], inertia: float, position: str, speed: str, driven: str) -> tuple[Array, ...]:
+    """Times of the blows of each run, s; none of any run unless plain ones come again.
+
+    inertia: kg or kg m²; position, speed, driven (the input): names of the signals. A blow that comes
+    once is an event, not a play's.
+    """
+    motions = [run[speed] if speed in run else np.gradient(run[position], run.time_s) for run in runs]
+    fastest = max(float(np.percentile(np.abs(v), 98.0)) for v in motions)
+    blows, plain = [], []
+    for run, v in zip(runs, motions, strict=True):
+        times, jumps, noise = _jumps(run, inertia * v, run[driven], WINDOW_S)
+        worth = np.abs(jumps)
+        struck = _peaks(times, worth, (worth > OF_NOISE * noise) & (worth > OF_SPEED * inertia * fastest))
+        blows.append(times[struck])
+        heavy = (worth[struck] > PLAIN_OF_NOISE * noise) & (worth[struck] > PLAIN_OF_SPEED * inertia * fastest)
+        wide_at, wide, _ = _jumps(run, inertia * v, run[driven], WIDER * WINDOW_S)
+        beside_it = [np.abs(wide[np.abs(wide_at - at) < 2.0 * WINDOW_S]) for at in times[struck]]
+        sharp = [w > SHARP * np.max(near, initial=0.0) for w, near in zip(worth[struck], beside_it, strict=True)]
+        plain.append(int(np.count_nonzero(heavy & np.array(sharp, dtype=bool))))
+    if sum(plain) >= AGAIN and np.count_nonzero(plain) >= IN_RUNS:
+        return tuple(blows)
+    return tuple(np.zeros(0) for _ in runs)
+
+
+def bridged(time_s: Array, acceleration: Array, blows: Array) -> Array:
+    """The acceleration (n,) with straight lines across the blows."""
+    if not len(blows):
+        return acceleration
+    clear = ~beside(time_s, blows, BRIDGED_S)
+    return np.interp(time_s, time_s[clear], acceleration[clear])
+
+
+def beside(time_s: Array, blows: Array, guard_s: float) -> np.ndarray:
+    """(n,) bool: within `guard_s` of a blow."""
+    near = np.zeros(len(time_s), dtype=bool)
+    for blow in blows:
+        near |= np.abs(time_s - blow) <= guard_s
+    return near
+
+
+def _jumps(run: Run, momentum: Array, force: Array, window_s: float) -> tuple[Array, Array, float]:
+    """Times (m,), at each the jump of the momentum beyond what the input and the trend beside it make, its noise."""
+    t = run.time_s
+    defect = momentum - np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(t))])
+    gap = max(round(window_s / run.sample_time_s), 1)
+    w = 2 * gap
+    if len(t) < 5 * w + gap:
+        return np.zeros(0), np.zeros(0), 0.0
+    c = np.cumsum(np.concatenate([[0.0], defect]))
+    i = np.arange(2 * w, len(t) - 2 * w - gap)
+    before, earlier = (c[i] - c[i - w]) / w, (c[i - w] - c[i - 2 * w]) / w
+    after, later = (c[i + gap + w] - c[i + gap]) / w, (c[i + gap + 2 * w] - c[i + gap + w]) / w
+    jump = (after - before) - 0.5 * ((before - earlier) + (later - after)) * (w + gap) / w
+    noise = 1.4826 * float(np.median(np.abs(jump - np.median(jump))))
+    return t[i + gap // 2], jump, noise
+
+
+def _peaks(times: Array, worth: Array, candidates: np.ndarray) -> np.ndarray:
+    """Indices of the largest of `candidates` within APART_S, in time's order."""
+    left, peaks = candidates.copy(), []
+    while left.any():
+        peak = int(np.argmax(np.where(left, worth, -1.0)))
+        peaks.append(peak)
+        left &= np.abs(times - times[peak]) > APART_S
+    return np.array(sorted(peaks), dtype=int)
