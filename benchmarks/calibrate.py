@@ -87,7 +87,8 @@ def main() -> None:
     if given.sensitivity:
         print("\n".join(sensitivity(rows, numbers)))
     if given.write:
-        made_by = f"python -m benchmarks.calibrate, {len(rows)} answers"
+        what = "all" if given.decide else f"what decides: set by hand; {', '.join(STATED)}, interval"
+        made_by = f"{what}: python -m benchmarks.calibrate, {len(rows)} answers"
         CALIBRATION.write_text(json.dumps({"made_by": made_by, "numbers": numbers}, indent=1) + "\n", encoding="utf-8")
 
 
