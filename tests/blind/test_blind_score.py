@@ -403,7 +403,7 @@ def test_the_interval_is_widened_until_nine_of_ten_true_values_are_inside():
         for k in range(1, 51)
     ]  # fmt: skip
     factor = calibrate._interval(rows) / calibration()["interval"]
-    inside = [s <= 1.6449 * factor for row in rows for _, _, s in criteria.estimates_within(row)]
+    inside = [s <= 1.6449 * factor * (1.0 + 1e-9) for row in rows for _, _, s in criteria.estimates_within(row)]
     assert sum(inside) / len(inside) == pytest.approx(0.9)
     assert calibrate._interval([]) == calibration()["interval"]
     kept = [{**row, "interval": 1.0} for row in rows]  # answered with another one

@@ -29,8 +29,9 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.verdict.judge import Judged, Weighed, alike, alternatives
 from workbench.diagnose.verdict.probability import LOST_PERCENT, calibration, rank
+from workbench.diagnose.verdict.records import Hypothesis
 from workbench.diagnose.verdict.twins import groups_of
-from workbench.diagnose.words import either
+from workbench.diagnose.words import either, sentence_of
 from workbench.effects import find, ranges_of
 from workbench.machine import default_hoist
 from workbench.run import Array
@@ -340,6 +341,18 @@ def test_a_sentence_has_both_names_of_a_cause():
     assert either(("a",), ()) == "a"
     assert either(("a",), [("b",)]) == "a or b, one cause by two names in these runs"
     assert either(("a", "c"), [("b", "c")]) == "a or b, one cause by two names in these runs, and c"
+
+
+def test_a_listed_cause_that_the_fits_miss_is_not_said_to_be_on_no_list():
+    shrink = types.SimpleNamespace(unit="N m", before=3.0, after=3.0, noise=0.5)
+
+    def said(probability: float) -> str:
+        answer = types.SimpleNamespace(word="unknown", ranking=[Hypothesis("unknown", (), probability)], weighed=())
+        return sentence_of(cast(Any, answer), cast(Any, shrink), ())
+
+    assert "has a cause that no effect of the library explains (probability 0.85)" in said(0.85)
+    assert said(0.15).startswith("No effect of the library as it was fitted explains the gap")
+    assert "probability 0.15 that its cause is none of them" in said(0.15)
 
 
 # The shrink

@@ -24,7 +24,7 @@ from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
-from workbench.diagnose.verdict.records import Verdict, VerdictWord
+from workbench.diagnose.verdict.records import ReasonKind, Verdict, VerdictWord
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest
@@ -170,7 +170,8 @@ def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
     """The hypotheses that the campaign does not decide between, the most probable first."""
     first: list[Names] = [judged.names] if judged.names else []
     rest = list(also)
-    rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
+    if not any(reason.kind is ReasonKind.FITS_ARE_LOST for reason in judged.reasons):  # then all are alike likely
+        rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
     return list(dict.fromkeys([*first, *rest]))
 
 

@@ -40,8 +40,13 @@ def sentence_of(judged: Judged, shrink: Shrink, also: Names, tabled: bool = Fals
     if judged.word == "unknown":
         # Rivals are weighed beside what may be named: one of them may well explain it.
         which = "listed effect" if any(hypothesis.rival for hypothesis in judged.weighed) else "effect of the library"
+        head = f"The gap ({size}) has a cause that no {which} explains ({chance(sure)})"
+        if sure < 0.5:  # a listed cause is likelier, and the fits do not find it
+            head = (
+                f"No {which} as it was fitted explains the gap ({size}); {chance(sure)} that its cause is none of them"
+            )
         return (
-            f"The gap ({size}) has a cause that no {which} explains ({chance(sure)}); "
+            f"{head}; "
             + (
                 f"with its measured force, which is in the corrected machine, {shrink.after:.2g} {unit} are left"
                 if tabled
