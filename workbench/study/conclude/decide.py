@@ -128,9 +128,11 @@ def _better_beside(taken: Sequence[Choice], rows: Sequence[Row], beside: Sequenc
         row, mine = min(rivals, key=lambda pair: pair[0][choice.judged.peak])
         of, unit = choice.judged.peak, choice.judged.input_unit
         where = f"at {row.payload_kg:g} kg " if choice.judged.payload else ""
+        quicker, lower = mine[TIME] - row[TIME], mine[of] - row[of]
+        other = "" if row.reference == choice.reference else f" than {name_of(choice)}"
         said.append(
-            f"; {where}{name_of(_values(row))} at {set_in(row)} would beat {name_of(choice)}: "
-            f"{mine[TIME] - row[TIME]:{_seconds(choice)}} s and {mine[of] - row[of]:.0f} {unit} less"
+            f"; {where}{name_of(_values(row))} would do better{other} at {set_in(row)}: "
+            f"{quicker:{_seconds(choice)}} s quicker, {lower:.0f} {unit} lower"
         )
     return "".join(said)
 
