@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from workbench.analysis.linearise import LinearPlant
+from workbench.analysis.point import LinearPlant
 from workbench.control import delay_weights
-from workbench.machine.hoist import Drive
 from workbench.run import Array
 
-MEASURED = "speed_motor_rad_s"  # what the encoder sits on
 Complex = npt.NDArray[np.complex128]
 
 
@@ -94,9 +92,10 @@ class Late(Sampled):
         return out
 
 
-def sampled_plant(plant: LinearPlant, dt: float, drive: Drive) -> Sampled:
+def sampled_plant(plant: LinearPlant, dt: float, drive: Any, position: str = "") -> Sampled:
     """Inputs: torque wanted of the drive (held), and a torque on the shaft beside it (held). Outputs: the plant's, then
-    the speed as the drive measures it: the motor's own or, counted by an encoder, its mean since the last sample.
+    the speed as the drive measures it: the motor's own or, counted by an encoder, its mean since the last sample; then
+    the output named `position` once more, where the loop measures that, too.
 
     Exact, through the matrix exponential: behind a lag the torque at work is a state of the plant, lag du/dt = wanted
     - u. The compiled loop takes the same lag with the same impulse and first moment in each of its steps.
@@ -111,10 +110,11 @@ def sampled_plant(plant: LinearPlant, dt: float, drive: Drive) -> Sampled:
         B = np.block([[np.zeros((n, 1)), plant.B], [np.array([[1.0 / lag, 0.0]])]])
         C = np.hstack([plant.C, np.zeros((len(plant.C), 1))])
         n += 1
-    speed = C[[plant.outputs.index(MEASURED)]]
+    speed = C[[0]]
+    placed = C[[plant.outputs.index(position)]] if position else C[:0]
     if drive.encoder_counts_per_turn:  # one more state: the way since the last sample, over the sample time
         A, B = np.block([[A, np.zeros((n, 1))], [speed / dt, np.zeros((1, 1))]]), np.vstack([B, np.zeros((1, 2))])
-        C = np.hstack([C, np.zeros((len(C), 1))])
+        C, placed = (np.hstack([rows, np.zeros((len(rows), 1))]) for rows in (C, placed))
         speed = np.eye(n + 1)[[n]]
         n += 1
     whole = np.zeros((n + 2, n + 2))
@@ -122,5 +122,5 @@ def sampled_plant(plant: LinearPlant, dt: float, drive: Drive) -> Sampled:
     whole = expm(whole)
     if drive.encoder_counts_per_turn:
         whole[n - 1, n - 1] = 0.0  # each sample counts anew
-    C = np.vstack([C, speed])
+    C = np.vstack([C, speed, placed])
     return Sampled(whole[:n, :n], whole[:n, n:], C, np.zeros((len(C), 2)), dt)

@@ -33,7 +33,7 @@ class EvenMotion:
         self.plant, self.effects, self.p = plant, effects, p
         q, y = state_symbols(plant, effects)
         u, shaft = symbol("u"), symbol("shaft")
-        held = _angle_read(effects, shaft)
+        held = angle_read(effects, shaft)
         shown = plant.shown(0.0, q, y, u, p, held)
         self.by: tuple[Expr, ...] = (*q, *y, u, shaft)
         self.states = len(q) + len(y)
@@ -89,14 +89,15 @@ class EvenMotion:
         return 1.0 + derivative(extra, angle) / (per_rad * self.p.D_w / 2.0) if isinstance(extra, Expr) else 1.0
 
 
-def _angle_read(effects: Effects, angle: Expr) -> Effects:
-    """The same effects, those on the shaft's torque reading the motor's angle from its own symbol."""
-    place = "motor_torque_nm"
+def angle_read(
+    effects: Effects, angle: Expr, place: str = "motor_torque_nm", names: tuple[str, ...] = ("angle",)
+) -> Effects:
+    """The same effects, those at a place (the shaft's torque) reading the motor's angle from its own symbol."""
     if not effects.pieces.get(place):
         return effects
-    held = [partial(_with_angle, piece, angle) for piece in effects.pieces[place]]
+    held = [partial(_with_angle, piece, angle, names) for piece in effects.pieces[place]]
     return Effects({**effects.pieces, place: held}, effects.parameters, effects.memory)
 
 
-def _with_angle(piece: Callable[[Any, Any], Scalar], angle: Expr, s: Any, p: Any) -> Scalar:
-    return piece(SimpleNamespace(**{**vars(s), "angle": angle}), p)
+def _with_angle(piece: Callable[[Any, Any], Scalar], angle: Expr, names: tuple[str, ...], s: Any, p: Any) -> Scalar:
+    return piece(SimpleNamespace(**{**vars(s), **dict.fromkeys(names, angle)}), p)

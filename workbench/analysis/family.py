@@ -9,9 +9,10 @@ from typing import Any
 from workbench.analysis.linearise import Motion, OperatingPoint
 from workbench.analysis.loop import LinearLoop, linear_loop
 from workbench.analysis.margins import Margins, margins
-from workbench.control import PiSettings
+from workbench.control import Settings
 from workbench.errors import InputError
-from workbench.machine import Hoist
+from workbench.kinds import kind_of, of_kind
+from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS, Effects
 
 
@@ -28,15 +29,18 @@ class Member:
 
 
 def operating_points(
-    machine: Hoist, payloads_kg: Sequence[float], heights_m: Sequence[float], motion: Motion = "hoisting"
+    machine: Hoist | Axis, payloads_kg: Sequence[float], heights_m: Sequence[float], motion: Motion = "hoisting"
 ) -> list[OperatingPoint]:
     """Every payload at every height. InputError for a height off the rail or where no free wire is left."""
-    low, high, top = machine.rail.lowest_position_m, machine.highest_position_m, machine.wire.segment_length_m
+    kind = kind_of(machine)
+    (low, high), top = kind.looped.rail(machine), kind.looped.top(machine)
     for height in heights_m:
         if not (low <= height <= high and height < top):
             raise InputError(
                 f"{height:g} m is off the rail, which reaches from {low:g} m to {high:g} m", place="heights"
             )
+    if not kind.payload and any(payloads_kg):
+        raise InputError(f"{of_kind(machine)} carries no payload", place="payloads")
     for payload in payloads_kg:
         if not 0.0 <= payload <= 1e6:
             raise InputError(f"{payload:g} kg, expected 0 to 1000000 kg", place="payloads")
@@ -44,8 +48,8 @@ def operating_points(
 
 
 def family(
-    machine: Hoist,
-    settings: PiSettings,
+    machine: Hoist | Axis,
+    settings: Settings,
     points: Sequence[OperatingPoint],
     *,
     effects: Effects = NO_EFFECTS,

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from workbench.analysis.linearise import LinearPlant, OperatingPoint
-from workbench.control import PiSettings
-from workbench.machine.hoist import Drive
+from workbench.analysis.point import LinearPlant, OperatingPoint
+from workbench.control import Settings
+from workbench.kinds import HOIST, ClosedLoop
 from workbench.run import Array
 
 LIGHT = 0.5  # damping ratio below which a zero makes a dip of the response
@@ -18,28 +19,40 @@ LIGHT = 0.5  # damping ratio below which a zero makes a dip of the response
 
 @dataclass(frozen=True)
 class AntiResonance:
-    """A lightly damped zero from motor torque to motor speed: the load swings on its wire, the motor stands."""
+    """A lightly damped zero from motor torque to motor speed: the load swings, the motor stands.
+
+    what, where: in words.
+    """
 
     frequency_hz: float
     damping: float
     point: OperatingPoint
+    what: str = HOIST.looped.swing
+    where: str = ""
 
 
-def anti_resonances(plant: LinearPlant, point: OperatingPoint) -> list[AntiResonance]:
+def anti_resonances(plant: LinearPlant, point: OperatingPoint, loop: ClosedLoop = HOIST.looped) -> list[AntiResonance]:
     """The zeros s of [A - sI, B; C, 0] for the motor's speed with damping below LIGHT, the slowest first."""
     from scipy.linalg import eigvals
 
     n = len(plant.A)
-    system = np.block([[plant.A, plant.B], [plant.output("speed_motor_rad_s"), np.zeros((1, 1))]])
+    system = np.block([[plant.A, plant.B], [plant.C[[0]], np.zeros((1, 1))]])
     mass = np.diag([*np.ones(n), 0.0])
     zeros = eigvals(system, mass)
     light = [z for z in zeros[np.isfinite(zeros)] if z.imag > 1e-6 and -z.real < LIGHT * abs(z)]
     return [
-        AntiResonance(float(abs(z)) / (2.0 * math.pi), float(-z.real / abs(z)), point) for z in sorted(light, key=abs)
+        AntiResonance(
+            float(abs(z)) / (2.0 * math.pi),
+            float(-z.real / abs(z)),
+            point,
+            loop.swing,
+            loop.where(point.payload_kg, point.height_m),
+        )
+        for z in sorted(light, key=abs)
     ]
 
 
-def phase_lags_deg(drive: Drive, settings: PiSettings, frequency_hz: float) -> dict[str, float]:
+def phase_lags_deg(drive: Any, settings: Settings, frequency_hz: float) -> dict[str, float]:
     """What each part between controller and measured speed costs at a frequency, the largest first, degrees."""
     w, dt = 2.0 * math.pi * frequency_hz, settings.sample_time_s
     low_pass = 0.0 if settings.low_pass_hz is None else math.atan(frequency_hz / settings.low_pass_hz)
@@ -70,8 +83,7 @@ def why(
             zero = inside[0]
             return (
                 f"the anti-resonance at {zero.frequency_hz:.3g} Hz (damping ratio {zero.damping:.2g}, "
-                f"{zero.point.payload_kg:g} kg at {zero.point.height_m:g} m: the load swings on its wire while the "
-                f"motor stands) takes the response below -3 dB there, and {phase}, "
+                f"{zero.where}: {zero.what}) takes the response below -3 dB there, and {phase}, "
                 "so that no gain fills the dip within Ms"
             )
     return phase

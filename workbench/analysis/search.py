@@ -17,9 +17,10 @@ from workbench.analysis.controller import linear_controller
 from workbench.analysis.discrete import Complex, Sampled, sampled_plant
 from workbench.analysis.linearise import OperatingPoint, linearise
 from workbench.analysis.obstacle import AntiResonance, anti_resonances, phase_lags_deg, why
-from workbench.control import PiSettings
+from workbench.control import Settings
 from workbench.errors import InputError
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
+from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS, Effects
 from workbench.run import Array
 
@@ -54,6 +55,7 @@ class Search:
     dt: float
     zeros: Sequence[Sequence[AntiResonance]]
     lags_deg: Callable[[float], dict[str, float]]
+    everywhere: str = "for every payload"
 
     def why_no_wider(self, kp: float, ki: float) -> str:
         """What ends the bandwidth that the widest gains give the slowest member."""
@@ -92,8 +94,8 @@ class Search:
 
 
 def make_search(
-    machine: Hoist,
-    settings: PiSettings,
+    machine: Hoist | Axis,
+    settings: Settings,
     points: Sequence[OperatingPoint],
     *,
     effects: Effects = NO_EFFECTS,
@@ -102,38 +104,56 @@ def make_search(
 
     The machine's own effects are at work, `effects` beside them.
     """
-    dt = settings.sample_time_s
-    linear = [linearise(machine, point, effects=effects) for point in points]
-    plants = [sampled_plant(point, dt, machine.drive) for point in linear]
+    dt, loop = settings.sample_time_s, kind_of(machine).looped
+    cascade = loop.position_loop
+    placed = cascade and settings.kv_per_s > 0.0
+    linear = [linearise(machine, point, effects=effects, height_free=placed) for point in points]
+    plants = [sampled_plant(point, dt, machine.drive, loop.position if cascade else "") for point in linear]
     f = _grid(plants, dt)
-    responses = np.array([plant.response(f)[:, -1, 0] for plant in plants])
-    units = [linear_controller(settings, machine, gains=gains) for gains in ((1.0, 0.0), (0.0, 1.0))]
-    per_kp, per_ki = (-unit.response(f)[:, 0, 1] for unit in units)
-    inertia = 1.0 / float(linear[0].B[linear[0].states.index("speed_motor_rad_s"), 0])
+    units = [linear_controller(settings, machine, gains=gains).response(f) for gains in ((1.0, 0.0), (0.0, 1.0))]
+    measured = 2 if cascade else 1
+    responses = np.array([plant.response(f)[:, -measured, 0] for plant in plants])
+    if cascade:  # what a cascade's position adds goes through the same gains: its weight beside the speed is theirs
+        beside = units[0][:, 0, -1] / units[0][:, 0, -2]
+        responses = responses + beside * np.array([plant.response(f)[:, -1, 0] for plant in plants])
+    per_kp, per_ki = (-unit[:, 0, -measured] for unit in units)
+    inertia = 1.0 / float(linear[0].B[linear[0].states.index(loop.speed), 0])
     back = 1.0 + responses * _stable_controller(machine, settings, plants, inertia, f)
-    zeros = [anti_resonances(plant, point) for plant, point in zip(linear, points, strict=True)]
+    zeros = [anti_resonances(plant, point, loop) for plant, point in zip(linear, points, strict=True)]
     lags = partial(phase_lags_deg, machine.drive, settings)
-    return Search(f, responses, per_kp, per_ki, _turns(back), inertia, dt, zeros, lags)
+    return Search(
+        f,
+        responses,
+        per_kp,
+        per_ki,
+        _turns(back),
+        inertia,
+        dt,
+        zeros,
+        lags,
+        loop.more_often[0].replace("at every", "for every"),
+    )
 
 
 def _stable_controller(
-    machine: Hoist, settings: PiSettings, plants: Sequence[Sampled], inertia: float, f: Array
+    machine: Hoist | Axis, settings: Settings, plants: Sequence[Sampled], inertia: float, f: Array
 ) -> Complex:
     """The response of some controller that makes every member stable by its poles: a slow one, if it can be."""
     for crossover_hz in np.geomspace(40.0 * f[0], 0.2 * f[-1], 12):
         kp = 2.0 * math.pi * crossover_hz * inertia
         controller = linear_controller(settings, machine, gains=(kp, 2.0 * math.pi * crossover_hz * kp / 10.0))
         if all(_closed_stable(plant, controller) for plant in plants):
-            return -controller.response(f)[:, 0, 1]
+            return -controller.response(f)[:, 0, controller.B.shape[1] // 2]
     raise InputError(
-        "no PI gains make this loop stable at every payload; the drive is too slow, or the machine runs away"
+        f"no PI gains make this loop stable {kind_of(machine).looped.more_often[0]}; the drive is too slow, or the "
+        "machine runs away"
     )
 
 
 def _closed_stable(plant: Sampled, controller: Sampled) -> bool:
-    w, u = plant.C[[-1]], plant.B[:, [0]]
-    K = controller
-    A = np.block([[plant.A + u @ K.D[:, [1]] @ w, u @ K.C], [K.B[:, [1]] @ w, K.A]])
+    K, n = controller, controller.B.shape[1] // 2  # as many references as measured signals
+    w, u = plant.C[-n:], plant.B[:, [0]]
+    A = np.block([[plant.A + u @ K.D[:, n:] @ w, u @ K.C], [K.B[:, n:] @ w, K.A]])
     return bool(np.max(np.abs(np.linalg.eigvals(A))) < 1.0)
 
 

@@ -115,7 +115,7 @@ def _largest(search: Search, ms_limit: float, score: Callable[[Array, Judged], A
             best = (float(scores[k]), float(kp[k]), float(ratio[k]))
         if best is None:
             raise InputError(
-                f"{ms_limit:g}: no gains reach it for every payload; expected a number further above 1", place="ms"
+                f"{ms_limit:g}: no gains reach it {search.everywhere}; expected a number further above 1", place="ms"
             )
         kps = best[1] * np.geomspace(1.0 / step[0], step[0], 11)
         ratios = best[2] * np.geomspace(1.0 / step[1], step[1], 11)

@@ -17,9 +17,9 @@ from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.search import Search, make_search
 from workbench.analysis.shape import NEAR, Shaped, best_rejection, for_bandwidth, kp_for
 from workbench.analysis.trial import Score, Trial, try_out
-from workbench.control import PiSettings
+from workbench.control import Settings
 from workbench.errors import InputError
-from workbench.machine import Hoist
+from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS, Effects
 from workbench.run import Array
 from workbench.shown import Brief
@@ -81,7 +81,7 @@ class TuneProgress:
 class Candidate:
     """One set of gains: what the linear family says of it and what the nonlinear runs say."""
 
-    settings: PiSettings
+    settings: Settings
     ms: float
     bandwidth_hz: float
     score: Score
@@ -110,8 +110,8 @@ class Tuned(Brief):
 
 
 def tune(
-    machine: Hoist,
-    base: PiSettings,
+    machine: Hoist | Axis,
+    base: Settings,
     points: Sequence[OperatingPoint],
     trial: Trial,
     goal: Goal,
@@ -137,7 +137,7 @@ def tune(
     (first,) = try_out(trial, [start])
     if not first.ok:
         raise InputError(
-            "the trial's moves fail under the shaped gains: a load too heavy for the motors, or moves beyond their "
+            "the trial's moves fail under the shaped gains: a load too heavy for the drive, or moves beyond its "
             "limits; try lighter payloads or a scenario with slower moves",
             place="payloads",
         )
@@ -151,7 +151,7 @@ def tune(
         settings = [s for s in dict.fromkeys(settings) if s not in known]
         if not settings:
             return
-        judged = search.judge(*(np.array([getattr(s, n) for s in settings]) for n in _GAINS))
+        judged = search.judge(np.array([s.kp for s in settings]), np.array([s.ki for s in settings]))
         for s, ms, hz, score in zip(settings, judged.ms, judged.bandwidth_hz, try_out(trial, settings), strict=True):
             tried.append(Candidate(s, float(ms), float(hz), score, weights.cost(score, first)))
             places[s] = _place(s, float(hz), goal, shaped)
@@ -175,13 +175,10 @@ def tune(
     raise InputError(f"{goal.ms_limit:g}: no candidate keeps to it; try a number further above 1", place="ms")
 
 
-_GAINS = ("kp_nm_s_per_rad", "ki_nm_per_rad")
-
-
-def _with(base: PiSettings, x: Array) -> PiSettings:
+def _with(base: Settings, x: Array) -> Settings:
     """The settings with (kp, ki, set-point weight), to five digits: what is written is what was judged."""
     kp, ki, b = (float(f"{value:.5g}") for value in x)
-    return base.model_copy(update={_GAINS[0]: kp, _GAINS[1]: ki, "set_point_weight": b})
+    return base.model_copy(update={base.GAINS[0]: kp, base.GAINS[1]: ki, "set_point_weight": b})
 
 
 def _drawn() -> Array:
@@ -207,9 +204,9 @@ def _gains(unit: Array, search: Search, goal: Goal, shaped: Shaped) -> Array:
     return np.column_stack([kp, ki, unit[:, 2]])
 
 
-def _place(settings: PiSettings, bandwidth_hz: float, goal: Goal, shaped: Shaped) -> Array:
+def _place(settings: Settings, bandwidth_hz: float, goal: Goal, shaped: Shaped) -> Array:
     """Where in the unit cube gains stand; the inverse of `_gains`."""
-    kp, ki, b = settings.kp_nm_s_per_rad, settings.ki_nm_per_rad, settings.set_point_weight
+    kp, ki, b = settings.kp, settings.ki, settings.set_point_weight
     if goal.bandwidth_hz is None:
         at = [(ki / shaped.ki - GIVEN_AWAY) / (1.0 - GIVEN_AWAY), 0.5 + 0.5 * math.log(kp / shaped.kp) / KP_ROOM, b]
     else:

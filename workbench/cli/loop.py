@@ -25,10 +25,11 @@ from workbench.cli.options import effects_option, numbers_or_none
 @click.option("--heights", help="Carriage heights in m, separated by commas. Default: bottom, middle, top.")
 @click.option(
     "--motion",
-    type=click.Choice(["hoisting", "lowering", "at_rest"]),
+    type=click.Choice(["hoisting", "lowering", "forward", "backward", "at_rest"]),
     default="hoisting",
     show_default=True,
-    help="Operating point: in motion (saturated friction) or at rest (slope of the friction law).",
+    help="Operating point: in motion (saturated friction) or at rest (slope of the friction law). Of an axis forward, "
+    "backward.",
 )
 @click.option("--free-length", is_flag=True, help="Wire stiffness in proportion to 1/free length.")
 @click.option("--ms", type=float, default=1.4, show_default=True, help="Bound on Ms shown in the figures.")
@@ -60,7 +61,8 @@ def command(
     goal = Goal(ms_limit=ms)
     payloads_kg, heights_m = numbers_or_none(payloads, "payloads"), numbers_or_none(heights, "heights")
     case = load_case(machine, scenario, controller, payloads_kg, heights_m)
-    points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)  # type: ignore[arg-type]
+    way = {"forward": "hoisting", "backward": "lowering"}.get(motion, motion)
+    points = operating_points(case.machine, case.payloads_kg, case.heights_m, way)  # type: ignore[arg-type]
     members = family(case.machine, case.settings, points, effects=STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS)
     print_text([f"Controller {case.origin}: {report.gains_text(case)}.", ""])
     print_table(report.table(members))

@@ -97,7 +97,7 @@ def _report(study: Study, place: ResultFolder) -> None:
     from workbench.study.conclude.decide import decision_table, verdict
     from workbench.study.conclude.sentences import sentences
     from workbench.study.conclude.utilisation import alarm, utilisation
-    from workbench.study.execute.run import motor_torque_limit_nm
+    from workbench.study.execute.run import peak_limit
     from workbench.study.results.index import read_rows
     from workbench.study.variations.varying import swept_axes
 
@@ -115,7 +115,7 @@ def _report(study: Study, place: ResultFolder) -> None:
     # The damping's sentence takes two more runs: a study that is there already is shown as it is.
     damping = None if place.finished else damping_sentence(study.scenario, study.machine)
     first = verdict(rows), alarm(utilisation(rows, study.machine)), damping
-    print_text(["", *(s for s in first if s), *sentences(rows, motor_torque_limit_nm(study.machine)), ""])
+    print_text(["", *(s for s in first if s), *sentences(rows, peak_limit(study.machine)), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")
     if place.note:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from workbench.consequences.motion import SmallStudy
 from workbench.json_records import plain
+from workbench.kinds import Kind
+from workbench.metrics import set_of
 
 METRICS = (
     "peak_torque_motor_nm",
@@ -19,21 +22,34 @@ METRICS = (
 )
 
 
+def metrics_for(kind: Kind) -> tuple[str, ...]:
+    """What a run of the small study is told by: METRICS of a hoist, the like of an axis."""
+    if kind.payload:
+        return METRICS
+    judged = set_of(kind.name)
+    return (
+        judged.peak,
+        judged.rms,
+        judged.error,
+        judged.rms_error,
+        "settling_time_s",
+        "energy_motoring_j",
+        "move_time_s",
+    )
+
+
 @dataclass(frozen=True)
 class RunFigures:
-    """One run of the small study, metrics as in the index of a study.
+    """One run of the small study, metrics as in the index of a study: those of `metrics_for` its kind.
 
-    peak_torque_motor_nm: of the harder-worked motor; peak_torque_percent: of its nominal torque. The
-    speed errors are the motor's. All NaN but the move time where the run failed; `reason` says why.
+    All NaN but the move time where the run failed; `reason` says why.
     """
 
     reason: str
-    peak_torque_motor_nm: float
-    peak_torque_percent: float
-    speed_error_max_rad_s: float
-    speed_error_rms_rad_s: float
-    min_wire_tension_n: float
-    move_time_s: float
+    values: Mapping[str, float]
+
+    def __getitem__(self, metric: str) -> float:
+        return self.values[metric]
 
     @property
     def ok(self) -> bool:
@@ -55,7 +71,7 @@ class Change:
 
     def percent(self, metric: str) -> float:
         """By how much a metric changes; NaN where a run failed."""
-        return percent(getattr(self.before, metric), getattr(self.after, metric))
+        return percent(self.before[metric], self.after[metric])
 
 
 @dataclass(frozen=True)
@@ -78,10 +94,14 @@ class LoopFigures:
 
 @dataclass(frozen=True)
 class Gains:
-    """What loop shaping recommends for one machine; NaN where it finds nothing, and `reason` says why."""
+    """What loop shaping recommends for one machine; NaN where it finds nothing, and `reason` says why.
 
-    kp_nm_s_per_rad: float
-    ki_nm_per_rad: float
+    names: of the two in a controller block, with their units.
+    """
+
+    kp: float
+    ki: float
+    names: tuple[str, str]
     reason: str = ""
 
     @property
@@ -141,22 +161,44 @@ def percent(before: float, after: float) -> float:
 
 def as_json(consequences: Consequences) -> dict[str, Any]:
     """Plain mappings and lists, six significant digits; null for what is no finite number."""
-    c = consequences
+    c, kind = consequences, consequences.study.kind
     bandwidth, ms = c.gains_goal
     said: dict[str, Any] = plain(
         {
             "effects": c.effects,
             "study": c.study.as_json(),
-            "rows": [vars(row) | {"change_percent": {name: row.percent(name) for name in METRICS}} for row in c.rows],
-            "loop": {"before": c.loop_before, "after": c.loop_after},
+            "rows": [_row(row, kind) for row in c.rows],
+            "loop": {"before": _loop(c.loop_before, kind), "after": _loop(c.loop_after, kind)},
             "gains": {
                 "goal": {"bandwidth_hz": bandwidth, "ms": ms},
-                "before": c.gains_before,
-                "after": c.gains_after,
+                "before": _gains(c.gains_before),
+                "after": _gains(c.gains_after),
                 "old_gains_bandwidth_hz": c.old_gains_bandwidth_hz,
             },
-            "better_reference": [vars(choice) | {"changed": choice.changed} for choice in c.choices],
+            "better_reference": [_placed(vars(choice), kind) | {"changed": choice.changed} for choice in c.choices],
             "sentences": c.sentences,
         }
     )
     return said
+
+
+def _placed(record: Mapping[str, Any], kind: Kind) -> dict[str, Any]:
+    """Without the payload where the kind carries none, the height as its place."""
+    if kind.payload:
+        return dict(record)
+    said = {name: value for name, value in record.items() if name != "payload_kg"}
+    return {f"position_{kind.moved.unit}" if name == "height_m" else name: value for name, value in said.items()}
+
+
+def _row(row: Change, kind: Kind) -> dict[str, Any]:
+    runs = {when: {"reason": run.reason, **run.values} for when, run in (("before", row.before), ("after", row.after))}
+    change = {name: row.percent(name) for name in metrics_for(kind)}
+    return _placed(vars(row), kind) | runs | {"change_percent": change}
+
+
+def _loop(loop: LoopFigures, kind: Kind) -> dict[str, Any]:
+    return _placed(vars(loop), kind)
+
+
+def _gains(gains: Gains) -> dict[str, Any]:
+    return {**dict(zip(gains.names, (gains.kp, gains.ki), strict=True)), "reason": gains.reason}

@@ -8,24 +8,28 @@ from collections.abc import Iterator, Sequence
 from workbench.consequences.motion import REFERENCES
 from workbench.consequences.phases import PHASES, from_the_cold, per_run
 from workbench.consequences.record import Change, Choice, Consequences, LoopFigures, percent
+from workbench.control import Cascade
 from workbench.effects import find
-from workbench.machine import Hoist
+from workbench.kinds import Kind, kind_of
+from workbench.machine import Axis, Hoist
+from workbench.metrics import set_of
 from workbench.study.conclude.variation_sentences import NO_CHANGE, listed
 
 SMALL = 100.0 * NO_CHANGE  # per cent
 GAIN_MOVES = 3.0  # per cent of a gain: less is within what tuning by hand leaves
-AT_LIMIT = 99.9  # per cent of the torque limit
+AT_LIMIT = 0.999  # of the limit
 
 
-def sentences_of(consequences: Consequences, corrected: Hoist) -> tuple[str, ...]:
+def sentences_of(consequences: Consequences, corrected: Hoist | Axis) -> tuple[str, ...]:
     """In order: what was run, failures, torque, tracking, wire, time, better reference, loop, gains, caveats."""
+    kind = consequences.study.kind
     return (
         _what(consequences),
-        *_failures(consequences.rows),
+        *_failures(consequences.rows, kind),
         *_limited(consequences.rows, corrected),
-        *_figures(consequences.rows),
+        *_figures(consequences.rows, kind),
         *_time(consequences.rows),
-        *(_better(consequences.choices, metric, words) for metric, words in _CHOSEN_BY),
+        *(_better(consequences.choices, metric, words, kind) for metric, words in _chosen_by(kind)),
         _loop(consequences),
         _gains(consequences),
         *_caveats(corrected),
@@ -39,15 +43,25 @@ def _what(consequences: Consequences) -> str:
     known = consequences.effects
     effects = f"without and with {listed(known)}" if known else "before and after its correction"
     payloads = listed([f"{load:g}" for load in s.payloads_kg])
+    c, unit = s.controller, s.kind.moved.unit
+    way, back = ("up", "down") if s.kind.payload else ("forward", "back")
+    loads = f" {payloads} kg;" if s.kind.payload else ""
+    kv = f"kv {c.kv_per_s:g} 1/s, " if isinstance(c, Cascade) else ""
     return (
-        f"The machine {effects}: up by {s.travel_m:g} m from {s.start_position_m:g} m and down again, "
-        f"{s.limits.speed_m_s:g} m/s and {s.limits.acceleration_m_s2:g} m/s² {source}, jerk {s.limits.jerk_m_s3:g} "
-        f"m/s³; {payloads} kg; one controller (kp {s.controller.kp_nm_s_per_rad:g} N m s/rad, "
-        f"ki {s.controller.ki_nm_per_rad:g} N m/rad{origin})."
+        f"The machine {effects}: {way} by {s.travel_m:g} {unit} from {s.start_position_m:g} {unit} and {back} again, "
+        f"{s.limits.speed_m_s:g} {unit}/s and {s.limits.acceleration_m_s2:g} {unit}/s² {source}, jerk "
+        f"{s.limits.jerk_m_s3:g} {unit}/s³;{loads} one controller ({kv}kp {c.kp:g} {c.UNITS[0]}, ki {c.ki:g} "
+        f"{c.UNITS[1]}{origin})."
     )
 
 
-def _failures(rows: Sequence[Change]) -> Iterator[str]:
+def _at(kind: Kind, payload_kg: float, reference: str = "") -> str:
+    """`4500 kg with ruckig`; of an axis its reference."""
+    load = [f"{payload_kg:g} kg"] if kind.payload else []
+    return " with ".join([*load, *([reference] if reference else [])])
+
+
+def _failures(rows: Sequence[Change], kind: Kind) -> Iterator[str]:
     groups: dict[tuple[float, bool, str], list[Change]] = {}
     for row in rows:
         if not row.ok:
@@ -56,35 +70,51 @@ def _failures(rows: Sequence[Change]) -> Iterator[str]:
             groups.setdefault((row.payload_kg, row.before.ok, reason), []).append(row)
     for (payload, was_ok, reason), alike in groups.items():
         which = "with either reference" if len(alike) == len(REFERENCES) else f"with the {alike[0].reference} reference"
+        start = f"At {payload:g} kg {which}" if kind.payload else f"{which[0].upper()}{which[1:]}"
         if was_ok:
-            yield f"At {payload:g} kg {which} the move is no longer possible: {reason}."
+            yield f"{start} the move is no longer possible: {reason}."
         elif alike[0].after.ok:
-            yield f"At {payload:g} kg {which} the move is possible now; before: {reason}."
+            yield f"{start} the move is possible now; before: {reason}."
         else:
-            yield f"At {payload:g} kg {which} the move is possible neither before nor after: {reason}."
+            yield f"{start} the move is possible neither before nor after: {reason}."
 
 
-def _limited(rows: Sequence[Change], machine: Hoist) -> Iterator[str]:
-    most = AT_LIMIT * machine.drive.overload
-    new = [row for row in rows if row.ok and row.after.peak_torque_percent >= most > row.before.peak_torque_percent]
-    if new:
-        where = listed([f"{row.payload_kg:g} kg with {row.reference}" for row in new])
+def _limited(rows: Sequence[Change], machine: Hoist | Axis) -> Iterator[str]:
+    kind = kind_of(machine)
+    most, peak = AT_LIMIT * kind.looped.peak_limit(machine), set_of(kind.name).peak
+    new = [row for row in rows if row.ok and row.after[peak] >= most > row.before[peak]]
+    if new and kind.payload:
+        where = listed([_at(kind, row.payload_kg, row.reference) for row in new])
         yield f"The motors now reach their torque limit at {where}."
+    elif new:
+        where = listed([row.reference for row in new])
+        yield f"The drive now reaches its {kind.drive.quantity} limit with {where}."
 
 
-_FIGURES = (
+Told = tuple[str, str, str, float]  # metric, in words, unit, scale
+
+_HOIST_FIGURES: tuple[Told, ...] = (
     ("peak_torque_motor_nm", "torque peak per motor", "N m", 1.0),
     ("speed_error_max_rad_s", "largest speed error of the motor", "rad/s", 1.0),
     ("min_wire_tension_n", "least wire tension", "kN", 1e-3),
 )
 
 
-def _figures(rows: Sequence[Change]) -> Iterator[str]:
+def figures_told(kind: Kind) -> tuple[Told, ...]:
+    """The metrics that sentences and figures tell."""
+    if kind.payload:
+        return _HOIST_FIGURES
+    judged = set_of(kind.name)
+    chosen = (judged.by_name[name] for name in (judged.peak, judged.rms, judged.error, "settling_time_s"))
+    return tuple((m.name, m.label, m.shown_unit, m.scale) for m in chosen)
+
+
+def _figures(rows: Sequence[Change], kind: Kind) -> Iterator[str]:
     good = [row for row in rows if row.ok]
-    for metric, words, unit, scale in _FIGURES if good else ():
-        if metric == "min_wire_tension_n" and (slack := [row for row in good if row.after.min_wire_tension_n <= 0.0]):
-            where = listed([f"{row.payload_kg:g} kg with {row.reference}" for row in slack])
-            was = all(row.before.min_wire_tension_n <= 0.0 for row in slack)
+    for metric, words, unit, scale in figures_told(kind) if good else ():
+        if metric == "min_wire_tension_n" and (slack := [row for row in good if row.after[metric] <= 0.0]):
+            where = listed([_at(kind, row.payload_kg, row.reference) for row in slack])
+            was = all(row.before[metric] <= 0.0 for row in slack)
             yield f"The wire goes slack at {where}{', as before' if was else ''}."
             continue
         changes = [row.percent(metric) for row in good]
@@ -93,11 +123,11 @@ def _figures(rows: Sequence[Change]) -> Iterator[str]:
         if max(abs(low), abs(high)) < SMALL:
             yield f"The {words} does not change."
             continue
-        before, after = (scale * getattr(run, metric) for run in (most.before, most.after))
-        yield (
-            f"The {words} changes by {_span(low, high)}, most at {most.payload_kg:g} kg with {most.reference}: "
-            f"{before:.3g} to {after:.3g} {unit}."
+        before, after = (scale * run[metric] for run in (most.before, most.after))
+        where = (
+            f"most at {_at(kind, most.payload_kg, most.reference)}" if kind.payload else f"most with {most.reference}"
         )
+        yield f"The {words} changes by {_span(low, high)}, {where}: {before:.3g} to {after:.3g} {unit}."
 
 
 def _span(low: float, high: float) -> str:
@@ -110,7 +140,7 @@ def _span(low: float, high: float) -> str:
 
 
 def _time(rows: Sequence[Change]) -> Iterator[str]:
-    by = {(row.payload_kg, row.reference): row.before.move_time_s for row in rows}
+    by = {(row.payload_kg, row.reference): row.before["move_time_s"] for row in rows}
     payload = rows[0].payload_kg
     longer = by[payload, "ruckig"] - by[payload, "trapezoid"]
     if math.isfinite(longer):
@@ -120,15 +150,18 @@ def _time(rows: Sequence[Change]) -> Iterator[str]:
         )
 
 
-_CHOSEN_BY = (("peak_torque_motor_nm", "torque peak at equal limits"), ("speed_error_max_rad_s", "tracking error"))
+def _chosen_by(kind: Kind) -> tuple[tuple[str, str], ...]:
+    judged = set_of(kind.name)
+    return ((judged.peak, f"{judged.input_words} peak at equal limits"), (judged.error, "tracking error"))
 
 
-def _better(choices: Sequence[Choice], metric: str, words: str) -> str:
+def _better(choices: Sequence[Choice], metric: str, words: str, kind: Kind) -> str:
     mine = [choice for choice in choices if choice.metric == metric]
     single = [choice for choice in mine if choice.payload_kg is not None]
     moved = [choice for choice in single if choice.changed]
     if moved:
-        cases = [f"at {c.payload_kg:g} kg {_name(c.after)} instead of {_name(c.before)}" for c in moved]
+        load = ["" if c.payload_kg is None or not kind.payload else f"at {c.payload_kg:g} kg " for c in moved]
+        cases = [f"{at}{_name(c.after)} instead of {_name(c.before)}" for at, c in zip(load, moved, strict=True)]
         return f"By {words} the better reference is another one now: {listed(cases)}."
     known = [choice for choice in single if choice.before and choice.after]
     if not known:
@@ -137,6 +170,8 @@ def _better(choices: Sequence[Choice], metric: str, words: str) -> str:
     if len(names) > 1:
         cases = [f"{_name(c.after)} at {c.payload_kg:g} kg" for c in known]
         return f"By {words} the better reference stays the same: {listed(cases)}."
+    if not kind.payload and names != ["alike"]:
+        return f"By {words} {names[0]} stays the better reference."
     if names == ["alike"]:
         return f"By {words} both references stay alike."
     where = "at every payload" if len(known) > 1 else f"at {known[0].payload_kg:g} kg"
@@ -150,11 +185,14 @@ def _name(reference: str) -> str:
 
 def _loop(consequences: Consequences) -> str:
     a, b = consequences.loop_before, consequences.loop_after
+    kind = consequences.study.kind
+    name = "speed loop" if kind.payload else "loop"
     if not b.stable:
         was = "" if a.stable else ", as before"
-        return f"The speed loop is unstable at {b.payload_kg:g} kg and {b.height_m:g} m{was}."
+        load = f"{b.payload_kg:g} kg and " if kind.payload else ""
+        return f"The {name} is unstable at {load}{b.height_m:g} {kind.moved.unit}{was}."
     if not a.stable:
-        return f"The speed loop, unstable before at {a.payload_kg:g} kg, is stable: Ms {b.ms:.2f}."
+        return f"The {name}, unstable before at {_at(kind, a.payload_kg) or 'some places'}, is stable: Ms {b.ms:.2f}."
     moved, still = [], []
     for name, least, show, x, y in (
         ("the least gain margin", 0.5, _db, a.gain_margin_db, b.gain_margin_db),
@@ -167,7 +205,8 @@ def _loop(consequences: Consequences) -> str:
             moved.append(f"{name} goes from {show(x)} to {show(y)}")
     if not moved:
         return f"The loop's margins do not change: at the least, {_stay(b)}."
-    return f"Over loads and heights, {listed(moved)}" + (f"; {listed(still)} as before." if still else ".")
+    over = "Over loads and heights" if kind.payload else "Over its positions"
+    return f"{over}, {listed(moved)}" + (f"; {listed(still)} as before." if still else ".")
 
 
 def _stay(loop: LoopFigures) -> str:
@@ -187,22 +226,23 @@ def _gains(consequences: Consequences) -> str:
     if not after.ok:
         was = "" if before.ok else ", nor before"
         return f"For {goal} with {bound} loop shaping finds no gains{was}: {after.reason}."
-    now = f"kp {after.kp_nm_s_per_rad:.3g} N m s/rad, ki {after.ki_nm_per_rad:.3g} N m/rad"
+    kp_unit, ki_unit = consequences.study.controller.UNITS
+    now = f"kp {after.kp:.3g} {kp_unit}, ki {after.ki:.3g} {ki_unit}"
     if not before.ok:
         return f"For {goal} with {bound} loop shaping now finds {now}; before: {before.reason}."
-    kp = percent(before.kp_nm_s_per_rad, after.kp_nm_s_per_rad)
-    ki = percent(before.ki_nm_per_rad, after.ki_nm_per_rad)
+    kp = percent(before.kp, after.kp)
+    ki = percent(before.ki, after.ki)
     if max(abs(kp), abs(ki)) < GAIN_MOVES:
         return f"For {goal} with {bound} the recommended gains stay: {now}."
     old = consequences.old_gains_bandwidth_hz
     left = "make the loop unstable" if math.isnan(old) else f"give {old:.3g} Hz"
     return (
         f"For {goal} with {bound} the recommended gains are others now: {now} instead of kp "
-        f"{before.kp_nm_s_per_rad:.3g}, ki {before.ki_nm_per_rad:.3g} ({kp:+.0f} %, {ki:+.0f} %); the old ones {left}."
+        f"{before.kp:.3g}, ki {before.ki:.3g} ({kp:+.0f} %, {ki:+.0f} %); the old ones {left}."
     )
 
 
-def _caveats(machine: Hoist) -> Iterator[str]:
+def _caveats(machine: Hoist | Axis) -> Iterator[str]:
     if own := per_run(machine):
         yield (
             f"In each run {listed(own)} has a phase of its own: every run was made at {PHASES} phases, and each figure "
@@ -210,7 +250,7 @@ def _caveats(machine: Hoist) -> Iterator[str]:
         )
     if cold := from_the_cold(machine):
         yield f"Time counts from the start of the campaign, so {listed(cold)} is as on the cold machine."
-    if outside := [name for name in machine.effects if find(name, "hoist").on_sensor]:
+    if outside := [name for name in machine.effects if find(name, kind_of(machine).name).on_sensor]:
         yield f"On the log alone, so that neither runs nor loop know of it: {listed(outside)}."
     drive = machine.drive
     if not (drive.torque_lag_s or drive.speed_filter_s or drive.speed_delay_s):

@@ -177,25 +177,32 @@ def delay_weights(late: float) -> tuple[int, float, float]:
     return whole, 1.0 - (late - whole), late - whole
 
 
-def loop_values(settings: PiSettings, drive: Any, hold_nm: float) -> dict[str, float]:
-    """The numbers of loop and drive by symbol, limits aside; `drive` is the machine's drive block."""
+def loop_gains(settings: Any, drive: Any) -> dict[str, float]:
+    """The numbers by symbol that every sampled loop has: gains, filters, encoder, delay."""
     dt = settings.sample_time_s
     b0, b1, b2, a1, a2 = notch_coefficients(settings.notch, dt)
     return {
-        "kp": settings.kp_nm_s_per_rad,
-        "ki": settings.ki_nm_per_rad,
+        "kp": settings.kp,
+        "ki": settings.ki,
         "b_set": settings.set_point_weight,
         "track": settings.tracking_rate_per_s,
         "conditional": 1.0 if settings.anti_windup == "conditional" else 0.0,
-        "rate": settings.torque_rate_limit_nm_per_s or NEVER,
         "alpha_u": low_pass_gain(settings.low_pass_hz, dt),
         **dict(zip(("b0", "b1", "b2", "a1", "a2"), (b0, b1, b2, a1, a2), strict=True)),
+        "counts": float(drive.encoder_counts_per_turn),
+        "alpha_w": lag_gain(drive.speed_filter_s, dt),
+        "late": drive.speed_delay_s / dt,
+    }
+
+
+def loop_values(settings: PiSettings, drive: Any, hold_nm: float) -> dict[str, float]:
+    """The numbers of loop and drive by symbol, limits aside; `drive` is the machine's drive block."""
+    return {
+        **loop_gains(settings, drive),
+        "rate": settings.torque_rate_limit_nm_per_s or NEVER,
         "ff_J": settings.feed_forward.inertia,
         "ff_w": settings.feed_forward.weight,
         "ff_F": settings.feed_forward.friction,
         "ff_wire": settings.feed_forward.wire,
-        "counts": float(drive.encoder_counts_per_turn),
-        "alpha_w": lag_gain(drive.speed_filter_s, dt),
-        "late": drive.speed_delay_s / dt,
         "T_hold": hold_nm,
     }

@@ -1,16 +1,19 @@
-"""What a speed loop is set to: the `controller` block of a scenario, and what `tune` writes."""
+"""What a loop is set to: the `controller` block of a scenario, and what `tune` writes."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from workbench.machine.quantities import Frequency, KiGain, KpGain, RateLimit, TrackingTime
 from workbench.machine.record import Record
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)]
+
+
+SampleTime = Annotated[float, Field(ge=1e-4, le=0.05, strict=True, allow_inf_nan=False)]
 
 
 class Notch(Record):
@@ -48,7 +51,7 @@ class PiSettings(Record):
     """
 
     kind: Literal["pi"] = "pi"
-    sample_time_s: Annotated[float, Field(ge=1e-4, le=0.05, strict=True, allow_inf_nan=False)] = 0.001
+    sample_time_s: SampleTime = 0.001
     kp_nm_s_per_rad: KpGain
     ki_nm_per_rad: KiGain
     set_point_weight: Fraction = 1.0
@@ -59,14 +62,23 @@ class PiSettings(Record):
     notch: Notch | None = None
     feed_forward: FeedForward = FeedForward()
 
+    GAINS: ClassVar[tuple[str, str]] = ("kp_nm_s_per_rad", "ki_nm_per_rad")
+    UNITS: ClassVar[tuple[str, str]] = ("N m s/rad", "N m/rad")
+
+    @property
+    def kp(self) -> float:
+        """N m s/rad."""
+        return self.kp_nm_s_per_rad
+
+    @property
+    def ki(self) -> float:
+        """N m/rad."""
+        return self.ki_nm_per_rad
+
     @property
     def tracking_rate_per_s(self) -> float:
         """1/Tt of the back-calculation; 0 where there is none."""
-        if self.anti_windup != "back_calculation":
-            return 0.0
-        if self.tracking_time_s is not None:
-            return 1.0 / self.tracking_time_s
-        return self.ki_nm_per_rad / self.kp_nm_s_per_rad
+        return tracking_rate(self)
 
     @property
     def plain(self) -> bool:
@@ -78,6 +90,144 @@ class PiSettings(Record):
             and self.notch is None
             and self.feed_forward == FeedForward()
         )
+
+
+class AxisFeedForward(Record):
+    """speed: the part of the reference's speed that goes to the speed loop beside the position loop's own. The others
+    are fractions of what the machine's own values say: force of its inertia, of its load, of its friction."""
+
+    speed: Fraction = 1.0
+    inertia: Fraction = 0.0
+    load: Fraction = 0.0
+    friction: Fraction = 0.0
+
+
+class Cascade(Record):
+    """A position loop over a sampled PI speed loop, both at the motor's encoder; gains give the axis' force or torque.
+
+    kv_per_s: speed asked for per position error; 0 is a speed loop alone. set_point_weight acts on the reference's
+    speed, not on the position loop's. The other keys are those of the hoist's PI.
+    """
+
+    kind: Literal["cascade"] = "cascade"
+    sample_time_s: SampleTime = 0.001
+    kv_per_s: Annotated[float, Field(ge=0.0, le=1e5, strict=True, allow_inf_nan=False)] = 0.0
+    set_point_weight: Fraction = 1.0
+    anti_windup: Literal["back_calculation", "conditional", "none"] = "back_calculation"
+    tracking_time_s: TrackingTime | None = None
+    low_pass_hz: Frequency | None = None
+    notch: Notch | None = None
+    feed_forward: AxisFeedForward = AxisFeedForward()
+
+    GAINS: ClassVar[tuple[str, str]]
+    UNITS: ClassVar[tuple[str, str]]
+
+    @model_validator(mode="after")
+    def _speed_is_asked_for(self) -> Cascade:
+        if self.kv_per_s == 0.0 and self.feed_forward.speed == 0.0:
+            raise ValueError("kv_per_s and feed_forward.speed are both 0: nothing asks the axis to move")
+        return self
+
+    @property
+    def kp(self) -> float:
+        """In the first of UNITS."""
+        return float(getattr(self, self.GAINS[0]))
+
+    @property
+    def ki(self) -> float:
+        """In the second of UNITS."""
+        return float(getattr(self, self.GAINS[1]))
+
+    @property
+    def tracking_rate_per_s(self) -> float:
+        """1/Tt of the back-calculation; 0 where there is none."""
+        return tracking_rate(self)
+
+    @property
+    def rate_limit(self) -> float | None:
+        """Per second; None without one."""
+        raise NotImplementedError
+
+
+class LinearCascade(Cascade):
+    """Of a linear axis: N, m."""
+
+    kp_n_s_per_m: KpGain
+    ki_n_per_m: KiGain
+    force_rate_limit_n_per_s: RateLimit | None = None
+
+    GAINS: ClassVar[tuple[str, str]] = ("kp_n_s_per_m", "ki_n_per_m")
+    UNITS: ClassVar[tuple[str, str]] = ("N s/m", "N/m")
+
+    @property
+    def rate_limit(self) -> float | None:
+        """N/s."""
+        return self.force_rate_limit_n_per_s
+
+
+class RotaryCascade(Cascade):
+    """Of a rotary axis: N m, rad."""
+
+    kp_nm_s_per_rad: KpGain
+    ki_nm_per_rad: KiGain
+    torque_rate_limit_nm_per_s: RateLimit | None = None
+
+    GAINS: ClassVar[tuple[str, str]] = PiSettings.GAINS
+    UNITS: ClassVar[tuple[str, str]] = PiSettings.UNITS
+
+    @property
+    def rate_limit(self) -> float | None:
+        """N m/s."""
+        return self.torque_rate_limit_nm_per_s
+
+
+# PiSettings, LinearCascade or RotaryCascade, as the machine's kind has it.
+Settings: TypeAlias = Any
+# The controller of each kind of machine.
+SETTINGS: dict[str, type[PiSettings] | type[LinearCascade] | type[RotaryCascade]] = {
+    "hoist": PiSettings,
+    "axis-linear": LinearCascade,
+    "axis-rotary": RotaryCascade,
+    "two_inertia": RotaryCascade,
+}
+
+
+FORMS: dict[str, type[PiSettings] | type[LinearCascade] | type[RotaryCascade]] = {
+    "pi": PiSettings,
+    "linear": LinearCascade,
+    "rotary": RotaryCascade,
+}
+
+
+def form_of(value: Any) -> str:
+    """Which controller a block is meant to be, by its kind and its keys: pi, linear or rotary."""
+    keys = set(value) if isinstance(value, dict) else set(vars(value)) if isinstance(value, Record) else set()
+    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+    own = (set(LinearCascade.model_fields) | set(RotaryCascade.model_fields)) - set(PiSettings.model_fields)
+    if kind != "cascade" and not keys & own:
+        return "pi"
+    return "rotary" if keys & set(RotaryCascade.GAINS) else "linear"
+
+
+# A controller block of a file, whichever machine it is for.
+if TYPE_CHECKING:
+    AnyController: TypeAlias = Any
+else:
+    AnyController = Annotated[
+        Annotated[PiSettings, Tag("pi")]
+        | Annotated[LinearCascade, Tag("linear")]
+        | Annotated[RotaryCascade, Tag("rotary")],
+        Discriminator(form_of),
+    ]
+
+
+def tracking_rate(settings: Any) -> float:
+    """ki/kp where no tracking time is given; 1/s."""
+    if settings.anti_windup != "back_calculation":
+        return 0.0
+    if settings.tracking_time_s is not None:
+        return 1.0 / float(settings.tracking_time_s)
+    return float(settings.ki / settings.kp)
 
 
 def low_pass_gain(frequency_hz: float | None, sample_time_s: float) -> float:

@@ -16,7 +16,7 @@ from workbench.dashboard.widgets import problem
 from workbench.effects import check
 from workbench.errors import InputError
 from workbench.kinds import STUDIED, of_kind, studied
-from workbench.machine import Axis, Hoist, default_hoist, load_machine, shipped, with_values
+from workbench.machine import Axis, Hoist, default_hoist, load_machine, shipped_hoist, with_values
 
 DEFAULT, RINGING, UPLOADED = "default hoist", "lightly damped hoist", "upload a machine.yaml"
 DRIVE_TIMES = (
@@ -47,7 +47,7 @@ def keep_machine(name: str, machine: Hoist | Axis) -> str:
 def _offered() -> dict[str, Hoist]:
     """The machines that a study can run on, by name."""
     kept = {name: machine for name, any_kind in kept_machines().items() if (machine := studied(any_kind)) is not None}
-    return {DEFAULT: default_hoist(), RINGING: shipped("lightly_damped"), **kept}
+    return {DEFAULT: default_hoist(), RINGING: shipped_hoist("lightly_damped"), **kept}
 
 
 def session_machine(key: str) -> Hoist:

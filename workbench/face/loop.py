@@ -9,11 +9,11 @@ from typing import Any
 from workbench.analysis.family import Member, Weakest, family, operating_points, weakest
 from workbench.analysis.linearise import STIFFNESS_BY_LENGTH, Motion
 from workbench.analysis.tune import Goal
-from workbench.control import PiSettings
+from workbench.control import Settings
 from workbench.face.logs import PathLike
 from workbench.face.view import View
 from workbench.figures import loop as loop_figures
-from workbench.machine import Hoist
+from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS
 from workbench.reports.loop import report
 from workbench.reports.loop.case import LoopCaseFile, loop_case
@@ -35,8 +35,8 @@ class LoopAnalysis(Shown):
 
 
 def loop(
-    machine: Hoist | None = None,
-    controller: PiSettings | None = None,
+    machine: Hoist | Axis | None = None,
+    controller: Settings | None = None,
     *,
     payloads_kg: Sequence[float] | None = None,
     heights_m: Sequence[float] | None = None,
@@ -58,18 +58,17 @@ def loop(
     return LoopAnalysis(case, tuple(family(case.machine, case.settings, points, effects=effects)), ms_limit)
 
 
-def given(controller: PiSettings | None) -> tuple[PiSettings, str] | None:
+def given(controller: Settings | None) -> tuple[Settings, str] | None:
     """The caller's controller, with its origin in words."""
     return None if controller is None else (controller, "as given")
 
 
 def columns(members: Sequence[Member]) -> Mapping[str, Sequence[Any]]:
     """One row per loop: operating point and margins."""
-    places: dict[str, Sequence[Any]] = {
-        "payload_kg": [m.point.payload_kg for m in members],
-        "height_m": [m.point.height_m for m in members],
-        "motion": [m.point.motion for m in members],
-    }
+    where = [report.place_of(member) for member in members]
+    places: dict[str, Sequence[Any]] = {name: [place[name] for place in where] for name in where[0]}
+    words = members[0].loop.kind.looped.motion_words
+    places["motion"] = [words[member.point.motion] for member in members]
     return places | {name: [getattr(m.margins, name) for m in members] for name in vars(members[0].margins)}
 
 

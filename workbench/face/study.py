@@ -10,7 +10,7 @@ from workbench.errors import InputError
 from workbench.face.logs import PathLike
 from workbench.face.view import View
 from workbench.figures.study_page import study_figures
-from workbench.machine import Hoist, default_hoist
+from workbench.machine import Axis, Hoist, default_hoist
 from workbench.study.compare.compare import Comparison
 from workbench.study.compare.compare import compare as compare_rows
 from workbench.study.compare.scale import plain, plain_percent
@@ -26,7 +26,7 @@ from workbench.yaml_strict import Document
 
 
 def study(
-    scenario: PathLike | Mapping[str, Any] | Study, *, machine: Hoist | None = None, **changes: Any
+    scenario: PathLike | Mapping[str, Any] | Study, *, machine: Hoist | Axis | None = None, **changes: Any
 ) -> StudyResult:
     """Run a scenario, every payload with every reference, and keep rows and signals in memory.
 
@@ -40,7 +40,7 @@ def study(
     return run_study(planned)
 
 
-def _planned(scenario: PathLike | Mapping[str, Any] | Study, machine: Hoist | None) -> Study:
+def _planned(scenario: PathLike | Mapping[str, Any] | Study, machine: Hoist | Axis | None) -> Study:
     if isinstance(scenario, Study):
         return scenario
     if not isinstance(scenario, Mapping):

@@ -9,12 +9,12 @@ from typing import Any
 from workbench.analysis.family import operating_points
 from workbench.analysis.tune import Candidate, Goal, Tuned, TuneProgress, Weights
 from workbench.analysis.tune import tune as search_gains
-from workbench.control import PiSettings
+from workbench.control import Settings
 from workbench.face.logs import PathLike
 from workbench.face.loop import given
 from workbench.face.view import View
 from workbench.figures import loop as loop_figures
-from workbench.machine import Hoist
+from workbench.machine import Axis, Hoist
 from workbench.reports.loop import tuning as report
 from workbench.reports.loop.case import LoopCaseFile, loop_case
 from workbench.shown import Shown
@@ -31,7 +31,7 @@ class Tuning(Shown):
     outcome: Tuned
 
     @property
-    def controller(self) -> PiSettings:
+    def controller(self) -> Settings:
         """The winner's settings, for scenarios, `simulate` and `loop`."""
         return self.outcome.winner.settings
 
@@ -41,8 +41,8 @@ class Tuning(Shown):
 
 
 def tune(
-    machine: Hoist | None = None,
-    controller: PiSettings | None = None,
+    machine: Hoist | Axis | None = None,
+    controller: Settings | None = None,
     *,
     bandwidth_hz: float | None = None,
     ms_limit: float = 1.4,
@@ -69,8 +69,7 @@ def _columns(t: Tuning) -> Mapping[str, Sequence[Any]]:
     """One row a candidate of the front, the best tracking first."""
     front = t.outcome.front()
     return {
-        "kp_nm_s_per_rad": [c.settings.kp_nm_s_per_rad for c in front],
-        "ki_nm_per_rad": [c.settings.ki_nm_per_rad for c in front],
+        **{gain: [getattr(c.settings, gain) for c in front] for gain in t.controller.GAINS},
         "set_point_weight": [c.settings.set_point_weight for c in front],
         "tracking_percent": [c.score.tracking_percent for c in front],
         "peak_percent": [c.score.peak_percent for c in front],

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from workbench.consequences import Change, Consequences
 from workbench.figures.style import GREY, TEMPLATE, line
+from workbench.kinds import Kind
+from workbench.metrics import set_of
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-PANELS = (
-    ("peak_torque_motor_nm", "torque peak per motor<br>(N m)", "N m"),
-    ("speed_error_max_rad_s", "largest speed error<br>of the motor (rad/s)", "rad/s"),
-)
 ROOM = 1.16  # over the highest bar, for what stands above it
 GAP = 0.10
 
@@ -28,6 +26,8 @@ def before_and_after(consequences: Consequences, height: int = 620) -> Figure:
     """
     import plotly.graph_objects as go
 
+    kind = consequences.study.kind
+    panels = _panels(kind)
     payloads = list(dict.fromkeys(row.payload_kg for row in consequences.rows))
     references = list(dict.fromkeys(row.reference for row in consequences.rows))
     data: list[dict[str, Any]] = []
@@ -43,23 +43,25 @@ def before_and_after(consequences: Consequences, height: int = 620) -> Figure:
         "shapes": [],
         "annotations": [],
     }
-    tall = (1.0 - GAP) / len(PANELS)
-    for level, (metric, title, unit) in enumerate(PANELS):
+    tall = (1.0 - GAP) / len(panels)
+    for level, (metric, title, unit, scale) in enumerate(panels):
         number = "" if level == 0 else str(level + 1)
         for reference in references:
             rows = [row for row in consequences.rows if row.reference == reference]
             for when in ("before", "after"):
-                data.append(_bars(rows, metric, unit, when) | {"xaxis": f"x{number}", "yaxis": f"y{number}"})
+                data.append(
+                    _bars(rows, (metric, unit, scale), when, kind) | {"xaxis": f"x{number}", "yaxis": f"y{number}"}
+                )
                 data[-1]["showlegend"] = level == 0
         top = 1.0 - level * (tall + GAP)
-        highest = _highest(consequences.rows, metric)
+        highest = scale * _highest(consequences.rows, metric)
         if metric == "peak_torque_motor_nm" and (nominal := _nominal(consequences.rows)):
             highest = max(highest, nominal)
             _nominal_line(layout, nominal)
         layout[f"xaxis{number}"] = {
             "anchor": f"y{number}",
             "type": "category",
-            "categoryarray": [_place(payload) for payload in payloads],
+            "categoryarray": [_place(payload, kind) for payload in payloads],
             "categoryorder": "array",
             "showticklabels": True,
         }
@@ -69,14 +71,15 @@ def before_and_after(consequences: Consequences, height: int = 620) -> Figure:
             "title": {"text": title},
             "range": [0.0, ROOM * highest],
         }
-    layout[f"xaxis{len(PANELS)}"]["title"] = {"text": "payload"}
+    layout[f"xaxis{len(panels)}"]["title"] = {"text": "payload" if kind.payload else ""}
     return go.Figure({"data": data, "layout": layout})
 
 
-def _bars(rows: Sequence[Change], metric: str, unit: str, when: str) -> dict[str, Any]:
+def _bars(rows: Sequence[Change], shown: tuple[str, str, float], when: str, kind: Kind) -> dict[str, Any]:
+    metric, unit, scale = shown
     colour = line(rows[0].reference)["color"]
     runs = [getattr(row, when) for row in rows]
-    values = [getattr(run, metric) if run.ok else 0.0 for run in runs]
+    values = [scale * run[metric] if run.ok else 0.0 for run in runs]
     before = when == "before"
     changes = ["" if before else _change(row.percent(metric)) for row in rows]
     labels = [change if run.ok else "failed" for run, change in zip(runs, changes, strict=True)]
@@ -87,7 +90,7 @@ def _bars(rows: Sequence[Change], metric: str, unit: str, when: str) -> dict[str
         "name": f"{rows[0].reference}, {when}",
         "legendgroup": f"{rows[0].reference}, {when}",
         "offsetgroup": f"{rows[0].reference}, {when}",
-        "x": [_place(row.payload_kg) for row in rows],
+        "x": [_place(row.payload_kg, kind) for row in rows],
         "y": values,
         "text": labels,
         "textposition": "outside",
@@ -113,20 +116,32 @@ def _light(colour: str) -> str:
     return f"rgba({red},{green},{blue},0.18)"
 
 
-def _place(payload_kg: float) -> str:
-    return f"{payload_kg:g} kg"
+def _place(payload_kg: float, kind: Kind) -> str:
+    return f"{payload_kg:g} kg" if kind.payload else "there and back"
+
+
+def _panels(kind: Kind) -> tuple[tuple[str, str, str, float], ...]:
+    """(metric, title, unit, scale): the largest input and the largest error."""
+    if kind.payload:
+        return (
+            ("peak_torque_motor_nm", "torque peak per motor<br>(N m)", "N m", 1.0),
+            ("speed_error_max_rad_s", "largest speed error<br>of the motor (rad/s)", "rad/s", 1.0),
+        )
+    judged = set_of(kind.name)
+    chosen = (judged.by_name[name] for name in (judged.peak, judged.error))
+    return tuple((m.name, f"{m.label}<br>({m.shown_unit})", m.shown_unit, m.scale) for m in chosen)
 
 
 def _highest(rows: Sequence[Change], metric: str) -> float:
-    known = [getattr(run, metric) for row in rows for run in (row.before, row.after) if run.ok]
+    known = [run[metric] for row in rows for run in (row.before, row.after) if run.ok]
     return max(known, default=1.0) or 1.0
 
 
 def _nominal(rows: Sequence[Change]) -> float | None:
     """One motor's nominal torque, as the runs' two figures of the peak have it."""
     for run in (run for row in rows for run in (row.before, row.after)):
-        if run.ok and run.peak_torque_percent > 0.0:
-            return 100.0 * run.peak_torque_motor_nm / run.peak_torque_percent
+        if run.ok and run["peak_torque_percent"] > 0.0:
+            return 100.0 * run["peak_torque_motor_nm"] / run["peak_torque_percent"]
     return None
 
 

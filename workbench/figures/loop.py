@@ -12,6 +12,7 @@ from workbench.analysis.family import Member, Weakest, weakest
 from workbench.analysis.step import step_response
 from workbench.figures.panels import Panels
 from workbench.figures.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
+from workbench.kinds import Kind
 from workbench.run import Array
 
 if TYPE_CHECKING:
@@ -26,7 +27,9 @@ HZ, RAD_S = ("Hz", 1.0), ("rad/s", 2.0 * math.pi)  # a unit of frequency and wha
 
 
 def member_name(member: Member) -> str:
-    return f"{member.point.payload_kg:g} kg, {member.point.height_m:g} m"
+    kind, point = member.loop.kind, member.point
+    load = f"{point.payload_kg:g} kg, " if kind.payload else ""
+    return f"{load}{point.height_m:g} {kind.moved.unit}"
 
 
 def _looks(members: Sequence[Member]) -> list[dict[str, Any]]:
@@ -173,12 +176,23 @@ def nyquist(members: Sequence[Member], ms_limit: float, title: str = "Nyquist", 
     return go.Figure({"data": data, "layout": layout})
 
 
-GANG = (
-    ("S", 0, 0, "S = 1/(1+L)", 1.0),
-    ("T", 0, 1, "T = L/(1+L)", 1.0),
-    ("PS", 1, 0, "PS: load torque to motor speed, 1 rad/s per N m", 1.0),
-    ("CS", 1, 1, "CS: speed noise to torque, 1 N m per rad/s", 1.0),
-)
+def gang_names(kind: Kind) -> tuple[tuple[str, int, int, str], ...]:
+    """(response, row, column, in words) of the four, in the units of a kind."""
+    speed, what, unit = ("rad/s", "torque", "N m") if kind.payload else (_SPEEDS[kind.moved.unit], *_drive(kind))
+    who = "motor" if kind.payload else "axis"
+    return (
+        ("S", 0, 0, "S = 1/(1+L)"),
+        ("T", 0, 1, "T = L/(1+L)"),
+        ("PS", 1, 0, f"PS: load {what} to {who} speed, 1 {speed} per {unit}"),
+        ("CS", 1, 1, f"CS: speed noise to {what}, 1 {unit} per {speed}"),
+    )
+
+
+_SPEEDS = {"m": "m/s", "rad": "rad/s"}
+
+
+def _drive(kind: Kind) -> tuple[str, str]:
+    return kind.drive.quantity, kind.drive.unit
 
 
 def gang_of_four(
@@ -194,12 +208,12 @@ def gang_of_four(
     for member, look in zip(members, _looks(members), strict=True):
         f = _frequencies(member)
         responses = member.loop.responses(f)
-        for key, row, column, _, _ in GANG:
+        for key, row, column, _ in gang_names(members[0].loop.kind):
             hover, values = f"%{{x:.4~g}} {name_of}: %{{y:.4~g}} dB", _db(getattr(responses, key))
             panels.line(row, column, per_hz * f, values, member_name(member), look, "dB", hovertemplate=hover)
     for column, name in ((0, f"Ms {ms_limit:g}"), (1, f"Mt {ms_limit:g}")):
         panels.level(0, column, 20.0 * math.log10(ms_limit), name)
-    for _, row, column, text, _ in GANG:
+    for _, row, column, text in gang_names(members[0].loop.kind):
         n = panels._number(row, column)
         panels.annotations.append(
             {"text": f"<b>{text}</b>", "x": 0.01, "y": 1.0, "xref": f"x{n} domain", "yref": f"y{n} domain"}
@@ -218,14 +232,45 @@ STEPS = (
 )
 
 
+Step = tuple[str, str, str, float, str]
+
+
+def steps_of(member: Member) -> tuple[Step, ...]:
+    """(input, signal, title of the panel, scale, unit) of the rows: of an axis its place, too."""
+    kind, loop = member.loop.kind, member.loop.kind.looped
+    if kind.payload:
+        return STEPS
+    way, speed, unit = kind.moved.unit, _SPEEDS[kind.moved.unit], kind.drive.unit
+    fine = f"m{way}"
+    # One thousandth of a metre or radian: a step that no drive could follow if it were whole.
+    moved = (("position_reference", loop.position, f"position ({fine})<br>reference step 1 {fine}", 1.0, fine),)
+    return (
+        *(moved if _has_position_loop(member) else ()),
+        ("speed_reference", loop.speed, f"speed ({speed})<br>speed reference step 1 {speed}", 1.0, speed),
+        ("load_torque", loop.speed, f"speed (m{speed})<br>1 {unit} on the axis", 1000.0, f"m{speed}"),
+        *(
+            (("load_torque", loop.position, f"position ({fine})<br>1 {unit} on the axis", 1000.0, fine),)
+            if _has_position_loop(member)
+            else ()
+        ),
+    )
+
+
+def _has_position_loop(member: Member) -> bool:
+    """Whether the position is a state of the loop."""
+    output = member.loop.outputs.index(member.loop.kind.looped.position)
+    return bool(np.any(member.loop.plant.C[output]))
+
+
 def steps(members: Sequence[Member], title: str = "Step responses of the linear loop", height: int = 860) -> Figure:
     """Deviations after a step of the reference, and of a torque on the shaft; duration by the slowest bandwidth."""
-    panels = Panels(title, [text for _, _, text, _, _ in STEPS])
+    rows = steps_of(members[0])
+    panels = Panels(title, [text for _, _, text, _, _ in rows])
     slowest = min(m.margins.bandwidth_hz for m in members)
     duration = min(max(6.0 / slowest if math.isfinite(slowest) else 0.0, 60.0 * members[0].loop.dt), 20.0)
     for member, look in zip(members, _looks(members), strict=True):
-        responses = {of: step_response(member.loop, of, duration) for of in ("speed_reference", "load_torque")}
-        for row, (of, signal, _, scale, unit) in enumerate(STEPS):
+        responses = {of: step_response(member.loop, of, duration) for of in dict.fromkeys(of for of, *_ in rows)}
+        for row, (of, signal, _, scale, unit) in enumerate(rows):
             response = responses[of]
             panels.line(row, 0, response.time_s, scale * response.signals[signal], member_name(member), look, unit)
     panels.level(0, 0, 1.0)

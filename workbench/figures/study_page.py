@@ -9,9 +9,13 @@ import numpy as np
 
 from workbench.figures.save import Section, save_page
 from workbench.figures.study import overview, peak_torque_over_payload
+from workbench.figures.study_axis import axis_overview
+from workbench.kinds import kind_of
 from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.tables import run_table
-from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
+from workbench.study.execute.run import StudyResult, peak_limit
+from workbench.study.results.row import Row, with_payload
+from workbench.study.variations.varying import set_in
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -19,13 +23,16 @@ if TYPE_CHECKING:
 
 def study_figures(result: StudyResult) -> list[Figure]:
     """The runs over time, the start of the first move at larger scale, the torque peak over payload."""
-    machine = result.study.machine
-    nominal = machine.motor.nominal_torque_nm
-    limit = motor_torque_limit_nm(machine)
-    name = result.study.scenario.name
-    good = [(row.reference, result.runs[row.run_id]) for row in result.rows if row.ok]
+    machine, name = result.study.machine, result.study.scenario.name
+    good = [(_name(row), result.runs[row.run_id]) for row in result.rows if row.ok]
     if not good:
         return []
+    kind = kind_of(machine)
+    if kind.looped.position_loop:
+        of = kind, peak_limit(machine), machine.drive.nominal
+        whole = axis_overview(good, *of, f"Study {name}: closed loop")
+        return [whole, axis_overview(good, *of, f"Study {name}: start of the first move", start_of_move(result))]
+    nominal, limit = machine.motor.nominal_torque_nm, peak_limit(machine)
     figures = [overview(good, nominal, limit, f"Study {name}: closed loop at each payload")]
     window, shown = start_of_move(result), ("speed", "error", "torque")
     figures.append(overview(good, nominal, limit, f"Study {name}: start of the first move", window, shown))
@@ -45,9 +52,18 @@ def start_of_move(result: StudyResult) -> tuple[float, float]:
     """From when to when (s) the first move gathers speed, and what rings after it."""
     start, end = next(iter(result.study.plans.values())).move_windows[0]
     limits = result.study.specs[0].limits
+    if kind_of(result.study.machine).looped.position_loop and limits is not None:  # what an axis does is soon over
+        ramp = 2.0 * limits.hoisting.speed_m_s / limits.hoisting.acceleration_m_s2
+        return max(start - 0.1 * ramp, 0.0), start + min(end - start, ramp)
     # The longest of the references' ramps is below 3 v/a.
     ramp = 3.0 * limits.hoisting.speed_m_s / limits.hoisting.acceleration_m_s2 if limits is not None else 5.0
     return max(start - 0.4, 0.0), start + min(end - start, ramp) + 0.6
+
+
+def _name(row: Row) -> str:
+    """What tells the runs of an axis apart: what was swept, too. A hoist's are told apart by their panels."""
+    swept = "" if with_payload(row) else set_in(row)
+    return f"{row.reference}, {swept}" if swept else row.reference
 
 
 def _peak(result: StudyResult, payload_kg: float, kind: str) -> float:
@@ -60,7 +76,7 @@ def _peak(result: StudyResult, payload_kg: float, kind: str) -> float:
 def save_study_page(result: StudyResult, path: Path) -> None:
     """Write the page of a study; it needs no network."""
     machine = result.study.machine
-    said = sentences(result.rows, motor_torque_limit_nm(machine))
+    said = sentences(result.rows, peak_limit(machine))
     paragraphs = [result.study.scenario.description, " ".join(said)]
     section = Section(
         sentences=[paragraph for paragraph in paragraphs if paragraph],

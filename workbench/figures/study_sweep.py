@@ -12,33 +12,34 @@ from workbench.figures.style import MARKERS, label, line
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.conclude.variation_sentences import NO_CHANGE
 from workbench.study.results.labels import drawn_in, shown
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of
 from workbench.study.variations.varying import Point, SweptAxis
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-PEAK = "peak_torque_motor_nm"  # its panel has the motor's limits in it
 MOST_COLUMNS = 3
 
 
 def metrics_over_axis(
-    rows: Sequence[Row], axis: SweptAxis, nominal_torque_nm: float, torque_limit_nm: float, height: int = 900
+    rows: Sequence[Row], axis: SweptAxis, nominal_torque_nm: float | None, torque_limit_nm: float, height: int = 900
 ) -> Figure:
     """The metrics that change along an axis, a panel each; a column a payload, a line a reference.
 
-    Where other fields are swept too, the line is the worst of their runs and a band shows all.
-    torque limits: of one motor. Of more than three payloads the lightest, a middle and the heaviest are drawn.
+    Where other fields are swept too, the line is the worst of their runs and a band shows all. torque limits: of
+    one motor, or of an axis' drive, which may state none (None, inf). Of more than three payloads the lightest, a
+    middle and the heaviest are drawn.
     """
     good = [row for row in rows if row.ok]
-    metrics = changing(good, axis) or list(shown_in(View.SWEEP)[:1])
+    judged = metrics_of(good)
+    metrics = changing(good, axis) or list(shown_in(View.SWEEP, judged)[:1])
     payloads = sorted({row.payload_kg for row in good})
     if len(payloads) > MOST_COLUMNS:
         payloads = [payloads[i] for i in np.linspace(0, len(payloads) - 1, MOST_COLUMNS).round().astype(int)]
     panels = Panels(
         f"Over {axis.words}",
         [drawn_in(metric.name)[0].axis.replace(" (", "<br>(") for metric in metrics],
-        [f"payload {p:g} kg" for p in payloads],
+        [f"payload {p:g} kg" if judged.payload else "" for p in payloads],
         x_title=axis.label,
     )
     x = np.array([point[0] for point in axis.points], dtype=float) if axis.numeric else np.arange(len(axis.points))
@@ -66,12 +67,12 @@ def metrics_over_axis(
                     mode="lines+markers", marker=marker,
                 )  # fmt: skip
     names = [metric.name for metric in metrics]
-    if PEAK in names:
-        at = names.index(PEAK)
+    if judged.peak in names:  # its panel has the limits in it
+        at, unit = names.index(judged.peak), judged.rate_unit
         for column in range(len(payloads)):
-            first = column == 0
-            panels.level(at, column, nominal_torque_nm, f"nominal {nominal_torque_nm:.4g} N m" if first else "", "dot")
-            panels.level(at, column, torque_limit_nm, f"limit {torque_limit_nm:.4g} N m" if first else "", "dash")
+            for value, what, dash in ((nominal_torque_nm, "nominal", "dot"), (torque_limit_nm, "limit", "dash")):
+                if value is not None and np.isfinite(value):
+                    panels.level(at, column, value, f"{what} {value:.4g} {unit}" if column == 0 else "", dash)
     figure = panels.figure(max(260 + 150 * len(metrics), 420) if height == 900 else height)
     if not axis.numeric:
         words = [shown(point[0]) for point in axis.points]
@@ -86,7 +87,7 @@ def changing(rows: Sequence[Row], axis: SweptAxis) -> list[Metric]:
     """The metrics whose worst value at a point of the axis is not the same along it."""
     return [
         metric
-        for metric in shown_in(View.SWEEP)
+        for metric in shown_in(View.SWEEP, metrics_of(rows))
         if all(row.metrics.get(metric.name) is not None for row in rows) and _changes(rows, axis, metric)
     ]
 

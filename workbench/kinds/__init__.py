@@ -5,9 +5,10 @@ A new kind is a machine record, a plant and a module here that makes its `Kind`,
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from workbench.kinds.axis import LINEAR, ROTARY
+from workbench.kinds.closed_loop import ClosedLoop, TopSpeed
 from workbench.kinds.hoist import KIND as HOIST
 from workbench.kinds.load import Load
 from workbench.kinds.record import (
@@ -27,9 +28,10 @@ from workbench.kinds.record import (
 )
 from workbench.kinds.sizes import Sizes
 from workbench.kinds.two_inertia import KIND as TWO_INERTIA
-from workbench.machine import Hoist
+from workbench.machine import Axis, Hoist
 from workbench.plants import plant_of
 
+AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
 KINDS = {kind.name: kind for kind in (HOIST, LINEAR, ROTARY, TWO_INERTIA)}
 
 
@@ -44,12 +46,19 @@ def load_of(machine: Any, payload_kg: float) -> Load | None:
     return None if load is None else load(machine, payload_kg)
 
 
+LOOPED = " or ".join(f"kind '{kind.plant.kind}'" for kind in KINDS.values() if kind.closed_loop is not None)
 STUDIED = " or ".join(f"kind '{kind.plant.kind}'" for kind in KINDS.values() if kind.studies)
 
 
 def studied(machine: Any) -> Hoist | None:
-    """The machine, where studies, loop, tune and the drawing are for its kind; else None."""
+    """The machine, where the drawing, the multi-body model, the served plant and exported controllers are for its kind;
+    else None."""
     return cast(Hoist, machine) if kind_of(machine).studies else None
+
+
+def looped(machine: AnyMachine) -> AnyMachine | None:
+    """The machine, where studies, loop and tune are for its kind; else None."""
+    return machine if kind_of(machine).closed_loop is not None else None
 
 
 def of_kind(machine: Any) -> str:
@@ -61,12 +70,14 @@ __all__ = [
     "HOIST",
     "KINDS",
     "LINEAR",
+    "LOOPED",
     "ROTARY",
     "STANDSTILL_LOG_STD",
     "STUDIED",
     "TIME",
     "TWO_INERTIA",
     "BaseValue",
+    "ClosedLoop",
     "CrossCheck",
     "DeadLine",
     "Discrepancy",
@@ -77,8 +88,10 @@ __all__ = [
     "SignalSet",
     "Sizes",
     "Table",
+    "TopSpeed",
     "Trace",
     "kind_of",
+    "looped",
     "of_kind",
     "studied",
 ]

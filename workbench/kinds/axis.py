@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from workbench.kinds.closed_loop import ClosedLoop, TopSpeed
+from workbench.kinds.load import Load
 from workbench.kinds.record import (
     TIME,
     BaseValue,
@@ -31,7 +33,7 @@ from workbench.machine.axis import OFFSET_TOLERANCE, Axis, LinearAxis, RotaryAxi
 from workbench.plants import Plant
 from workbench.plants.axis import AXIS_LINEAR, AXIS_ROTARY, friction
 from workbench.run import Array, Run
-from workbench.trace.expr import absolute
+from workbench.trace.expr import Scalar, absolute, sin, where
 
 DIRECTIONS = Directions(
     ("forward", "backward"), (("go forward", "a way back"), ("go backward", "a way forward")), "Forward"
@@ -127,6 +129,103 @@ def _base(machine: type[Axis], standstill: str) -> tuple[BaseValue, ...]:
     )
 
 
+def _load(m: Any, payload_kg: float) -> Load | None:
+    """One stiff mass; None under a load that goes with the angle. Viscous friction is left out."""
+    if m.role("gravity_sine") != 0.0:
+        return None
+    return Load(
+        drive_kg=m.role("inertia"),
+        mass_kg=0.0,
+        stiffness_n_per_m=math.inf,
+        damping_time_s=0.0,
+        hold_n=m.role("gravity_constant"),
+        friction_up_n=m.role("coulomb_forward"),
+        friction_down_n=m.role("coulomb_backward"),
+        force_limit_n=m.drive.limit,
+        hangs=False,
+    )
+
+
+def _feed_forward_friction(p: Any, v: Scalar) -> Scalar:
+    """Of a reference's speed: the Coulomb level of its way, nothing at standstill, and the viscous part."""
+    return where(v > 0.0, p.F_f, where(v < 0.0, -p.F_b, 0.0)) + p.B * v
+
+
+def _top_speed(m: Any) -> TopSpeed:
+    top = m.drive.top_speed
+    unit = "m/s" if m.input_signal == "force_n" else "rad/s"
+    return TopSpeed(
+        math.inf if top is None else top, f"{{limit:g}} {unit} is beyond the drive's top speed, {top:g}" if top else ""
+    )
+
+
+def _even_speed(m: Any) -> float:
+    """Half of the top speed; where none is stated a tenth of a metre or one radian a second."""
+    usual = 0.1 if m.input_signal == "force_n" else 1.0
+    return 0.5 * m.drive.top_speed if m.drive.top_speed else usual
+
+
+def _input_scale(m: Any) -> float:
+    """What the drive gives without end, else at most; where neither is stated what friction and load take."""
+    limit = m.drive.limit
+    stated = m.drive.nominal or (limit if math.isfinite(limit) else 0.0)
+    said = 0.5 * (m.role("coulomb_forward") + m.role("coulomb_backward"))
+    said += abs(m.role("gravity_sine")) + abs(m.role("gravity_constant"))
+    return float(stated or said or m.role("inertia"))
+
+
+def _drive_words(m: Any) -> str:
+    drive, unit = m.drive, "N" if m.input_signal == "force_n" else "N m"
+    speed = "m/s" if m.input_signal == "force_n" else "rad/s"
+    stated = [f"nominal {drive.nominal:g} {unit}"] if drive.nominal is not None else []
+    stated += [f"limit {drive.limit:g} {unit}"] if math.isfinite(drive.limit) else ["no limit stated"]
+    stated += [f"top speed {drive.top_speed:g} {speed}"] if drive.top_speed is not None else []
+    lags = (("lag", drive.torque_lag_s), ("speed filter", drive.speed_filter_s), ("delay", drive.speed_delay_s))
+    stated += [f"{name} {1e3 * value:g} ms" for name, value in lags if value > 0.0]
+    return ", ".join(stated)
+
+
+def closed_loop(machine: type[Axis], plant: Plant) -> ClosedLoop:
+    """A position loop over a sampled PI speed loop, both at the motor's encoder."""
+    position, speed = machine.position_signal, machine.speed_signal
+    linear = machine.input_signal == "force_n"
+    key = machine.value_of
+    roles = ("inertia", "viscous", "coulomb_forward", "coulomb_backward", "gravity_sine", "gravity_constant")
+    references = (machine.reference_signal, "velocity_reference_m_s" if linear else "speed_reference_rad_s")
+    shown = (name for name in (signal.name for signal in plant.signals) if name not in (position, speed))
+    return ClosedLoop(
+        position=position,
+        speed=speed,
+        references=references,
+        recorded=(machine.input_signal, position, speed, *references, *shown),
+        rail=lambda m: (-math.inf, math.inf),
+        top=lambda m: math.inf,
+        per_way=lambda m: 1.0,
+        top_speed=_top_speed,
+        speed_scale=lambda m: 2.0 * _even_speed(m),
+        input_scale=_input_scale,
+        total_inertia=lambda m, payload_kg: float(m.role("inertia")),
+        even_speed=_even_speed,
+        # A sine load pulls, pushes and springs: at its top, on its way, at its bottom.
+        places=lambda m: (0.0,) if m.role("gravity_sine") == 0.0 else (0.0, 0.5 * math.pi, math.pi),
+        start="the axis' position",
+        input_limit=lambda m: float(m.drive.limit),
+        peak_limit=lambda m: float(m.drive.limit),
+        nominal=lambda m: m.drive.nominal,
+        drive_words=_drive_words,
+        giver="the drive gives",
+        swing="the load swings on its coupling while the motor stands",
+        where=lambda payload_kg, place: f"{place:g} {'m' if linear else 'rad'}",
+        motion_words={"hoisting": "forward", "lowering": "backward", "at_rest": "at_rest"},
+        more_often=("at every position", "position"),
+        drawn=tuple(key[role] for role in roles if key[role]),
+        position_loop=True,
+        inertia=lambda p: p.M,
+        load=lambda p, x: p.G * sin(x) + p.C,
+        friction=_feed_forward_friction,
+    )
+
+
 def axis_kind(
     machine: type[Axis],
     plant: Plant,
@@ -191,6 +290,8 @@ def axis_kind(
         "ties": (((key["coulomb_forward"], key["coulomb_backward"]), key["gravity_constant"]),),
         "turning": turning,
         "cross_checks": cross_checks,
+        "load": _load,
+        "closed_loop": closed_loop(machine, plant),
     }
     return Kind(**{**fields, **(more or {})})
 

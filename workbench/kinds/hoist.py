@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench.kinds.closed_loop import ClosedLoop, TopSpeed
 from workbench.kinds.load import Load
 from workbench.kinds.record import (
     TIME,
@@ -95,10 +96,14 @@ def _limits(m: Hoist) -> Limits:
     )
 
 
+def _torque_limit(m: Hoist) -> float:
+    """Of all motors together at or below nominal speed, N m: the harder-worked one limits them all."""
+    share = max(m.drive.torque_share, 1.0 - m.drive.torque_share) if m.motor.count == 2 else 1.0 / m.motor.count
+    return m.motor.nominal_torque_nm * m.drive.overload / share
+
+
 def _load(m: Hoist, payload_kg: float) -> Load:
     """Two falls over the sheave: the carriage hangs on twice a fall's stiffness, at the height of the wire's middle."""
-    one = m.motor.nominal_torque_nm * m.drive.overload
-    share = max(m.drive.torque_share, 1.0 - m.drive.torque_share) if m.motor.count == 2 else 1.0 / m.motor.count
     turning = m.motor.count * m.motor.rotor_inertia_kg_m2 + m.winch.inertia_kg_m2 / m.gearbox.ratio**2
     return Load(
         drive_kg=turning / m.lift_m_per_rad**2,
@@ -108,7 +113,7 @@ def _load(m: Hoist, payload_kg: float) -> Load:
         hold_n=_weight(m, payload_kg),
         friction_up_n=m.guide.coulomb_hoisting_n,
         friction_down_n=m.guide.coulomb_lowering_n,
-        force_limit_n=one / share / m.lift_m_per_rad,
+        force_limit_n=_torque_limit(m) / m.lift_m_per_rad,
     )
 
 
@@ -158,6 +163,78 @@ def _guide_way(s: Any, p: Any) -> Array:
 def _motor_way(s: Any, p: Any) -> Array:
     return np.clip(s.w / p.ratio / PIN_SPEED, -1.0, 1.0)
 
+
+def _shaft_inertia(m: Hoist, payload_kg: float) -> float:
+    """Rotors, drum, carriage and payload as the motor shaft feels them on a stiff wire, kg m²."""
+    turning = m.motor.count * m.motor.rotor_inertia_kg_m2 + m.winch.inertia_kg_m2 / m.gearbox.ratio**2
+    return turning + (m.carriage.mass_kg + payload_kg) * m.lift_m_per_rad**2
+
+
+def _top_speed(m: Hoist) -> TopSpeed:
+    nominal = m.motor.nominal_speed_rad_s
+    allowed = nominal * (m.winch.drum_diameter_m / 2.0) / (2.0 * m.gearbox.ratio)
+    return TopSpeed(allowed, f"{{limit:g}} m/s turns the motor faster than its nominal {nominal:g} rad/s")
+
+
+def _places(m: Hoist) -> tuple[float, ...]:
+    """Near the bottom, in the middle, near the top of the rail, where a tenth of the wire is still free."""
+    low = m.rail.lowest_position_m
+    high = min(m.highest_position_m, 0.9 * m.wire.segment_length_m)
+    return low, 0.5 * (low + high), high
+
+
+def _drive_words(m: Hoist) -> str:
+    motor, peak = m.motor, m.motor.nominal_torque_nm * m.drive.overload
+    return (
+        f"{motor.count} motors of {motor.nominal_torque_nm:g} N m nominal at {motor.nominal_speed_rad_s:g} rad/s, peak "
+        f"{peak:g} N m each"
+    )
+
+
+CLOSED_LOOP = ClosedLoop(
+    position="angle_motor_rad",
+    speed=SPEED,
+    references=(SPEED_REFERENCE,),
+    recorded=(
+        TORQUE,
+        SPEED,
+        SPEED_REFERENCE,
+        HEIGHT,
+        "speed_carriage_m_s",
+        "acceleration_carriage_m_s2",
+        "tension_drum_n",
+        TENSION,
+        "tension_min_n",
+    ),
+    rail=lambda m: (m.rail.lowest_position_m, m.highest_position_m),
+    top=lambda m: float(m.wire.segment_length_m),
+    per_way=lambda m: 2.0 * m.gearbox.ratio / (m.winch.drum_diameter_m / 2.0),
+    top_speed=_top_speed,
+    speed_scale=lambda m: float(m.motor.nominal_speed_rad_s),
+    input_scale=lambda m: float(m.motor.nominal_torque_nm),
+    total_inertia=_shaft_inertia,
+    even_speed=lambda m: 0.5 * float(m.motor.nominal_speed_rad_s),
+    places=_places,
+    start="the carriage's height",
+    input_limit=_torque_limit,
+    peak_limit=lambda m: float(m.motor.nominal_torque_nm * m.drive.overload),
+    nominal=lambda m: float(m.motor.nominal_torque_nm),
+    drive_words=_drive_words,
+    giver="the motors give",
+    swing="the load swings on its wire while the motor stands",
+    where=lambda payload_kg, place: f"{payload_kg:g} kg at {place:g} m",
+    motion_words={word: word for word in ("hoisting", "lowering", "at_rest")},
+    more_often=("at every payload", "payload"),
+    drawn=(
+        "motor.rotor_inertia_kg_m2",
+        "carriage.mass_kg",
+        "sensors.payload_scale",
+        "guide.coulomb_hoisting_n",
+        "guide.coulomb_lowering_n",
+        "bearing.pin_friction_coefficient",
+        "wire.youngs_modulus_pa",
+    ),
+)
 
 KIND = Kind(
     name=HOIST.kind,
@@ -246,6 +323,7 @@ KIND = Kind(
     log_timing=True,
     payload=True,
     studies=True,
+    closed_loop=CLOSED_LOOP,
     start=Start(
         "the carriage height at the first sample",
         "a height",

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from workbench.kinds.closed_loop import ClosedLoop
 from workbench.kinds.load import Load
 from workbench.kinds.sizes import Sizes
 from workbench.plants import Plant
@@ -266,8 +267,9 @@ class Kind:
     mass or inertia that moves there. gravity: m/s^2.
     log_timing: whether one sampling step between the channels of a log is a base parameter. bridged_blows: whether a
     diagnosis takes the blows of a play out of its logs (`simulate/blows.py`), for no law of the library has them.
-    payload: whether runs carry payloads. studies: whether studies, loop, tune and the dashboard's drawing are for
-    it. whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
+    payload: whether runs carry payloads. closed_loop: what studies, loop and tune ask of the kind; None: they are not
+    for it. studies: whether the drawing, the multi-body model, the served plant and exported controllers are for it.
+    whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
     to_log: signals that one more run could log, cheapest first. zero_input: why an input of zero cannot be.
     """
 
@@ -305,6 +307,7 @@ class Kind:
     bridged_blows: bool = False
     payload: bool = False
     studies: bool = False
+    closed_loop: ClosedLoop | None = None
     start: Start | None = None
     limits: Callable[[Any], Limits] | None = None
     load: Callable[[Any, float], Load] | None = None
@@ -315,6 +318,12 @@ class Kind:
     to_log: tuple[str, ...] = ()
     zero_input: str = ""
     cross_checks: Callable[..., Iterator[CrossCheck]] | None = None
+
+    @property
+    def looped(self) -> ClosedLoop:
+        """The closed loop of a kind that has one."""
+        assert self.closed_loop is not None
+        return self.closed_loop
 
     @property
     def holds_load(self) -> bool:

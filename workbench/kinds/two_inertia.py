@@ -8,10 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 from workbench.kinds.axis import axis_kind, cross_checks
+from workbench.kinds.load import Load
 from workbench.kinds.record import BaseValue, CrossCheck, Drive, Friction, Kind, Moved, RigidBody, Turning
 from workbench.machine.two_inertia import TwoInertia
 from workbench.plants.two_inertia import TWO_INERTIA, motor_friction
 from workbench.run import Array, Run
+from workbench.trace.expr import where
 
 LOAD_ANGLE, LOAD_SPEED = "angle_load_rad", "speed_load_rad_s"
 
@@ -39,6 +41,28 @@ def _cross_checks(
                 f"{load} goes {ratio:.3g} times the way of {motor}; is its sign flipped, in another unit, or "
                 "before a gear? The load's side is as the motor feels it",
             )
+
+
+def _friction(p: Any, v: Any) -> Any:
+    """Of motor and load at a reference's speed."""
+    levels = where(v > 0.0, p.F_f + p.F_lf, where(v < 0.0, -p.F_b - p.F_lb, 0.0))
+    return levels + (p.B + p.B_l) * v
+
+
+def _load(m: TwoInertia, payload_kg: float) -> Load:
+    """The load on its coupling, without the play; a load that goes with the angle is left out."""
+    own, far = m.motor.friction, m.load.friction
+    return Load(
+        drive_kg=m.motor.inertia_kg_m2,
+        mass_kg=m.load.inertia_kg_m2,
+        stiffness_n_per_m=m.coupling.stiffness_nm_per_rad,
+        damping_time_s=m.coupling.damping_nm_s_per_rad / m.coupling.stiffness_nm_per_rad,
+        hold_n=m.load.gravity.constant_nm,
+        friction_up_n=own.coulomb_forward_nm + far.coulomb_forward_nm,
+        friction_down_n=own.coulomb_backward_nm + far.coulomb_backward_nm,
+        force_limit_n=m.drive.limit,
+        hangs=False,
+    )
 
 
 def _kind() -> Kind:
@@ -69,6 +93,14 @@ def _kind() -> Kind:
         "transmitted": _transmitted,
         "sized_by_runs": {**own.sized_by_runs, "coupling.backlash_rad": 0.01},
         "cross_checks": _cross_checks,
+        "load": _load,
+        "closed_loop": replace(
+            own.looped,
+            drawn=(*own.looped.drawn, "load.inertia_kg_m2", "coupling.stiffness_nm_per_rad"),
+            total_inertia=lambda m, payload_kg: m.motor.inertia_kg_m2 + m.load.inertia_kg_m2,
+            inertia=lambda p: p.M + p.M_l,
+            friction=_friction,
+        ),
     }
     return replace(own, **more)
 

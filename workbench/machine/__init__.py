@@ -1,17 +1,30 @@
 """The machine: frozen records of machine.yaml, how to read and write them, the machine that ships."""
 
+from typing import Any, TypeAlias
+
 from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
 from workbench.machine.correction import HoistCorrection, LinearCorrection, MeasuredCorrection, RotaryCorrection
-from workbench.machine.files import SHIPPED, default_hoist, load_machine, machine_from, save_machine, shipped
+from workbench.machine.files import (
+    SHIPPED,
+    default_hoist,
+    load_machine,
+    machine_from,
+    save_machine,
+    shipped,
+    shipped_hoist,
+)
 from workbench.machine.hoist import DRIVES, Drive, Hoist
 from workbench.machine.two_inertia import TwoInertia
 from workbench.machine.values import get_value, value_names, with_correction, with_values
 
 Machine = Hoist | Axis
+# A machine of any kind, where what is a kind's own is asked of its record or by that kind's code alone.
+AnyKind: TypeAlias = Any
 
 __all__ = [
     "DRIVES",
     "SHIPPED",
+    "AnyKind",
     "Axis",
     "Drive",
     "Hoist",
@@ -29,6 +42,7 @@ __all__ = [
     "machine_from",
     "save_machine",
     "shipped",
+    "shipped_hoist",
     "value_names",
     "with_correction",
     "with_values",

@@ -7,11 +7,13 @@ forward motion. Friction values are magnitudes; loads may have either sign.
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from workbench.machine.axis_drive import LINEAR_DRIVES, ROTARY_DRIVES, LinearDrive, RotaryDrive
 from workbench.machine.correction import LinearCorrection, MeasuredCorrection, RotaryCorrection
+from workbench.machine.named import by_name
 from workbench.machine.quantities import Gain, Inertia, Level, Mass, Offset, Slope, Standstill, Tolerance
 from workbench.machine.record import EffectValues, Identified, Record, renamed
 
@@ -99,6 +101,8 @@ class Axis(Record):
     format: Literal[1] = 1
     kind: str = "axis"
     name: str = "axis"
+    drive: LinearDrive | RotaryDrive = LinearDrive()
+    tolerances: AxisTolerances = AxisTolerances()
     effects: EffectValues = Field(default_factory=dict)
     measured_correction: MeasuredCorrection | None = None
     identified: Identified = Field(default_factory=dict)
@@ -139,6 +143,7 @@ class LinearAxis(Axis):
     mass_kg: Mass
     gravity: LinearGravity = LinearGravity()
     friction: LinearFriction
+    drive: Annotated[LinearDrive, *by_name(LINEAR_DRIVES)] = LinearDrive()
     sensors: LinearSensors = LinearSensors()
     tolerances: LinearTolerances = LinearTolerances()
     measured_correction: LinearCorrection | None = None
@@ -170,6 +175,7 @@ class RotaryAxis(Axis):
     inertia_kg_m2: Inertia
     gravity: RotaryGravity = RotaryGravity()
     friction: RotaryFriction
+    drive: Annotated[RotaryDrive, *by_name(ROTARY_DRIVES)] = RotaryDrive()
     sensors: RotarySensors = RotarySensors()
     tolerances: RotaryTolerances = RotaryTolerances()
     measured_correction: RotaryCorrection | None = None

@@ -103,15 +103,25 @@ def save_machine(machine: Hoist | Axis, path: str | os.PathLike[str]) -> None:
 
 
 # Machines that ship with the package, as scenarios name them.
-SHIPPED = {"default": "default_hoist.yaml", "lightly_damped": "lightly_damped_hoist.yaml"}
+SHIPPED = {
+    "default": "default_hoist.yaml",
+    "lightly_damped": "lightly_damped_hoist.yaml",
+    "emps_axis": "emps_axis.yaml",
+}
 
 
 @cache
-def shipped(name: str) -> Hoist:
+def shipped(name: str) -> Hoist | Axis:
     """A machine that ships with the package. KeyError for another name."""
+    return machine_from(load(Path(__file__).with_name(SHIPPED[name])))
+
+
+@cache
+def shipped_hoist(name: str) -> Hoist:
+    """A hoist that ships with the package. KeyError for another name."""
     return validate(Hoist, load(Path(__file__).with_name(SHIPPED[name])))
 
 
 def default_hoist() -> Hoist:
     """Engineering estimates of a pipe racker's winch."""
-    return shipped("default")
+    return shipped_hoist("default")

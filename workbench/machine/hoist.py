@@ -6,14 +6,13 @@ the symbols: the paper's Table of parameters; see docs/formats.md for every key.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validator
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic import Field, model_validator
 
 from workbench.machine.arm import Arm
 from workbench.machine.correction import HoistCorrection, MeasuredCorrection
+from workbench.machine.named import by_name
 from workbench.machine.quantities import (
     Area,
     Cycle,
@@ -169,22 +168,7 @@ DRIVES: dict[str, Drive] = {
 }
 
 
-class _NamedDrive:
-    """`drive: ideal` stands for the block of that name, in the file and in its JSON schema."""
-
-    @staticmethod
-    def block(value: Any) -> Any:
-        if not isinstance(value, str):
-            return value
-        if value not in DRIVES:
-            raise ValueError(f"'{value}', expected a block or one of {', '.join(DRIVES)}")
-        return DRIVES[value].model_dump()
-
-    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        return {"anyOf": [{"enum": list(DRIVES)}, handler(core)]}
-
-
-BY_NAME = (BeforeValidator(_NamedDrive.block), _NamedDrive())
+BY_NAME = by_name(DRIVES)
 
 
 class Rail(Record):

@@ -6,10 +6,12 @@ coupling − friction − sine · sin(load angle) − constant. See `workbench.p
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from workbench.machine.axis import Axis, RotaryAxis, RotaryFriction, RotaryGravity, RotarySensors, RotaryTolerances
+from workbench.machine.axis_drive import ROTARY_DRIVES, RotaryDrive
 from workbench.machine.correction import MeasuredCorrection, RotaryCorrection
+from workbench.machine.named import by_name
 from workbench.machine.quantities import Backlash, Inertia, Slope, Stiffness, Tolerance
 from workbench.machine.record import Record
 
@@ -53,6 +55,7 @@ class TwoInertia(Axis):
     motor: MotorSide
     coupling: Coupling
     load: LoadSide
+    drive: Annotated[RotaryDrive, *by_name(ROTARY_DRIVES)] = RotaryDrive()
     sensors: RotarySensors = RotarySensors()
     tolerances: TwoInertiaTolerances = TwoInertiaTolerances()
     measured_correction: RotaryCorrection | None = None

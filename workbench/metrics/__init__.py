@@ -14,6 +14,7 @@ from workbench.metrics.metric import (
     Sums,
     View,
 )
+from workbench.metrics.metric_set import MetricSet
 from workbench.metrics.registry import (
     add,
     added,
@@ -25,6 +26,9 @@ from workbench.metrics.registry import (
     metrics,
     observer,
     run_metrics,
+    set_of,
+    set_with,
+    sets,
     shown_in,
 )
 
@@ -35,6 +39,7 @@ __all__ = [
     "Better",
     "LoopMetric",
     "Metric",
+    "MetricSet",
     "Observer",
     "RunFacts",
     "RunMetric",
@@ -51,5 +56,8 @@ __all__ = [
     "metrics",
     "observer",
     "run_metrics",
+    "set_of",
+    "set_with",
+    "sets",
     "shown_in",
 ]

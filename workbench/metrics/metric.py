@@ -16,6 +16,7 @@ from workbench.run import Array
 from workbench.trace.expr import Scalar, maximum, minimum
 
 HUGE = 1e300
+NOTHING = 1e-9  # in the unit shown: rounding, written 0
 Signals = Mapping[str, Scalar]
 Value = Callable[[Signals, Any], Scalar]
 Better = Literal["lower", "higher", "zero"]
@@ -64,7 +65,8 @@ class Metric:
     better: which way it gets better; "zero": the nearer to zero; None: it says what a run was, not how good.
     visible: the smallest difference that means anything, in `unit`.
     shown_in, scale: the unit of tables and figures, and the factor from `unit` to it. decimals: in that unit;
-    None: as many as `visible` asks for. head: of a table's column, "" for the label; note: what the table's
+    None: as many as `visible` asks for. significant: digits in place of decimals, where a metric's size differs from
+    machine to machine. head: of a table's column, "" for the label; note: what the table's
     caption says of it, "" for the label. taken_at: the side of the machine, where a reader might take it for
     another. extremes: the names of the runs at its high (+1) and low (-1) end; None: the worst one.
     fixed: a column of every index by the format. views: the places that show it.
@@ -79,6 +81,7 @@ class Metric:
     shown_in: str = ""
     scale: float = 1.0
     decimals: int | None = None
+    significant: int | None = None
     head: str = ""
     note: str = ""
     taken_at: str = ""
@@ -121,7 +124,10 @@ class Metric:
         if not math.isfinite(value):
             return "–"
         decimals = self.decimals
-        if decimals is None:
+        if self.significant is not None:
+            size = abs(self.scale * value)
+            decimals = max(0, self.significant - 1 - math.floor(math.log10(size))) if size > NOTHING else 0
+        elif decimals is None:
             decimals = max(0, -math.floor(math.log10(self.visible * self.scale) + 1e-9))
         text = f"{self.scale * value:.{decimals}f}"
         return text.removeprefix("-") if not text.strip("-0.") else text  # no minus before nothing

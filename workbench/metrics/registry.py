@@ -1,13 +1,15 @@
-"""All metrics there are: those of the hoist, and those that a program adds to them."""
+"""All metrics there are: those of the hoist with those that a program adds to them, and those of the axes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
 from workbench.errors import InputError, nearest
-from workbench.metrics import hoist
-from workbench.metrics.metric import LoopMetric, Metric, Observer, RunMetric, View
+from workbench.kinds import HOIST
+from workbench.metrics import axis, hoist
+from workbench.metrics.metric import Metric, Observer, RunMetric, View
+from workbench.metrics.metric_set import MetricSet
 
 _added: list[Metric] = []
 
@@ -30,12 +32,29 @@ def added() -> tuple[Metric, ...]:
 
 
 def metrics() -> tuple[Metric, ...]:
-    """All metrics in the order in which tables show them."""
+    """The hoist's metrics and the added ones, in the order in which tables show them."""
     return (*hoist.METRICS, *_added)
 
 
+def set_of(kind: str) -> MetricSet:
+    """The metrics of a kind of machine, by its name."""
+    return _hoist_set(metrics()) if kind == HOIST.name else axis.SETS[kind]
+
+
+def sets() -> tuple[MetricSet, ...]:
+    """The hoist's first."""
+    return (set_of(HOIST.name), axis.LINEAR_SET, axis.ROTARY_SET)
+
+
+def set_with(names: Iterable[str]) -> MetricSet:
+    """The metrics that these columns are of; the hoist's where they tell nothing."""
+    known = set(names)
+    return next((one for one in sets() if one.peak in known), sets()[0])
+
+
 def by_name() -> Mapping[str, Metric]:
-    return {metric.name: metric for metric in metrics()}
+    """Of all kinds; a name that two kinds share means the same of both."""
+    return {metric.name: metric for one in reversed(sets()) for metric in one.metrics}
 
 
 def find(name: str) -> Metric:
@@ -46,31 +65,51 @@ def find(name: str) -> Metric:
     return known[name]
 
 
-def shown_in(view: View) -> tuple[Metric, ...]:
-    """The metrics that a place shows."""
-    return tuple(metric for metric in metrics() if view in metric.views)
+def shown_in(view: View, of: MetricSet | None = None) -> tuple[Metric, ...]:
+    """The metrics that a place shows; of: a kind's, the hoist's without."""
+    return tuple(metric for metric in (metrics() if of is None else of.metrics) if view in metric.views)
 
 
-def run_metrics() -> tuple[RunMetric, ...]:
-    return tuple(metric for metric in metrics() if isinstance(metric, RunMetric))
+def run_metrics(of: MetricSet | None = None) -> tuple[RunMetric, ...]:
+    return tuple(metric for metric in (metrics() if of is None else of.metrics) if isinstance(metric, RunMetric))
 
 
 def fixed_columns() -> tuple[str, ...]:
-    """The columns that the format asks for in every index, in its order."""
+    """The columns that the format asks for in every index of a hoist, in its order."""
     return tuple(metric.name for metric in metrics() if metric.fixed)
 
 
-def columns() -> tuple[str, ...]:
-    """The columns of every index: the format's, then the loop's, then the rest. Optional ones are not among them."""
-    loop = [metric.name for metric in observer().metrics if not metric.optional]
-    return tuple(dict.fromkeys((*fixed_columns(), *loop, *(metric.name for metric in run_metrics()))))
+def columns(of: MetricSet | None = None) -> tuple[str, ...]:
+    """The columns of every index of a kind: the format's, then the loop's, then the rest. Optional ones are not among
+    them."""
+    of = set_of(HOIST.name) if of is None else of
+    fixed = [metric.name for metric in of.metrics if metric.fixed]
+    loop = [metric.name for metric in of.observer.metrics if not metric.optional]
+    return tuple(dict.fromkeys((*fixed, *loop, *(metric.name for metric in run_metrics(of)))))
 
 
 def observer() -> Observer:
     """The loop's metrics as the compiled loop of a hoist takes them."""
-    return _observer(tuple(metric for metric in metrics() if isinstance(metric, LoopMetric)))
+    return set_of(HOIST.name).observer
 
 
 @lru_cache(maxsize=8)
-def _observer(metrics: tuple[LoopMetric, ...]) -> Observer:
-    return Observer(metrics, hoist.PARAMETERS)
+def _hoist_set(metrics: tuple[Metric, ...]) -> MetricSet:
+    return MetricSet(
+        metrics=metrics,
+        parameters=hoist.PARAMETERS,
+        peak="peak_torque_motor_nm",
+        above="peak_torque_above_static_nm",
+        rms="rms_torque_motor_nm",
+        error="speed_error_max_rad_s",
+        rms_error="speed_error_rms_rad_s",
+        end="position_error_end_m",
+        astray=0.05,
+        input_words="torque",
+        input_unit="N m per motor",
+        rate_unit="N m",
+        error_words="largest speed error",
+        moved="carriage",
+        sides=("above", "below"),
+        payload=True,
+    )

@@ -81,7 +81,9 @@ class PlannedKind(ReferenceKind):
 
     move: the shape of a move from rest to rest. ramp: the shape of a change of speed, which a jog holds afterwards.
     duration: what a move takes (s) without its shape, where that is cheaper. same_time_as: the kind whose duration
-    the functions get as `time_s`, "" for none. needs_load: the functions get the machine's `load`. needs_jerk: a
+    the functions get as `time_s`, "" for none. needs_load: the functions get the machine's `load`.
+    needs_following: worth it only where the loop follows the load's own swing, by a feed-forward that knows it or
+    because nothing swings. needs_jerk: a
     finite jerk limit is asked for. words: the subject of a sentence that compares it with the baseline. usual: a
     scenario that names no references runs it.
     """
@@ -93,13 +95,21 @@ class PlannedKind(ReferenceKind):
     same_time_as: str = ""
     needs_jerk: bool = True
     needs_load: bool = False
+    needs_following: bool = False
     usual: bool = False
 
     def check(self, limits: Limits, load: Load | None = None) -> None:
         """InputError where a jerk limit is missing, or the machine that the kind has to know."""
         if self.needs_load and load is None:
             raise InputError(
-                f"'{self.name}' is planned for a machine's load, which is not known here", place="references"
+                f"'{self.name}' is planned for a machine's load, which is not known here or goes with its angle",
+                place="references",
+            )
+        if self.needs_following and load is not None and not load.hangs and not load.rigid:
+            raise InputError(
+                f"'{self.name}' asks the load to be followed exactly, and no feed-forward of an axis knows its "
+                "coupling; choose trapezoid, ruckig or a shaper such as zvd",
+                place="references",
             )
         if self.needs_jerk and math.isinf(limits.jerk_m_s3):
             raise InputError(f"'{self.name}' needs a finite jerk limit; without one use 'trapezoid'", place="jerk_m_s3")

@@ -53,13 +53,14 @@ def least_peak_move(distance_m: float, speed_m_s: float, time_s: float, load: Lo
     bound(force / scale, (-1.0, 0.0, 0.0), -steady / scale)
     bound(-force / scale, (-1.0, 0.0, 0.0), steady / scale)
     bound(-force / scale, (0.0, -1.0, 0.0), 0.0)
-    bound(force / scale, (0.0, 0.0, 0.0), (load.force_limit_n - steady) / scale)
-    bound(-force / scale, (0.0, 0.0, 0.0), (load.force_limit_n + steady) / scale)
+    if math.isfinite(load.force_limit_n):
+        bound(force / scale, (0.0, 0.0, 0.0), (load.force_limit_n - steady) / scale)
+        bound(-force / scale, (0.0, 0.0, 0.0), (load.force_limit_n + steady) / scale)
     bound(speed, (0.0, 0.0, 0.0), speed_m_s)
     bound(-speed, (0.0, 0.0, 0.0), 0.0)
     midway = speed[:-1] + steps[:, None] * (3.0 * eye[:-1] + eye[1:]) / 8.0
     bound(midway, (0.0, 0.0, 0.0), speed_m_s)
-    if load.hold_n > 0.0 and not load.rigid:
+    if load.hangs and load.hold_n > 0.0 and not load.rigid:
         room = (1.0 - TAUT) * load.hold_n
         bound(-direction * load.mass_kg * carried / scale, (0.0, 0.0, 0.0), room / scale)
     change = np.diff(eye, axis=0)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import get_args
+from typing import Any, get_args
 
 from pydantic import BaseModel
 
 from workbench.machine.files import RECORDS
-from workbench.metrics import LoopMetric, Metric, metrics, run_metrics
+from workbench.metrics import LoopMetric, Metric, metrics, run_metrics, set_of
 from workbench.references import ReferenceKind, planned_kinds, recorded_kinds
 from workbench.study.scenario.record import Scenario
 from workbench.yaml_strict.checked import bounds_of
@@ -41,6 +41,8 @@ def metrics_page() -> str:
     loop = [metric for metric in known if isinstance(metric, LoopMetric)]
     lines = [_METRICS, *_metric_table("From the loop", loop)]
     lines += ["", *_metric_table("From the run's reference and its machine", run_metrics())]
+    for kind, title in (("axis-linear", "Of a linear axis"), ("axis-rotary", "Of a rotary axis")):
+        lines += ["", *_metric_table(title, set_of(kind).metrics)]
     return "\n".join(lines) + "\n" + _METRICS_END
 
 
@@ -116,9 +118,15 @@ def bounded(record: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, fl
         if (bounds := bounds_of(field)) is not None:
             yield f"{prefix}{name}", bounds.lowest, bounds.highest, bounds.because.reason
             continue
-        for part in (field.annotation, *get_args(field.annotation)):
-            if isinstance(part, type) and issubclass(part, BaseModel):
-                yield from bounded(part, f"{prefix}{name}.")
+        inner = [line for part in _records_in(field.annotation) for line in bounded(part, f"{prefix}{name}.")]
+        yield from {line[0]: line for line in inner}.values()
+
+
+def _records_in(annotation: Any) -> list[type[BaseModel]]:
+    """The records that an annotation holds, however deep."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [record for part in get_args(annotation) for record in _records_in(part)]
 
 
 PAGES: Mapping[str, Callable[[], str]] = {

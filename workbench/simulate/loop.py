@@ -1,13 +1,12 @@
-"""The hoist under its sampled speed loop, one case or many."""
+"""Machines under their sampled loop, one case or many."""
 
 from __future__ import annotations
 
-import enum
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from workbench.control import (
     Controller,
     Events,
     PiSettings,
+    Settings,
     full_pi,
     lag_step,
     loop_values,
@@ -25,62 +25,49 @@ from workbench.control import (
 from workbench.control.pi import NEVER
 from workbench.effects import joined, of
 from workbench.engine import kernels
-from workbench.machine import Hoist
-from workbench.metrics import observer
-from workbench.plants import HOIST, NO_EFFECTS, Effects
+from workbench.kinds import HOIST as HOIST_KIND
+from workbench.kinds import kind_of
+from workbench.machine import AnyKind, Hoist
+from workbench.metrics import set_of
+from workbench.plants import NO_EFFECTS, Effects
 from workbench.run import Array, Run
 from workbench.shown import Brief, Shown
+from workbench.simulate import axis_loop
+from workbench.simulate.outcome import BOUNDLESS, Outcome
 from workbench.simulate.plant_model import PlantModel
 
 NO_EVENTS = Events()
-BOUNDLESS = 1e9  # a state beyond it, in m, rad or per second, belongs to no machine
 RAIL_PLAY = 0.01  # m, that a stop at the end of the rail may overshoot
 
-RECORDED = (
-    "torque_motor_nm",
-    "speed_motor_rad_s",
-    "speed_reference_rad_s",
-    "position_carriage_m",
-    "speed_carriage_m_s",
-    "acceleration_carriage_m_s2",
-    "tension_drum_n",
-    "tension_dead_line_n",
-    "tension_min_n",
-)
-
-
-class Outcome(enum.Enum):
-    """How a simulation ended, as a sentence for the user."""
-
-    COMPLETED = "completed"
-    DIVERGED = "the state grew without bound: the loop is unstable or the load ran away"
-    LEFT_THE_RAIL = "the carriage left the rail"
-    NOT_SOLVED = "the multi-body model was not solved"
+RECORDED = HOIST_KIND.looped.recorded
 
 
 @dataclass(frozen=True, repr=False)
 class LoopCase(Brief):
-    """One closed-loop run: a machine, a load, a controller and the motor speed it shall follow.
+    """One closed-loop run: a machine, a load, a controller and the motion it shall follow.
 
-    speed_reference_rad_s: (n,) at the controller's samples. The drive and the effects are the
-    machine's. start_time_s: when the run begins in its campaign.
+    speed_reference_rad_s: (n,) of the driven coordinate at the controller's samples; of a linear axis m/s.
+    position_reference: (n,) of an axis, m or rad; None: the speed summed up from the start. start_position_m: of a
+    rotary axis in rad. The drive and the effects are the machine's. start_time_s: when the run begins in its campaign.
     """
 
     name: str
-    machine: Hoist
+    machine: AnyKind
     payload_kg: float
     start_position_m: float
-    controller: PiSettings
+    controller: Settings
     speed_reference_rad_s: Array
     events: Events = NO_EVENTS
     start_time_s: float = 0.0
+    position_reference: Array | None = None
 
 
 @dataclass(frozen=True, repr=False)
 class LoopResult(Shown):
     """The run (signals at every `record_every`-th sample), its metrics, and how it ended.
 
-    metrics are taken at every controller sample. end_position_m is the carriage's last height.
+    metrics are taken at every controller sample. end_position_m is the last place of what moves. hold_torque_nm: the
+    input that holds the load at the start, of a linear axis in N.
     """
 
     case: LoopCase
@@ -112,47 +99,100 @@ def simulate_loop(
     return [results[j] for j in range(len(cases))]
 
 
-def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
-    """The properties that all cases of one kernel call share, such as the length of the run."""
+@dataclass(frozen=True)
+class Recipe:
+    """What is a kind's own in a closed-loop run; each function takes the case first.
+
+    recorded: signals that a run keeps. beside: effects that events bring. numbers(case, hold): by symbol. references:
+    (references, n). more(case, time, input): further signals of a run. outcome(machine, time, signals, end, metrics).
+    """
+
+    recorded: Callable[[LoopCase], tuple[str, ...]]
+    controller: Callable[[LoopCase], Controller]
+    beside: Callable[[LoopCase], Effects]
+    numbers: Callable[[LoopCase, float], dict[str, float]]
+    references: Callable[[LoopCase], Array]
+    more: Callable[[LoopCase, Array, Array], dict[str, Array]]
+    outcome: Callable[..., tuple[Outcome, str]]
+
+
+def _hoist_controller(case: LoopCase) -> Controller:
+    assert isinstance(case.controller, PiSettings)
     drive, settings = case.machine.drive, case.controller
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
-    late = None if plain else drive.speed_delay_s > 0.0
-    lagged = drive.torque_lag_s > 0.0
-    effects = joined(of(case.machine).effects, BRAKE if case.events.brakes else NO_EFFECTS)
-    wire = settings.feed_forward.through_the_wire
-    return settings.sample_time_s, late, wire, lagged, effects, len(case.speed_reference_rad_s)
+    return PI if plain else full_pi(drive.speed_delay_s > 0.0, settings.feed_forward.through_the_wire)
+
+
+def _hoist_numbers(case: LoopCase, hold: float) -> dict[str, float]:
+    assert isinstance(case.controller, PiSettings)
+    return {
+        **loop_values(case.controller, case.machine.drive, hold),
+        **case_limits(case),
+        **case.events.values(),
+    }
+
+
+_HOIST = Recipe(
+    recorded=lambda case: RECORDED,
+    controller=_hoist_controller,
+    beside=lambda case: BRAKE if case.events.brakes else NO_EFFECTS,
+    numbers=_hoist_numbers,
+    references=lambda case: np.asarray(case.speed_reference_rad_s, dtype=float)[None, :],
+    more=lambda case, time, torque: motor_torques(case, time, torque),
+    outcome=lambda *ended: loop_outcome(*ended),
+)
+_AXIS = Recipe(
+    recorded=lambda case: kind_of(case.machine).looped.recorded,
+    controller=axis_loop.controller_of,
+    beside=lambda case: NO_EFFECTS,
+    numbers=axis_loop.numbers,
+    references=axis_loop.references,
+    more=lambda case, time, torque: {},
+    outcome=axis_loop.outcome,
+)
+
+
+def _recipe(case: LoopCase) -> Recipe:
+    """An axis' where the loop has a position loop, else the hoist's."""
+    return _AXIS if kind_of(case.machine).looped.position_loop else _HOIST
+
+
+def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
+    """The properties that all cases of one kernel call share, such as the length of the run."""
+    recipe = _recipe(case)
+    effects = joined(of(case.machine).effects, recipe.beside(case))
+    lagged = case.machine.drive.torque_lag_s > 0.0
+    controller, n = recipe.controller(case), len(case.speed_reference_rad_s)
+    return kind_of(case.machine).name, case.controller.sample_time_s, controller, lagged, effects, n
 
 
 def _simulate_alike(
     cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
 ) -> list[LoopResult]:
-    sample_time, late, wire, lagged, effects, n = _kernel_key(cases[0])
-    controller = PI if late is None else full_pi(late, wire)
+    _, sample_time, controller, lagged, effects, n = _kernel_key(cases[0])
+    recipe, kind = _recipe(cases[0]), kind_of(cases[0].machine)
+    plant, watcher = kind.plant, set_of(kind.name).observer
+    recorded = recipe.recorded(cases[0]) if record_every else ()
     substeps = max(1, math.ceil(sample_time / step_s - 1e-9))
-    at_work = [PlantModel(HOIST, of(case.machine)) for case in cases]
+    at_work = [PlantModel(plant, of(case.machine)) for case in cases]
     plain = [w.values(c.machine, c.payload_kg, c.start_time_s) for w, c in zip(at_work, cases, strict=True)]
     start, holds = at_work[0].starts(
         [case.start_position_m for case in cases], [0.0] * len(cases), [0.0] * len(cases), plain
     )
     values, memory = [], []
     for case, p, angle, hold in zip(cases, plain, start[0], holds, strict=True):
-        numbers = {
-            **vars(p),
-            **loop_values(case.controller, case.machine.drive, hold),
-            **case_limits(case),
-            **case.events.values(),
-            **lag_values(case, sample_time / substeps),
-        }
+        numbers = {**vars(p), **recipe.numbers(case, hold), **lag_values(case, sample_time / substeps)}
         values.append(numbers)
         memory.append(controller.start(SimpleNamespace(**numbers), hold, angle))
+    names = kernels.loop_parameters(plant, effects, controller, watcher)
     every = record_every or n + 1
     out, sums, ends = kernels.loop(
-        HOIST,
+        plant,
         controller,
-        observer(),
-        RECORDED if record_every else (),
-        np.array([[v[name] for v in values] for name in _names(controller, effects)]),
-        _references(cases),
+        watcher,
+        recorded,
+        np.array([[v[name] for v in values] for name in names]),
+        _references(cases, recipe),
         sample_time,
         start,
         np.array(memory).T,
@@ -164,25 +204,26 @@ def _simulate_alike(
     )
     time = np.arange(out.shape[0]) * (sample_time * every)
     return [
-        _result(case, time, out[:, :, j], sums[:, j], ends[:, j], holds[j], values[j], n * sample_time)
+        _result(case, time, dict(zip(recorded, out[:, :, j].T.copy(), strict=True)), sums[:, j], ends[:, j], holds[j],
+                values[j], n * sample_time)
         for j, case in enumerate(cases)
-    ]
+    ]  # fmt: skip
 
 
-def _references(cases: Sequence[LoopCase]) -> list[Array]:
-    """One (1, n) array a case; cases that share a reference share the array."""
-    known: dict[int, Array] = {}
+def _references(cases: Sequence[LoopCase], recipe: Recipe) -> list[Array]:
+    """One (references, n) array a case; cases that share a reference share the array."""
+    known: dict[tuple[int, int, float], Array] = {}
+    arrays = []
     for case in cases:
-        speed = case.speed_reference_rad_s
-        if id(speed) not in known:
-            known[id(speed)] = np.asarray(speed, dtype=float)[None, :]
-            if not np.all(np.isfinite(speed)):  # a limit would make a torque of it, and nobody would know
+        # An axis' speed is summed up from where it starts.
+        start = case.start_position_m if recipe is _AXIS and case.position_reference is None else 0.0
+        key = id(case.speed_reference_rad_s), id(case.position_reference), start
+        if key not in known:
+            known[key] = recipe.references(case)
+            if not np.all(np.isfinite(known[key])):  # a limit would make a torque of it, and nobody would know
                 raise ValueError(f"case {case.name}: the speed reference is not finite throughout")
-    return [known[id(case.speed_reference_rad_s)] for case in cases]
-
-
-def _names(controller: Controller, effects: Effects) -> tuple[str, ...]:
-    return kernels.loop_parameters(HOIST, effects, controller, observer())
+        arrays.append(known[key])
+    return arrays
 
 
 def torque_limit_nm(machine: Hoist) -> float:
@@ -218,7 +259,7 @@ def torque_limits(machine: Hoist) -> dict[str, float]:
 
 def case_limits(case: LoopCase) -> dict[str, float]:
     """Torque limits, shares and ends of the rail by symbol. The harder-worked motor limits them all."""
-    machine = case.machine
+    machine = cast(Hoist, case.machine)
     share, share_failed = shares(machine)
     fails = case.events.motor_fails_s
     return {
@@ -239,28 +280,29 @@ def case_limits(case: LoopCase) -> dict[str, float]:
 def _result(
     case: LoopCase,
     time: Array,
-    out: Array,
+    signals: dict[str, Array],
     sums: Array,
     end: Array,
     hold: float,
     values: dict[str, Any],
     duration: float,
 ) -> LoopResult:
-    signals = dict(zip(RECORDED, out.T.copy(), strict=True)) if out.shape[1] else {}
+    recipe, kind = _recipe(case), kind_of(case.machine)
     if signals:
-        signals |= motor_torques(case, time, signals["torque_motor_nm"])
+        signals |= recipe.more(case, time, signals[kind.plant.input])
     else:
         time = time[:0]
     run = Run(case.name, time, signals, case.payload_kg, case.start_position_m, case.start_time_s)
-    metrics = observer().finish(sums, SimpleNamespace(**values), duration)
-    outcome, at = loop_outcome(case.machine, time, signals, end, metrics)
-    return LoopResult(case, run, metrics, outcome, at, float(end[2]), hold)
+    metrics = set_of(kind.name).observer.finish(sums, SimpleNamespace(**values), duration)
+    outcome, at = recipe.outcome(case.machine, time, signals, end, metrics)
+    return LoopResult(case, run, metrics, outcome, at, float(end[kind.plant.placed]), hold)
 
 
 def motor_torques(case: LoopCase, time: Array, torque: Array) -> dict[str, Array]:
     """The torque of the first and of the second motor (of equal ones: of each); after a failure the first works on."""
-    n = case.machine.motor.count
-    first = case.machine.drive.torque_share if n == 2 else 1.0 / n
+    machine = cast(Hoist, case.machine)
+    n = machine.motor.count
+    first = machine.drive.torque_share if n == 2 else 1.0 / n
     fails = case.events.motor_fails_s
     failed = np.zeros(len(time), bool) if fails is None else time >= fails
     left = 1.0 / max(n - 1, 1)

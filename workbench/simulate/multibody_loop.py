@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from workbench.control import PI, full_pi, loop_values
+from workbench.control import PI, PiSettings, full_pi, loop_values
 from workbench.engine.sampled import Step, observe
 from workbench.machine import Hoist
 from workbench.metrics import observer
@@ -26,6 +26,7 @@ def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: f
     InputError where the extra is missing or the machine has an effect that this model does not know.
     """
     sample_time, n = case.controller.sample_time_s, len(case.speed_reference_rad_s)
+    machine = cast(Hoist, case.machine)
     substeps = max(1, math.ceil(sample_time / step_s - 1e-9))
     held: dict[str, Any] = {}
 
@@ -34,7 +35,7 @@ def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: f
         return _drive(case, values, hold_nm)
 
     result = move(
-        case.machine,
+        machine,
         case.payload_kg,
         case.start_position_m,
         drive,
@@ -55,7 +56,7 @@ def _values(case: LoopCase, hold_nm: float, step_s: float) -> dict[str, float]:
     """The numbers of loop, drive, events and metrics by symbol."""
     return {
         **vars(HOIST.values(case.machine, case.payload_kg)),
-        **loop_values(case.controller, case.machine.drive, hold_nm),
+        **loop_values(cast(PiSettings, case.controller), case.machine.drive, hold_nm),
         **case_limits(case),
         **case.events.values(),
         **lag_values(case, step_s),
@@ -64,7 +65,8 @@ def _values(case: LoopCase, hold_nm: float, step_s: float) -> dict[str, float]:
 
 def _drive(case: LoopCase, values: dict[str, float], hold_nm: float) -> Driven:
     """The sampled controller, its torque held between samples or behind a lag, and the brake of the events."""
-    drive, settings, sample_time = case.machine.drive, case.controller, case.controller.sample_time_s
+    settings, sample_time = cast(PiSettings, case.controller), case.controller.sample_time_s
+    drive = case.machine.drive
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
     controller = PI if plain else full_pi(drive.speed_delay_s > 0.0, settings.feed_forward.through_the_wire)
     p = SimpleNamespace(**values)
@@ -109,7 +111,7 @@ def _result(case: LoopCase, result: MotionResult, p: Any, record_every: int) -> 
     if result.outcome is not MotionOutcome.COMPLETED:
         return LoopResult(case, run, metrics, Outcome.NOT_SOLVED, said(result), last["position_carriage_m"], hold)
     end = np.array([signals["angle_motor_rad"][-1], 0.0, last["position_carriage_m"]])
-    outcome, at = loop_outcome(case.machine, time, kept, end, metrics)
+    outcome, at = loop_outcome(cast(Hoist, case.machine), time, kept, end, metrics)
     return LoopResult(case, run, metrics, outcome, at, float(end[2]), hold)
 
 

@@ -87,7 +87,7 @@ def _place_in(data: object, location: tuple[int | str, ...]) -> Place:
 def _sentence(model: type[BaseModel], place: Place, detail: ErrorDetails, beside: Beside) -> str:
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
     if kind == "extra_forbidden":
-        all_keys = _keys(_models_at(model, place[:-1]))
+        all_keys = _keys(_models_at(model, place[:-1]), str(place[-1]))
         free = all_keys - beside(place)  # a key that is there already is hardly the one meant
         return f"unknown key '{place[-1]}'; {nearest(str(place[-1]), free or all_keys)}"
     if kind == "missing":
@@ -166,8 +166,14 @@ def _field_at(model: type[BaseModel], place: Place) -> FieldInfo | None:
     return None
 
 
-def _keys(models: list[type[BaseModel]]) -> set[str]:
-    return {field.alias or name for model in models for name, field in model.model_fields.items()}
+def _keys(models: list[type[BaseModel]], meant: str = "rad") -> set[str]:
+    """Keys of a block; those of another unit only where the misspelt one speaks of radians."""
+    return {
+        field.alias or name
+        for model in models
+        for name, field in model.model_fields.items()
+        if "rad" in meant or not any(getattr(mark, "other_unit", False) for mark in field.metadata)
+    }
 
 
 def _present(data: object, place: Place) -> set[str]:

@@ -45,6 +45,7 @@ def ruckig_least_peak(move: Move) -> Shape:
     same_time_as="trapezoid",
     needs_jerk=False,
     needs_load=True,
+    needs_following=True,
     colour="#000000",
     dash="2px,2px",
 )

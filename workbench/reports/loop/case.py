@@ -9,18 +9,30 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from workbench.analysis.usual import USUAL_CROSSOVER_HZ, usual_controller, usual_heights
-from workbench.control import Events, PiSettings
+from workbench.analysis.usual import usual_controller, usual_heights, usual_settings
+from workbench.control import FORMS, SETTINGS, Events, PiSettings, Settings, form_of
 from workbench.effects import check
 from workbench.errors import InputError
-from workbench.kinds import STUDIED, of_kind, studied
-from workbench.machine import Hoist, default_hoist, load_machine
+from workbench.kinds import LOOPED, kind_of, looped, of_kind
+from workbench.machine import AnyKind, Axis, Hoist, default_hoist, load_machine
 from workbench.yaml_strict import Document, load, validate
 
 if TYPE_CHECKING:
     from workbench.analysis.trial import Trial
     from workbench.study.scenario.load import Study
 
+__all__ = [
+    "MOST",
+    "USUAL_PAYLOADS_KG",
+    "LoopCaseFile",
+    "load_case",
+    "loop_case",
+    "numbers",
+    "read_controller",
+    "read_settings",
+    "usual_controller",
+    "usual_heights",
+]
 USUAL_PAYLOADS_KG = (0.0, 4500.0, 9000.0)
 MOST = 50  # members of a family
 
@@ -29,8 +41,8 @@ MOST = 50  # members of a family
 class LoopCaseFile:
     """A machine with its drive, a controller with its source, the family, and the study if there is one."""
 
-    machine: Hoist
-    settings: PiSettings
+    machine: AnyKind
+    settings: Settings
     origin: str
     payloads_kg: tuple[float, ...]
     heights_m: tuple[float, ...]
@@ -47,18 +59,12 @@ class LoopCaseFile:
 
         if self.study is None:
             return usual_trial(self.machine, self.payloads_kg, self.settings.sample_time_s)
-        from workbench.references import motor_speed_rad_s
+        from workbench.analysis.trial import motions
 
-        ratio, drum = self.machine.gearbox.ratio, self.machine.winch.drum_diameter_m
-        dt, length = self.settings.sample_time_s, self.study.duration_s
-        speeds = {
-            kind: motor_speed_rad_s(plan.sample(dt, length).speed_m_s, ratio, drum)
-            for kind, plan in self.study.plans.items()
-        }
-        n = min(len(speed) for speed in speeds.values())
-        first = self.study.specs[0]
-        references = {kind: speed[:n] for kind, speed in speeds.items()}
-        return Trial(self.machine, self.payloads_kg, first.start_position_m, references, first.events, first.step_s)
+        dt, length, first = self.settings.sample_time_s, self.study.duration_s, self.study.specs[0]
+        speeds, positions = motions(self.machine, self.study.plans, dt, length)
+        start, events, step_s = first.start_position_m, first.events, first.step_s
+        return Trial(self.machine, self.payloads_kg, start, speeds, events, step_s, positions)
 
 
 def load_case(
@@ -69,19 +75,19 @@ def load_case(
     heights_m: Sequence[float] | None,
 ) -> LoopCaseFile:
     """InputError with file and place for input that cannot be read or does not fit."""
-    hoist: Hoist | None = None
+    known: Hoist | Axis | None = None
     if machine is not None:
         read = load_machine(machine, check_effects=check)
-        hoist = studied(read)
-        if hoist is None:
-            raise InputError(f"is {of_kind(read)}; a speed loop is analysed for {STUDIED}", file=machine)
-    given = None if controller is None else (read_controller(controller), f"of {controller}")
-    return loop_case(hoist, given, payloads_kg, heights_m, scenario)
+        known = looped(read)
+        if known is None:
+            raise InputError(f"is {of_kind(read)}; a loop is analysed for {LOOPED}", file=machine)
+    given = None if controller is None else (read_settings(controller), f"of {controller}")
+    return loop_case(known, given, payloads_kg, heights_m, scenario)
 
 
 def loop_case(
-    machine: Hoist | None,
-    controller: tuple[PiSettings, str] | None,
+    machine: Hoist | Axis | None,
+    controller: tuple[Settings, str] | None,
     payloads_kg: Sequence[float] | None,
     heights_m: Sequence[float] | None,
     scenario: str | os.PathLike[str] | None,
@@ -91,7 +97,7 @@ def loop_case(
     controller: the settings, and their source in words.
     """
     study: Study | None = None
-    loads: Sequence[float] = USUAL_PAYLOADS_KG
+    loads: Sequence[float] | None = None
     if scenario is not None:
         from workbench.study.scenario.load import load_study
 
@@ -101,7 +107,16 @@ def loop_case(
         machine = study.machine if machine is None else machine
         loads = sorted({spec.payload_kg for spec in study.specs[:200]})
     machine = default_hoist() if machine is None else machine
-    settings, origin = controller or (usual_controller(machine), f"by rule: crossover about {USUAL_CROSSOVER_HZ:g} Hz")
+    settings, origin = controller or usual_settings(machine)
+    kind = kind_of(machine)
+    if not isinstance(settings, SETTINGS[kind.name]):
+        wants = " and ".join(SETTINGS[kind.name].GAINS)
+        raise InputError(
+            f"the controller {origin} has {' and '.join(settings.GAINS)}; {of_kind(machine)} takes one with {wants}",
+            place="controller",
+        )
+    if loads is None:
+        loads = USUAL_PAYLOADS_KG if kind.payload else (0.0,)
     wanted = tuple(loads if payloads_kg is None else payloads_kg)
     places = tuple(usual_heights(machine) if heights_m is None else heights_m)
     if len(wanted) * len(places) > MOST:
@@ -109,14 +124,22 @@ def loop_case(
     return LoopCaseFile(machine, settings, origin, wanted, places, study)
 
 
-def read_controller(path: Path) -> PiSettings:
-    """The `controller` block of a file: an output of tune, or a scenario."""
+def read_settings(path: Path) -> Settings:
+    """The `controller` block of a file, of any kind of machine: an output of tune, or a scenario."""
     document = load(path)
     block = document.data.get("controller") if isinstance(document.data, dict) else None
     if not isinstance(block, dict):
         raise InputError("holds no block 'controller'", file=path)
     inside = {place[1:]: line for place, line in document.lines.items() if place[:1] == ("controller",)}
-    return validate(PiSettings, Document(document.file, block, inside))
+    return validate(FORMS[form_of(block)], Document(document.file, block, inside))
+
+
+def read_controller(path: Path) -> PiSettings:
+    """The same of a hoist. InputError where it is an axis'."""
+    settings = read_settings(path)
+    if not isinstance(settings, PiSettings):
+        raise InputError(f"holds an axis' controller, kind {settings.kind!r}; expected a hoist's", file=path)
+    return settings
 
 
 def numbers(text: str, place: str) -> tuple[float, ...]:

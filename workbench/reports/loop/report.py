@@ -11,23 +11,25 @@ import numpy as np
 
 from workbench.analysis.family import Member, weakest
 from workbench.analysis.margins import Margins
-from workbench.analysis.step import load_step
+from workbench.analysis.step import load_step, position_answer
+from workbench.control import Cascade
 from workbench.effects import find
 from workbench.figures.loop import bode, gang_of_four, nyquist, steps
 from workbench.figures.save import Section, save_page
 from workbench.json_records import rounded
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
+from workbench.machine import Axis, Hoist
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.numbers import NOTHING, figures
 from workbench.tables import Column, Table
 from workbench.whole_folder import write_json
 
-COLUMNS = (
-    Column("load", "kg"), Column("height", "m"), Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),
+MARGINS = (
+    Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),
     Column("disk"), Column("Ms"), Column("Mt"), Column("cross", "Hz"), Column("band", "Hz"), Column("reject", "Hz"),
     Column("slowest", "1/s"), Column("least ζ"),
 )  # fmt: skip
-LOAD_NM = 100.0  # that sentences name
+LOAD_NM = 100.0  # that sentences name, of a hoist
 CAPTION = (
     "Margins: how much more gain (after a slash: less), phase and delay the loop bears; disk: gain and phase at once "
     "(0 nothing, 2 the most). Ms, Mt: largest |1/(1+L)| and |L/(1+L)|. cross: where |L| is 1; band: where |T| falls "
@@ -38,12 +40,15 @@ CAPTION = (
 
 def table(members: Sequence[Member]) -> Table:
     """One row for each loop."""
-    return Table(COLUMNS, [_line(member) for member in members], CAPTION)
+    kind = members[0].loop.kind
+    place = Column("height" if kind.payload else "position", kind.moved.unit)
+    where = [Column("load", "kg"), place] if kind.payload else [place]
+    return Table([*where, *MARGINS], [_line(member) for member in members], CAPTION)
 
 
 def _line(member: Member) -> list[str]:
     m, point = member.margins, member.point
-    where = [f"{point.payload_kg:g}", f"{point.height_m:g}"]
+    where = [*([f"{point.payload_kg:g}"] if member.loop.kind.payload else []), f"{point.height_m:g}"]
     slowest, damping = poles_in_s(member)
     if not m.stable:
         return [*where, "unstable", *[NOTHING] * 8, figures(slowest), figures(damping)]
@@ -73,17 +78,28 @@ def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
     unstable = [m for m in members if not m.margins.stable]
     known = effect_sentences(case.machine)
     if unstable:
-        where = ", ".join(f"{m.point.payload_kg:g} kg at {m.point.height_m:g} m" for m in unstable)
+        where = ", ".join(where_of(m) for m in unstable)
         return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive, *known]
-    lines = [f"All {len(members)} loops are stable. {least_sentence(members)}", drive, *known, load_sentence(members)]
+    all_ = "The loop is stable." if len(members) == 1 else f"All {len(members)} loops are stable."
+    lines = [f"{all_} {least_sentence(members)}", drive, *known, load_sentence(members)]
     heights = {m.point.height_m for m in members}
     spread = [max(x.margins.ms for x in same) - min(x.margins.ms for x in same) for same in _by_payload(members)]
-    if len(heights) > 1 and max(spread) < 0.01 and "wire_stiffness_length" not in case.machine.effects:
+    if (
+        kind_of(case.machine).payload
+        and len(heights) > 1
+        and max(spread) < 0.01
+        and "wire_stiffness_length" not in case.machine.effects
+    ):
         lines.append(
             "Height makes next to no difference to Ms here: in the nominal plant the wire is equally stiff everywhere, "
             "and with a stiffness that follows the free length the drive's inertia still decides."
         )
     return lines
+
+
+def where_of(member: Member) -> str:
+    """A loop's operating point in words."""
+    return member.loop.kind.looped.where(member.point.payload_kg, member.point.height_m)
 
 
 def least_sentence(members: Sequence[Member]) -> str:
@@ -100,9 +116,10 @@ def least_sentence(members: Sequence[Member]) -> str:
     }
     by_member: dict[str, list[str]] = {}
     for name, words in words_of.items():
-        point = worst.member[name].point
         if words:
-            by_member.setdefault(f"{point.payload_kg:g} kg at {point.height_m:g} m", []).append(words)
+            by_member.setdefault(where_of(worst.member[name]), []).append(words)
+    if len(members) == 1:
+        return f"Its margins: {', '.join(words for words in words_of.values() if words)}."
     return "Weakest of them: " + "; ".join(f"at {where}: {', '.join(w)}" for where, w in by_member.items()) + "."
 
 
@@ -110,10 +127,26 @@ def load_sentence(members: Sequence[Member]) -> str:
     """The largest response to a load step."""
     steps_ = [load_step(member.loop) for member in members]
     peak, iae, last = (max(getattr(s, n) for s in steps_) for n in ("peak_rad_s", "iae_rad", "recovery_s"))
+    kind = members[0].loop.kind
+    if not kind.payload:
+        way, rate, unit = kind.moved.unit, kind.moved.speed_unit, kind.drive.unit
+        places = [answer for member in members if (answer := position_answer(member.loop)) is not None]
+        moved = f", its position by at most {_fine(max(a.peak for a in places), way)}" if places else ""
+        left = f"; {_fine(max(a.left for a in places), way)} of it are left" if places else ""
+        return (
+            f"A load step of 1 {unit} moves the speed by at most {_fine(peak, rate)}{moved}; the speed is "
+            f"down to a tenth after {figures(last)} s{left}."
+        )
     return (
         f"{LOAD_NM:g} N m on the shaft move the speed by at most {figures(LOAD_NM * peak)} rad/s, its error integrates "
         f"to {figures(LOAD_NM * iae)} rad and is down to a tenth after {figures(last)} s."
     )
+
+
+def _fine(value: float, unit: str) -> str:
+    """`75 mrad`: three digits with the prefix that they want."""
+    scale, prefix = next(((s, p) for s, p in ((1.0, ""), (1e3, "m"), (1e6, "µ")) if s * value >= 1.0), (1e9, "n"))
+    return f"{figures(scale * value)} {prefix}{unit}"
 
 
 def _by_payload(members: Sequence[Member]) -> list[list[Member]]:
@@ -121,7 +154,7 @@ def _by_payload(members: Sequence[Member]) -> list[list[Member]]:
     return [[m for m in members if m.point.payload_kg == load] for load in loads]
 
 
-def drive_sentence(machine: Hoist, sample_time_s: float) -> str:
+def drive_sentence(machine: Hoist | Axis, sample_time_s: float) -> str:
     """The drive: lag, filter and delay between commanded torque and measured speed."""
     d = machine.drive
     parts = [
@@ -139,9 +172,9 @@ def drive_sentence(machine: Hoist, sample_time_s: float) -> str:
     return f"In the loop: sampling at {1000.0 * sample_time_s:g} ms, {', '.join(parts)}."
 
 
-def effect_sentences(machine: Hoist) -> list[str]:
+def effect_sentences(machine: Hoist | Axis) -> list[str]:
     """The effects and the measured correction in the loop, and those that act on the log only; none without effects."""
-    known = {name: find(name, "hoist") for name in machine.effects}
+    known = {name: find(name, kind_of(machine).name) for name in machine.effects}
     inside = [name for name, effect in known.items() if not effect.on_sensor]
     inside += ["measured_correction"] if machine.measured_correction is not None else []
     outside = [name for name, effect in known.items() if effect.on_sensor]
@@ -168,8 +201,7 @@ def _weakest_json(members: Sequence[Member]) -> dict[str, Any]:
     return {
         name: {
             "value": rounded(getattr(worst.margins, name), 8),
-            "payload_kg": member.point.payload_kg,
-            "height_m": member.point.height_m,
+            **place_of(member),
         }
         for name, member in worst.member.items()
     }
@@ -181,10 +213,33 @@ def _loop_json(member: Member) -> dict[str, Any]:
     }
     z = sorted(member.loop.poles(), key=lambda p: (-abs(p), p.imag))
     poles = [[rounded(float(p.real), 12), rounded(float(p.imag), 12)] for p in z]
-    where = {"payload_kg": member.point.payload_kg, "height_m": member.point.height_m, "motion": member.point.motion}
+    kind = member.loop.kind
+    where = {**place_of(member), "motion": kind.looped.motion_words[member.point.motion]}
     answer = load_step(member.loop) if member.margins.stable else None
     load = None if answer is None else {name: rounded(value, 8) for name, value in vars(answer).items()}
-    return {**where, **values, "load_step_1_nm": load, "poles_z": poles}
+    if load is not None and not kind.payload:
+        load = _axis_load(member, load)
+    return {**where, **values, f"load_step_1_{kind.drive.suffix}": load, "poles_z": poles}
+
+
+def place_of(member: Member) -> dict[str, float]:
+    """An operating point as JSON has it."""
+    kind, point = member.loop.kind, member.point
+    if kind.payload:
+        return {"payload_kg": point.payload_kg, "height_m": point.height_m}
+    return {f"position_{kind.moved.unit}": point.height_m}
+
+
+def _axis_load(member: Member, load: dict[str, Any]) -> dict[str, Any]:
+    """The answer to a load step under names with the axis' units, and that of the position."""
+    kind = member.loop.kind
+    way, rate = kind.moved.unit, "m_s" if kind.moved.unit == "m" else "rad_s"
+    answer = position_answer(member.loop)
+    said = {f"peak_{rate}": load["peak_rad_s"], "peak_s": load["peak_s"], f"iae_{way}": load["iae_rad"]}
+    said |= {"recovery_s": load["recovery_s"]}
+    if answer is not None:
+        said |= {f"position_peak_{way}": rounded(answer.peak, 8), f"position_left_{way}": rounded(answer.left, 8)}
+    return said
 
 
 def save_loop_page(case: LoopCaseFile, members: Sequence[Member], ms_limit: float, path: Path) -> None:
@@ -195,25 +250,37 @@ def save_loop_page(case: LoopCaseFile, members: Sequence[Member], ms_limit: floa
         figures=[
             (
                 bode(members),
-                "Drawn: the least gain and the least phase margin of all loops. The phase begins at −180°: two "
-                "integrals, the controller's and the machine's.",
+                f"Drawn: the least gain and the least phase margin of all loops. {_phase(members[0])}",
             ),
             (nyquist(members, ms_limit), "A curve outside the grey disk keeps Ms below the limit."),
             (
                 gang_of_four(members, ms_limit),
-                "S: what is left of slow disturbances. T: what follows the reference. PS: a torque on the shaft to the "
-                "speed. CS: noise of the speed to the torque.",
+                "S: what is left of slow disturbances. T: what follows the reference. PS: a load to the speed. CS: "
+                "noise of the speed to the drive.",
             ),
             (steps(members), "The linear loop; limits of the torque are not in it."),
         ],
     )
-    save_page([section], path, f"Speed loop — {case.machine.name}")
+    save_page(
+        [section],
+        path,
+        f"{'Speed' if kind_of(case.machine).payload else 'Position and speed'} loop — {case.machine.name}",
+    )
+
+
+def _phase(member: Member) -> str:
+    """Where the phase begins, and why."""
+    if position_answer(member.loop) is not None and member.margins.stable:
+        return "The loop is opened at the drive, position and speed loop closed over it."
+    return "The phase begins at −180°: two integrals, the controller's and the machine's."
 
 
 def gains_text(case: LoopCaseFile) -> str:
     s = case.settings
+    kv = f"kv {s.kv_per_s:g} 1/s, " if isinstance(s, Cascade) else ""
+    kp, ki = s.UNITS
     return (
-        f"kp {s.kp_nm_s_per_rad:g} N m s/rad, ki {s.ki_nm_per_rad:g} N m/rad, set-point weight {s.set_point_weight:g}, "
+        f"{kv}kp {s.kp:g} {kp}, ki {s.ki:g} {ki}, set-point weight {s.set_point_weight:g}, "
         f"sampled every {1000.0 * s.sample_time_s:g} ms"
     )
 

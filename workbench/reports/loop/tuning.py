@@ -10,9 +10,10 @@ import numpy as np
 
 from workbench.analysis.family import weakest
 from workbench.analysis.tune import Candidate, Tuned, Weights
-from workbench.control import PiSettings
+from workbench.control import Cascade, Settings
 from workbench.errors import InputError
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
+from workbench.machine import Axis, Hoist
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.loop.report import drive_sentence, effect_sentences, least_sentence, load_sentence
 from workbench.reports.numbers import figures
@@ -23,13 +24,26 @@ COLUMNS = (
     words("what"), Column("kp"), Column("ki"), Column("weight"), Column("tracking", "%"), Column("peak", "%"),
     Column("effort", "%"), Column("Ms"), Column("band", "Hz"), Column("cost"),
 )  # fmt: skip
-CAPTION = (
+HOIST_CAPTION = (
     "kp in N m s/rad, ki in N m/rad, of all motors. Candidates that no other beats in tracking error, torque peak and "
     "Ms at once, spread over all that were found. Worst of all payloads and references: tracking: rms speed error in % "
     "of nominal speed; peak, effort: largest and rms torque of the harder-worked motor in % of nominal. band: of the "
     "slowest payload. cost: weighted, shaped = 1."
 )
 SHOWN = 9
+
+
+def _caption(tuned: Tuned) -> str:
+    settings = tuned.winner.settings
+    if not isinstance(settings, Cascade):
+        return HOIST_CAPTION
+    return (
+        f"kp in {settings.UNITS[0]}, ki in {settings.UNITS[1]}; kv stays {settings.kv_per_s:g} 1/s. Candidates that no "
+        "other beats in tracking error, peak and Ms at once, spread over all that were found. Worst of all references: "
+        "tracking: rms position error in % of a second's way at top speed; peak, effort: largest and rms force or "
+        "torque in % of the drive's nominal one, else of its limit, else of friction and load. band: of the slowest "
+        "place. cost: weighted, shaped = 1."
+    )
 
 
 def rows(tuned: Tuned) -> list[Candidate]:
@@ -46,14 +60,14 @@ def rows(tuned: Tuned) -> list[Candidate]:
 
 def table(tuned: Tuned) -> Table:
     """One row for each candidate; see `rows`."""
-    return Table(COLUMNS, [_line(tuned, c) for c in rows(tuned)], CAPTION)
+    return Table(COLUMNS, [_line(tuned, c) for c in rows(tuned)], _caption(tuned))
 
 
 def _line(tuned: Tuned, c: Candidate) -> list[str]:
     mark = "winner" if c is tuned.winner else "shaped" if c is tuned.shaped else ""
     s = c.settings
     return [
-        mark, figures(s.kp_nm_s_per_rad, 4), figures(s.ki_nm_per_rad, 4), f"{s.set_point_weight:.2f}",
+        mark, figures(s.kp, 4), figures(s.ki, 4), f"{s.set_point_weight:.2f}",
         figures(c.score.tracking_percent), f"{c.score.peak_percent:.1f}", f"{c.score.effort_percent:.1f}",
         f"{c.ms:.3f}", figures(c.bandwidth_hz), f"{c.cost:.3f}",
     ]  # fmt: skip
@@ -67,24 +81,27 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
         if goal.bandwidth_hz is None
         else f"Asked for: a bandwidth of {goal.bandwidth_hz:g} Hz with Ms and Mt at most {goal.ms_limit:g}"
     )
+    kind = kind_of(case.machine)
+    n = len(tuned.members)
+    points = "points of payload and height" if kind.payload else "place" if n == 1 else "places"
     drive = " ".join([drive_sentence(case.machine, win.settings.sample_time_s), *effect_sentences(case.machine)])
     lines = [
-        f"{asked}, at {len(tuned.members)} points of payload and height. {drive} "
+        f"{asked}, at {n} {points}. {drive} "
         f"The widest bandwidth that this allows is {figures(tuned.attainable_hz)} Hz.",
         f"Chosen of {len(tuned.tried)} candidates for the least weighted cost (tracking {weights.tracking:g}, peak "
         f"{weights.peak:g}, effort {weights.effort:g}): against the shaped gains tracking error "
-        f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, torque peak "
+        f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, {kind.drive.quantity} peak "
         f"{_change(start.score.peak_percent, win.score.peak_percent)}.",
         f"Of the winner's loops: {least_sentence(tuned.members)} {load_sentence(tuned.members)}",
     ]
-    if win.score.peak_percent >= 99.9 * case.machine.drive.overload:
-        lines.append(
-            "The motors reach their torque limit in these moves: slower ramps or a jerk limit help, gains do not."
-        )
+    loop = kind.looped
+    if win.score.peak_percent >= 99.9 * loop.peak_limit(case.machine) / loop.input_scale(case.machine):
+        who = "motors reach their torque" if kind.payload else f"drive reaches its {kind.drive.quantity}"
+        lines.append(f"The {who} limit in these moves: slower ramps or a jerk limit help, gains do not.")
     return lines
 
 
-def warning(machine: Hoist) -> str | None:
+def warning(machine: Hoist | Axis) -> str | None:
     """A warning that gains for an ideal drive suit no machine; None if the drive has lag, filter or delay."""
     d = machine.drive
     if d.torque_lag_s > 0.0 or d.speed_filter_s > 0.0 or d.speed_delay_s > 0.0:
@@ -100,7 +117,7 @@ def _change(before: float, after: float) -> str:
     return f"{100.0 * (after / before - 1.0):+.1f} %"
 
 
-def controller_text(settings: PiSettings, comments: Sequence[str] = ()) -> str:
+def controller_text(settings: Settings, comments: Sequence[str] = ()) -> str:
     """The `controller` block as YAML that a scenario takes as it is."""
     head = "".join(f"# {line}\n" for line in comments)
     return head + dumps({"controller": settings.model_dump(mode="json", exclude_none=True)})
@@ -114,7 +131,7 @@ def check_new(path: Path) -> None:
         raise InputError(f"cannot be written: there is no folder {path.parent}", file=path)
 
 
-def write_controller(tuned: Tuned, path: Path, machine: Hoist) -> None:
+def write_controller(tuned: Tuned, path: Path, machine: Hoist | Axis) -> None:
     """Whole or not at all. machine: what the gains are for, so that the file says where they are for none."""
     goal = tuned.goal
     asked = "best rejection" if goal.bandwidth_hz is None else f"bandwidth {goal.bandwidth_hz:g} Hz"

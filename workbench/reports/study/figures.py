@@ -9,17 +9,19 @@ import numpy as np
 
 from workbench.figures.pareto import pareto
 from workbench.figures.study import overview, peak_torque_over_payload
+from workbench.figures.study_axis import axis_overview
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.study_scatter import spread, tornado
 from workbench.figures.study_sweep import changing, metrics_over_axis
+from workbench.kinds import kind_of
 from workbench.metrics import View, shown_in
 from workbench.run import Run
 from workbench.study.conclude.pareto import fronts
 from workbench.study.conclude.rank import rank_correlations
 from workbench.study.conclude.variation_sentences import sweeps_limits
-from workbench.study.execute.run import motor_torque_limit_nm
+from workbench.study.execute.run import peak_limit
 from workbench.study.results.finished import Finished
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of, with_payload
 from workbench.study.variations.varying import SweptAxis, drawn_columns, swept_axes
 
 if TYPE_CHECKING:
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 Noted = tuple["Figure", str]
 MOST_CURVES = 6
 MOST_GROUPS = 3
-PEAK, SWING = "peak_torque_motor_nm", "wire_tension_swing_n"
+SWING = "wire_tension_swing_n"
 
 
 def figures_of(result: Finished) -> list[Noted]:
@@ -57,7 +59,7 @@ def _paretos(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[Noted]:
         "Each point is a run; the line joins those that no other run beats in both. The knee is the run farthest below "
         "the line between the front's ends: beyond it on either side a little of one cost is bought dearly."
     )
-    seconds = [name for name in (PEAK, SWING) if all(name in row.metrics for row in good)]
+    seconds = [name for name in (metrics_of(good).peak, SWING) if all(name in row.metrics for row in good)]
     return [(pareto(good, fronts(good, name)[-MOST_GROUPS:], axes, name), note) for name in seconds]
 
 
@@ -65,8 +67,10 @@ def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:
     groups: dict[tuple[float, str], list[Row]] = {}
     for row in good:
         groups.setdefault((row.payload_kg, row.reference), []).append(row)
+    peak = metrics_of(good).peak
     ranked = [
-        (f"{payload:g} kg, {kind}", rank_correlations(rows, drawn, PEAK)) for (payload, kind), rows in groups.items()
+        (f"{payload:g} kg, {kind}" if with_payload(rows[0]) else kind, rank_correlations(rows, drawn, peak))
+        for (payload, kind), rows in groups.items()
     ]
     ranked = [group for group in ranked if group[1]][-MOST_GROUPS:]
     figures: list[Noted] = [
@@ -77,18 +81,22 @@ def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:
     ]
     if ranked:
         note = "Spearman's rank correlation of each drawn value with the metric: ±1 is a fixed order, 0 no relation."
-        figures.append((tornado(ranked, PEAK), note))
+        figures.append((tornado(ranked, peak), note))
     return figures
 
 
 def _spread(good: Sequence[Row]) -> list[str]:
     """The metrics whose scatter is drawn."""
-    return [m.name for m in shown_in(View.SPREAD) if all(row.metrics.get(m.name) is not None for row in good)]
+    return [
+        m.name
+        for m in shown_in(View.SPREAD, metrics_of(good))
+        if all(row.metrics.get(m.name) is not None for row in good)
+    ]
 
 
 def _over(result: Finished, good: Sequence[Row], axis: SweptAxis) -> Noted:
-    motor = result.machine.motor
-    figure = metrics_over_axis(good, axis, motor.nominal_torque_nm, motor_torque_limit_nm(result.machine))
+    machine = result.machine
+    figure = metrics_over_axis(good, axis, kind_of(machine).looped.nominal(machine), peak_limit(machine))
     several = len(good) > len({(row.payload_kg, row.reference, axis.at(row)) for row in good})
     note = "The line is the worst of the runs at a value, the band all of them." if several else ""
     if len(axis.columns) > 1:
@@ -99,12 +107,12 @@ def _over(result: Finished, good: Sequence[Row], axis: SweptAxis) -> Noted:
 def _over_payload(result: Finished, good: Sequence[Row]) -> Figure:
     machine = result.machine
     payloads = np.array(sorted({row.payload_kg for row in good}))
-    peak = {(row.reference, row.payload_kg): row[PEAK] for row in good}
+    peak = {(row.reference, row.payload_kg): row[metrics_of(good).peak] for row in good}
     held = {row.payload_kg: row["hold_torque_nm"] / machine.motor.count for row in good}
     kinds = dict.fromkeys(row.reference for row in good)
     peaks = {kind: np.array([peak.get((kind, payload), np.nan) for payload in payloads]) for kind in kinds}
     static = np.array([held[payload] for payload in payloads])
-    limit = motor_torque_limit_nm(machine)
+    limit = peak_limit(machine)
     return peak_torque_over_payload(payloads, peaks, machine.motor.nominal_torque_nm, limit, static)
 
 
@@ -113,7 +121,16 @@ def _curves(result: Finished, good: Sequence[Row], axes: Sequence[SweptAxis], dr
     runs, what = _chosen(result, good, axes, drawn)
     if not runs:
         return None
-    motor, limit = result.machine.motor, motor_torque_limit_nm(result.machine)
+    kind = kind_of(result.machine)
+    if kind.looped.position_loop:
+        of = kind, peak_limit(result.machine), result.machine.drive.nominal
+        ramp = _first_ramp(runs[0][1], kind.looped.references[1])
+        short = ramp[0] + 0.3, ramp[1] - 1.3  # what an axis does is soon over
+        start = axis_overview(
+            runs, *of, "Start of the first move", (short[0], max(short[1], 1.5 * short[1] - 0.5 * short[0]))
+        )
+        return [(start, what), (axis_overview(runs, *of, "Closed loop over time"), what)]
+    motor, limit = result.machine.motor, peak_limit(result.machine)
     shaded = "Where a fall of wire is slack the panel of its tension is shaded."
     plane = torque_speed_plane(
         runs, motor.nominal_torque_nm, limit, motor.nominal_speed_rad_s, result.machine.drive.field_weakening
@@ -133,9 +150,9 @@ def _curves(result: Finished, good: Sequence[Row], axes: Sequence[SweptAxis], dr
     ]
 
 
-def _first_ramp(run: Run) -> tuple[float, float]:
+def _first_ramp(run: Run, signal: str = "speed_reference_rad_s") -> tuple[float, float]:
     """From when the reference begins to move to a moment after it has its speed (s)."""
-    speed = np.abs(run["speed_reference_rad_s"])
+    speed = np.abs(run[signal])
     moving = np.flatnonzero(speed > 1e-3 * speed.max())
     if not len(moving):
         return float(run.time_s[0]), float(run.time_s[-1])

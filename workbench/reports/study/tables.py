@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from workbench.kinds import kind_of
 from workbench.metrics import View, shown_in
 from workbench.study.conclude import tables
 from workbench.study.conclude.decide import decision_table
 from workbench.study.conclude.utilisation import utilisation, utilisation_table
 from workbench.study.results.finished import Finished
 from workbench.study.results.labels import field_label, shown
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of
 from workbench.study.variations.varying import drawn_columns, swept_axes
 from workbench.tables import Table, words
 
@@ -37,8 +38,11 @@ def run_tables(rows: Sequence[Row]) -> list[Table]:
     runs = tables.run_table(rows)
     first = len(runs.columns) - tables.metric_columns(rows)
     report = [runs]
-    for view, what in ((View.DRIVE, "The drive"), (View.MOTION, "Motion and wire")):
-        metrics = [metric for metric in shown_in(view) if any(row.metrics.get(metric.name) is not None for row in rows)]
+    judged = metrics_of(rows)
+    for view, what in ((View.DRIVE, "The drive"), (View.MOTION, "Motion and wire" if judged.payload else "Motion")):
+        metrics = [
+            metric for metric in shown_in(view, judged) if any(row.metrics.get(metric.name) is not None for row in rows)
+        ]
         if metrics:
             cells = [[metric.text(row.get(metric.name)) for metric in metrics] for row in rows]
             more = [[*line[:first], *texts] for line, texts in zip(runs.rows, cells, strict=True)]
@@ -50,14 +54,12 @@ def run_tables(rows: Sequence[Row]) -> list[Table]:
 def what_was_run(result: Finished) -> Table:
     """Scenario, machine, versions: enough to run it again."""
     said, manifest, machine = result.scenario, result.manifest, result.machine
-    motor, drive = machine.motor, machine.drive
     failed = sum(not row.ok for row in result.rows)
     payloads = sorted({row.payload_kg for row in result.rows})
     lines = [
         ("machine", f"{machine.name} ({manifest.get('machine_hash', '')})"),
-        ("drive", f"{motor.count} motors of {motor.nominal_torque_nm:g} N m nominal at {motor.nominal_speed_rad_s:g} "
-                  f"rad/s, peak {motor.nominal_torque_nm * drive.overload:g} N m each"),
-        ("payloads", f"{_some(payloads)} kg"),
+        ("drive", kind_of(machine).looped.drive_words(machine)),
+        ("payloads", f"{_some(payloads)} kg" if metrics_of(result.rows).payload else ""),
         ("references", ", ".join(dict.fromkeys(row.reference for row in result.rows))),
         ("moves", _moves(said.get("moves") or [])),
         ("limits", _limits(said.get("limits") or {})),
@@ -93,10 +95,12 @@ def _some(values: Sequence[float]) -> str:
 
 def _moves(moves: Sequence[Mapping[str, Any]]) -> str:
     def one(move: Mapping[str, Any]) -> str:
-        if "speed_m_s" in move:
-            return f"{move['speed_m_s']:g} m/s for {move['for_s']:g} s"
+        for key, unit in (("speed_m_s", "m/s"), ("speed_rad_s", "rad/s")):
+            if key in move:
+                return f"{move[key]:g} {unit} for {move['for_s']:g} s"
         ((key, value),) = move.items()
-        return {"by_m": f"by {value:g} m", "to_m": f"to {value:g} m", "dwell_s": f"rest {value:g} s"}[key]
+        word, _, unit = key.partition("_")
+        return f"{'rest' if word == 'dwell' else word} {value:g} {unit}"
 
     return ", ".join(one(move) for move in moves)
 

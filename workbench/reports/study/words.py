@@ -13,9 +13,9 @@ from workbench.study.conclude.damping import damping_sentence
 from workbench.study.conclude.decide import verdict
 from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.utilisation import alarm, utilisation
-from workbench.study.execute.run import motor_torque_limit_nm
+from workbench.study.execute.run import peak_limit
 from workbench.study.results.finished import Finished
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of
 from workbench.study.scenario.record import Scenario
 from workbench.study.variations.varying import run_in_words, swept_axes
 
@@ -27,7 +27,7 @@ def conclusions(result: Finished) -> list[str]:
     return [
         *(said for said in (verdict(rows), alarm(utilisation(rows, result.machine)), _damping(result)) if said),
         *_against_baseline(good, result.scenario),
-        *sentences(rows, motor_torque_limit_nm(result.machine)),
+        *sentences(rows, peak_limit(result.machine)),
         *_heat(good),
         *_power(good),
         *_wire(good),
@@ -44,7 +44,9 @@ def _damping(result: Finished) -> str | None:
 
 def _against_baseline(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:
     """Of a study that sweeps nothing: what each kind of reference costs, and what it takes off at each payload."""
-    jerk = (scenario.get("limits") or {}).get("jerk_m_s3")
+    limits = scenario.get("limits") or {}
+    turned = limits.get("jerk_rad_s3")
+    jerk, unit = (limits.get("jerk_m_s3"), "m/s³") if turned is None else (turned, "rad/s³")
     by_case = {(row.payload_kg, row.reference): row for row in good if not row.assigned}
     payloads = sorted({payload for payload, reference in by_case if reference == BASELINE})
     texts = []
@@ -53,16 +55,19 @@ def _against_baseline(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[
         pairs = [(payload, by_case[payload, BASELINE], by_case[payload, name]) for payload in both]
         if name == BASELINE or kind.same_time_as or not pairs or (kind.needs_jerk and jerk is None):
             continue
-        limited = f", jerk-limited at {jerk:g} m/s³," if kind.needs_jerk else ""
+        limited = f", jerk-limited at {jerk:g} {unit}," if kind.needs_jerk else ""
         texts.append(f"{kind.words[0].upper()}{kind.words[1:]}{limited} {_price(pairs)}.")
     return texts
 
 
 def _price(pairs: Sequence[tuple[float, Row, Row]]) -> str:
     longer = [(row["move_time_s"] - base["move_time_s"]) / row["moves"] for _, base, row in pairs]
+    judged = metrics_of([row for _, _, row in pairs])
+    peak = judged.by_name[judged.peak]
     off = [
-        f"{100.0 * (1.0 - row['peak_torque_motor_nm'] / base['peak_torque_motor_nm']):.1f} % off the torque peak at "
-        f"{payload:g} kg ({base['peak_torque_motor_nm']:.0f} → {row['peak_torque_motor_nm']:.0f} N m per motor)"
+        f"{100.0 * (1.0 - row[peak.name] / base[peak.name]):.1f} % off the {judged.input_words} peak "
+        f"{f'at {payload:g} kg ' if judged.payload else ''}"
+        f"({peak.text(base[peak.name])} → {peak.text(row[peak.name])} {judged.input_unit})"
         for payload, base, row in pairs
     ]
     costs = f"{min(longer):.2g}" if max(longer) - min(longer) < 0.005 else f"{min(longer):.2g} to {max(longer):.2g}"
@@ -74,6 +79,8 @@ def _heat(good: Sequence[Row]) -> list[str]:
     if not known:
         return []
     hot = max(known, key=lambda row: row["thermal_load_percent"])
+    if not metrics_of(known).payload:
+        return [_axis_heat(hot, good)]
     load, seconds = hot["thermal_load_percent"], hot["i2t_s"]
     where = run_in_words(hot, swept_axes(good))
     above = max(row["overload_time_s"] for row in known)
@@ -84,6 +91,14 @@ def _heat(good: Sequence[Row]) -> list[str]:
     else:
         text += ": the cycle can be repeated without end"
     return [f"{text}. One motor is above its nominal torque for up to {above:.2g} s of it."]
+
+
+def _axis_heat(hot: Row, good: Sequence[Row]) -> str:
+    load = hot["thermal_load_percent"]
+    over = "more than it bears without end" if load > 100.0 else "the cycle can be repeated without end"
+    return (
+        f"The drive's thermal load is at most {load:.0f} % of nominal ({run_in_words(hot, swept_axes(good))}): {over}."
+    )
 
 
 def _power(good: Sequence[Row]) -> list[str]:
@@ -100,7 +115,7 @@ def _power(good: Sequence[Row]) -> list[str]:
 
 
 def _wire(good: Sequence[Row]) -> list[str]:
-    if not good:
+    if not good or not metrics_of(good).payload:
         return []
     most = max(good, key=lambda row: row["max_wire_tension_n"])
     least = min(good, key=lambda row: row["min_wire_tension_n"])

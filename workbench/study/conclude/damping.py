@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from workbench.kinds import load_of
-from workbench.machine import Hoist
+from workbench.machine import Axis, Hoist
 from workbench.references import BASELINE
 from workbench.study.execute.run import run_study
 from workbench.study.results.row import Row
@@ -19,7 +19,7 @@ HARDLY = 2.0  # points that a saving may move and still hang little on the dampi
 _ONLY_METRICS: dict[str, Any] = {"outputs": {"signals": "none"}, "sweep": None, "sample": None}
 
 
-def ringing_study(scenario: Scenario, machine: Hoist, *, ringing: bool) -> Study:
+def ringing_study(scenario: Scenario, machine: Hoist | Axis, *, ringing: bool) -> Study:
     """The scenario at its heaviest payload, without sweep or sample; on a wire that rings, or on its own."""
     heaviest = max(scenario.payloads_kg or (0.0,))
     changes: dict[str, Any] = {**_ONLY_METRICS, "payloads_kg": (heaviest,)}
@@ -33,13 +33,16 @@ def ringing_study(scenario: Scenario, machine: Hoist, *, ringing: bool) -> Study
     return plan_study(changed(scenario, changes), machine)
 
 
-def damping_sentence(scenario: Scenario, machine: Hoist) -> str | None:
+def damping_sentence(scenario: Scenario, machine: Hoist | Axis) -> str | None:
     """What a wire that rings makes of the answer; None for a study without a trapezoid or another planned reference,
     on another plant, or on a wire that rings itself."""
     others = [kind for kind in scenario.planned_kinds if kind != BASELINE]
     if BASELINE not in scenario.planned_kinds or not others or scenario.plant != "lumped":
         return None
     if any(not isinstance(reference, str) for reference in scenario.references) or scenario.start_position_m is None:
+        return None
+    nominal = load_of(machine, max(scenario.payloads_kg or (0.0,)))
+    if nominal is None or not nominal.hangs:
         return None
     own = ringing_study(scenario, machine, ringing=False)
     payload = max(scenario.payloads_kg or (0.0,))

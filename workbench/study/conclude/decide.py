@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from workbench.metrics import Metric, View, find, shown_in
+from workbench.metrics import Metric, MetricSet, View, set_with, shown_in
 from workbench.references import planned_kinds
 from workbench.study.conclude.tables import metric_heads, metric_note
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of
 from workbench.study.variations.varying import set_in
 from workbench.tables import Table, words
 
-TIME, PEAK = "move_time_s", "peak_torque_motor_nm"
+TIME = "move_time_s"
 BEST = "★"
 SAME_TIME_S, SAME_PEAK = 5e-3, 2e-3  # a smaller difference in time (s), in peak (relative) decides nothing
 
@@ -23,10 +23,16 @@ class Choice:
 
     reference: str
     values: dict[str, float]
+    judged: MetricSet = field(default_factory=lambda: set_with(()))
+
+    @property
+    def peak(self) -> float:
+        """The largest input."""
+        return self.values[self.judged.peak]
 
     def beats(self, other: Choice) -> bool:
         """As quick and as low in peak, and one of the two by more than what decides nothing."""
-        time, peak = other.values[TIME] - self.values[TIME], 1.0 - self.values[PEAK] / other.values[PEAK]
+        time, peak = other.values[TIME] - self.values[TIME], 1.0 - self.peak / other.peak
         return time > -SAME_TIME_S and peak > -SAME_PEAK and (time > SAME_TIME_S or peak > SAME_PEAK)
 
 
@@ -38,14 +44,17 @@ def choices(rows: Sequence[Row]) -> list[Choice]:
     kinds = list(dict.fromkeys(row.reference for row in good))
     loads = [{row.payload_kg for row in good if row.reference == kind} for kind in kinds]
     common = set.intersection(*loads) if loads else set()
-    names = dict.fromkeys([TIME, PEAK, *(metric.name for metric in shown_in(View.DECISION))])
+    judged = metrics_of(rows)
+    names = dict.fromkeys([TIME, judged.peak, *(metric.name for metric in shown_in(View.DECISION, judged))])
     fair = [row for row in good if row.payload_kg in common]
     of_kind = {kind: [row for row in fair if row.reference == kind] for kind in kinds}
-    return [Choice(kind, {n: _worst(own, n) for n in names}) for kind, own in of_kind.items() if own]
+    return [
+        Choice(kind, {n: _worst(own, judged.by_name[n]) for n in names}, judged) for kind, own in of_kind.items() if own
+    ]
 
 
-def _worst(rows: Sequence[Row], name: str) -> float:
-    return float(find(name).worst([row.get(name) for row in rows]))
+def _worst(rows: Sequence[Row], metric: Metric) -> float:
+    return float(metric.worst([row.get(metric.name) for row in rows]))
 
 
 def decision_table(rows: Sequence[Row]) -> Table | None:
@@ -53,11 +62,20 @@ def decision_table(rows: Sequence[Row]) -> Table | None:
     compared = choices(rows)
     if len(compared) < 2:
         return None
-    metrics = [m for m in shown_in(View.DECISION) if all(c.values[m.name] == c.values[m.name] for c in compared)]
-    best = {m.name: m.worst([-c.values[m.name] for c in compared]) for m in metrics}
-    lines = [[c.reference, *(_cell(m, c.values[m.name], -best[m.name]) for m in metrics)] for c in compared]
-    note = f"The worst of the payloads; {BEST}: the best of the column. {metric_note(metrics)}"
+    metrics = [
+        m
+        for m in shown_in(View.DECISION, metrics_of(rows))
+        if all(c.values[m.name] == c.values[m.name] for c in compared)
+    ]
+    best = {m.name: _best(m, [c.values[m.name] for c in compared]) for m in metrics}
+    lines = [[c.reference, *(_cell(m, c.values[m.name], best[m.name]) for m in metrics)] for c in compared]
+    worst = "The worst of the payloads; " if metrics_of(rows).payload else ""
+    note = f"{worst}{BEST}: the best of the column. {metric_note(metrics)}"
     return Table([words("reference"), *metric_heads(metrics)], lines, note)
+
+
+def _best(metric: Metric, values: Sequence[float]) -> float:
+    return min(values, key=abs) if metric.better == "zero" else -metric.worst([-value for value in values])
 
 
 def _cell(metric: Metric, value: float, best: float) -> str:
@@ -75,16 +93,18 @@ def verdict(rows: Sequence[Row], beside: Sequence[Row] = ()) -> str | None:
     if len(compared) < 2:
         return None
     front = sorted((c for c in compared if not any(o.beats(c) for o in compared)), key=lambda c: c.values[TIME])
-    beaten = [c for c in compared if c not in front]
-    quickest, lowest = front[0], min(front, key=lambda c: c.values[PEAK])
+    beaten, judged = [c for c in compared if c not in front], compared[0].judged
+    quickest, lowest = front[0], min(front, key=lambda c: c.peak)
     if quickest.values[TIME] >= lowest.values[TIME] - SAME_TIME_S:
-        said = f"Take {name_of(lowest)}: none is quicker, and its torque peak of {_peak(lowest)} is the lowest"
+        what = f"its {judged.input_words} peak of {_peak(lowest)}"
+        said = f"Take {name_of(lowest)}: none is quicker, and {what} is the lowest"
     else:
         longer = lowest.values[TIME] - quickest.values[TIME]
-        less = 100.0 * (1.0 - lowest.values[PEAK] / quickest.values[PEAK])
+        more = f"{longer:{_seconds(quickest)}} s more"
+        less = 100.0 * (1.0 - lowest.peak / quickest.peak)
         said = (
-            f"Take {name_of(quickest)} where time counts ({quickest.values[TIME]:.1f} s, peak {_peak(quickest)}), "
-            f"{name_of(lowest)} where the peak does: {less:.1f} % less ({_peak(lowest)}) for {longer:.1f} s more"
+            f"Take {name_of(quickest)} where time counts ({_time(quickest)} s, peak {_peak(quickest)}), "
+            f"{name_of(lowest)} where the peak does: {less:.1f} % less ({_peak(lowest)}) for {more}"
         )
     if beaten:
         names = ", ".join(name_of(c) for c in beaten)
@@ -105,18 +125,21 @@ def _better_beside(taken: Sequence[Choice], rows: Sequence[Row], beside: Sequenc
                 rivals.append((row, same[0]))
         if not rivals:
             continue
-        row, mine = min(rivals, key=lambda pair: pair[0][PEAK])
-        quicker, lower = mine[TIME] - row[TIME], mine[PEAK] - row[PEAK]
+        row, mine = min(rivals, key=lambda pair: pair[0][choice.judged.peak])
+        of, unit = choice.judged.peak, choice.judged.input_unit
+        where = f"at {row.payload_kg:g} kg " if choice.judged.payload else ""
+        quicker, lower = mine[TIME] - row[TIME], mine[of] - row[of]
         other = "" if row.reference == choice.reference else f" than {name_of(choice)}"
         said.append(
-            f"; at {row.payload_kg:g} kg {name_of(_values(row))} would do better{other} at {set_in(row)}: "
-            f"{quicker:.1f} s quicker, {lower:.0f} N m per motor lower"
+            f"; {where}{name_of(_values(row))} would do better{other} at {set_in(row)}: "
+            f"{quicker:{_seconds(choice)}} s quicker, {lower:.0f} {unit} lower"
         )
     return "".join(said)
 
 
 def _values(row: Row) -> Choice:
-    return Choice(row.reference, {TIME: row[TIME], PEAK: row[PEAK]})
+    judged = metrics_of([row])
+    return Choice(row.reference, {TIME: row[TIME], judged.peak: row[judged.peak]}, judged)
 
 
 def name_of(choice: Choice) -> str:
@@ -128,4 +151,13 @@ def name_of(choice: Choice) -> str:
 
 
 def _peak(choice: Choice) -> str:
-    return f"{choice.values[PEAK]:.0f} N m per motor"
+    return f"{choice.judged.by_name[choice.judged.peak].text(choice.peak)} {choice.judged.input_unit}"
+
+
+def _time(choice: Choice) -> str:
+    return f"{choice.values[TIME]:{_seconds(choice)}}"
+
+
+def _seconds(choice: Choice) -> str:
+    """Tenths for a hoist; an axis' moves are short."""
+    return ".1f" if choice.judged.payload else ".3g"

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from workbench.errors import InputError, nearest
 from workbench.run import Array
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of
 
 NEAR = 1e-9
 
@@ -59,14 +59,16 @@ def knee(first: Array, second: Array) -> int | None:
 
 
 def fronts(
-    rows: Sequence[Row], second: str = "peak_torque_motor_nm", first: str = "move_time_s", *, by_reference: bool = False
+    rows: Sequence[Row], second: str = "", first: str = "move_time_s", *, by_reference: bool = False
 ) -> list[Front]:
     """The front of each payload: all references against one another, or each by itself.
 
-    first, second: metrics to be kept small; `wire_tension_swing_n` is max_wire_tension_n − min_wire_tension_n where
-    the rows have no such metric. Failed runs are left out. InputError for a metric that the rows do not have.
+    first, second: metrics to be kept small, without a second the largest torque or force; `wire_tension_swing_n` is
+    max_wire_tension_n − min_wire_tension_n where the rows have no such metric. Failed runs are left out. InputError
+    for a metric that the rows do not have.
     """
     good = [row for row in rows if row.ok]
+    second = second or metrics_of(rows).peak
     groups: dict[tuple[float, str], list[Row]] = {}
     for row in good:
         groups.setdefault((row.payload_kg, row.reference if by_reference else ""), []).append(row)

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 from workbench.references import BASELINE, planned_kinds
 from workbench.study.conclude.variation_sentences import against_baseline, effects, knees, scatter, span, sweeps_limits
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of
 from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_words, swept_axes
 
 MOST_FAILED = 5
-ASTRAY_M = 0.05
+ASTRAY_M = 0.05  # of a hoist
 AT_THE_LIMIT = 0.85  # rms over limit: three quarters of the time are spent there
 
 SWINGS_PER_S = 2.0  # of motion, each by more than nominal torque: no motion asks for that, a loop that hunts does
@@ -21,7 +21,7 @@ MOST_SWINGS = 10.0  # fewer may come of a single event, such as a wire that tigh
 def sentences(rows: Sequence[Row], torque_limit_nm: float) -> list[str]:
     """Conclusions computed from the rows; the first is the answer to the study's question.
 
-    torque_limit_nm: the largest torque of one motor.
+    torque_limit_nm: the largest torque of one motor; of an axis the largest force or torque, inf where none is stated.
     """
     good = [row for row in rows if row.ok]
     axes = swept_axes(rows)
@@ -55,36 +55,37 @@ def _comparison(good: Sequence[Row]) -> list[str]:
         if base is None:
             continue
         texts: list[str] = []
+        row_set = metrics_of(good)
         for name, kind in planned_kinds().items():
             row = by_case.get((payload, name))
             if row is None or name == BASELINE:
                 continue
             if kind.same_time_as:
-                start = "In" if texts else f"At {payload:g} kg, in"
+                start = "In" if texts or not row_set.payload else f"At {payload:g} kg, in"
                 texts.append(f"{start} the {kind.same_time_as}'s own time {kind.words} {_effect(row, base)}.")
                 continue
             longer = (row["move_time_s"] - base["move_time_s"]) / row["moves"]
             time = f"{abs(longer):.2g} s {'longer' if longer >= 0.0 else 'less'} per move"
-            texts.append(f"At {payload:g} kg {kind.words} takes {time}, {_effect(row, base)}.")
+            said = f"{kind.words} takes {time}, {_effect(row, base)}."
+            texts.append(f"At {payload:g} kg {said}" if row_set.payload else f"{said[0].upper()}{said[1:]}")
         if texts:
             return texts
     if not good:
         return []
-    worst = max(good, key=lambda row: row["peak_torque_motor_nm"])
-    return [
-        f"The largest torque peak is {worst['peak_torque_motor_nm']:.0f} N m per motor "
-        f"({worst['peak_torque_percent']:.0f} % of nominal), with {worst.reference} at {worst.payload_kg:g} kg."
-    ]
+    judged = metrics_of(good)
+    worst = max(good, key=lambda row: row[judged.peak])
+    peak = f"{judged.by_name[judged.peak].text(worst[judged.peak])} {judged.input_unit}"
+    share = f" ({worst['peak_torque_percent']:.0f} % of nominal)" if judged.payload else ""
+    where = f" at {worst.payload_kg:g} kg" if judged.payload else ""
+    return [f"The largest {judged.input_words} peak is {peak}{share}, with {worst.reference}{where}."]
 
 
 def _effect(row: Row, base: Row) -> str:
-    peak = _change(row["peak_torque_above_static_nm"], base["peak_torque_above_static_nm"])
-    error = _change(row["speed_error_max_rad_s"], base["speed_error_max_rad_s"])
-    return (
-        f"{_verb(peak)} the torque peak above static "
-        f"({base['peak_torque_above_static_nm']:.0f} → {row['peak_torque_above_static_nm']:.0f} N m) and "
-        f"{_verb(error)} the largest speed error"
-    )
+    judged = metrics_of([row])
+    above = judged.by_name[judged.above]
+    peak, error = (_change(row[name], base[name]) for name in (judged.above, judged.error))
+    change = f"({above.text(base[above.name])} → {above.text(row[above.name])} {above.unit})"
+    return f"{_verb(peak)} the {above.label} {change} and {_verb(error)} the {judged.error_words}"
 
 
 def _change(value: float, base: float) -> float:
@@ -102,15 +103,18 @@ def _verb(percent: float) -> str:
 def _limits(good: Sequence[Row], torque_limit_nm: float, axes: Sequence[SweptAxis]) -> list[str]:
     if any("drive." in column or "motor." in column for row in good[:1] for column in row.assigned):
         return []  # each run has a limit of its own
-    at_limit = [row for row in good if row["peak_torque_motor_nm"] >= torque_limit_nm * (1.0 - 1e-9)]
+    judged = metrics_of(good)
+    at_limit = [row for row in good if row[judged.peak] >= torque_limit_nm * (1.0 - 1e-9)]
     if not at_limit:
         return []
-    said = [f"The torque limit of {torque_limit_nm:.0f} N m per motor is reached{_which(at_limit, good, axes)}."]
-    stuck = [row for row in at_limit if row["rms_torque_motor_nm"] >= AT_THE_LIMIT * torque_limit_nm]
+    limit = f"{judged.by_name[judged.peak].text(torque_limit_nm)} {judged.input_unit}"
+    said = [f"The {judged.input_words} limit of {limit} is reached{_which(at_limit, good, axes)}."]
+    stuck = [row for row in at_limit if row[judged.rms] >= AT_THE_LIMIT * torque_limit_nm]
     if stuck:
         said.append(
-            f"The torque is at its limit, one way or the other, nearly all the time{_which(stuck, good, axes)}: the "
-            "loop swings from limit to limit, or the motors cannot carry the load. Such a run is ok only in that it "
+            f"The {judged.input_words} is at its limit, one way or the other, nearly all the time"
+            f"{_which(stuck, good, axes)}: the loop swings from limit to limit, or the "
+            f"{'motors cannot' if judged.payload else 'drive cannot'} carry the load. Such a run is ok only in that it "
             "came to its end."
         )
     return said
@@ -129,7 +133,7 @@ def _hunting(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
 
 
 def _slack(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
-    slack = [row for row in good if row["slack_time_s"] > 0.0]
+    slack = [row for row in good if row.get("slack_time_s") > 0.0]
     if not slack:
         return []
     longest = max(slack, key=lambda row: row["slack_time_s"])
@@ -141,16 +145,24 @@ def _slack(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
     ]
 
 
+def is_astray(row: Row) -> bool:
+    """Whether a run ends where its reference does not."""
+    judged = metrics_of([row])
+    return abs(row[judged.end]) > judged.astray * (row[judged.window] if judged.window else 1.0)
+
+
 def _astray(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
     """Runs that do not end where they should."""
-    astray = [row for row in good if abs(row["position_error_end_m"]) > ASTRAY_M]
+    astray = [row for row in good if is_astray(row)]
     if not astray:
         return []
-    worst = max(astray, key=lambda row: abs(row["position_error_end_m"]))
-    error = worst["position_error_end_m"]
+    judged = metrics_of(good)
+    worst = max(astray, key=lambda row: abs(row[judged.end]))
+    error, metric = worst[judged.end], judged.by_name[judged.end]
+    amount = f"{abs(error):.2f} m" if judged.payload else f"{metric.text(abs(error))} {metric.shown_unit}"
     return [
-        f"The carriage does not end where its reference does{_which(astray, good, axes)}; farthest off "
-        f"{_name(worst, axes)}, {abs(error):.2f} m {'above' if error > 0.0 else 'below'} it."
+        f"The {judged.moved} does not end where its reference does{_which(astray, good, axes)}; farthest off "
+        f"{_name(worst, axes)}, {amount} {judged.sides[0] if error > 0.0 else judged.sides[1]} it."
     ]
 
 

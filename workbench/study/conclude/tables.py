@@ -12,7 +12,7 @@ import numpy as np
 
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.results.labels import field_label, shown
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of, with_payload
 from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_words, swept_axes
 from workbench.tables import Column, Table, words
 
@@ -24,7 +24,13 @@ _SHARES = (0.0, *QUANTILES, 1.0)
 _NAMES = ("least", "5 %", "median", "95 %", "most")
 
 
-_CASE = (Column("payload", "kg"), words("reference"))
+def _case(rows: Sequence[Row]) -> list[Column]:
+    """Payload, where the machine carries one, and reference."""
+    return [*([Column("payload", "kg")] if metrics_of(rows).payload else []), words("reference")]
+
+
+def _case_cells(row: Row) -> list[str]:
+    return [*([f"{row.payload_kg:g}"] if with_payload(row) else []), row.reference]
 
 
 def run_table(rows: Sequence[Row]) -> Table:
@@ -39,9 +45,9 @@ def run_table(rows: Sequence[Row]) -> Table:
         if not row.ok and cells:
             cells[0] = "failed"
         values = [shown(row.assigned.get(name, "")) for name in swept]
-        lines.append([f"{row.payload_kg:g}", row.reference, *values, *cells])
+        lines.append([*_case_cells(row), *values, *cells])
     fields = [_field_column(name, rows) for name in swept]
-    return Table([*_CASE, *fields, *metric_heads(columns)], lines, metric_note(columns))
+    return Table([*_case(rows), *fields, *metric_heads(columns)], lines, metric_note(columns))
 
 
 def metric_columns(rows: Sequence[Row]) -> int:
@@ -50,7 +56,7 @@ def metric_columns(rows: Sequence[Row]) -> int:
 
 
 def _columns(rows: Sequence[Row]) -> tuple[Metric, ...]:
-    return shown_in(View.SWEPT_RUNS if _swept(rows) else View.RUNS)
+    return shown_in(View.SWEPT_RUNS if _swept(rows) else View.RUNS, metrics_of(rows))
 
 
 def _swept(rows: Sequence[Row]) -> list[str]:
@@ -68,35 +74,37 @@ def _field_column(field: str, rows: Sequence[Row]) -> Column:
 
 def quantile_table(rows: Sequence[Row]) -> Table:
     """Five lines for each payload and reference; of failed runs their number only."""
-    columns = shown_in(View.QUANTILES)
+    columns = shown_in(View.QUANTILES, metrics_of(rows))
     groups: dict[tuple[float, str], list[Row]] = {}
     for row in rows:
         groups.setdefault((row.payload_kg, row.reference), []).append(row)
     lines = []
-    for (payload, reference), members in groups.items():
+    for members in groups.values():
         good = [row for row in members if row.ok]
         failed = len(members) - len(good)
         number = f"{len(good)}" if not failed else f"{len(good)} + {failed} failed"
         if not good:
-            lines.append([f"{payload:g}", reference, number, "", *("–" for _ in columns)])
+            lines.append([*_case_cells(members[0]), number, "", *("–" for _ in columns)])
             continue
         for k, (name, share) in enumerate(zip(_NAMES, _SHARES, strict=True)):
-            start = [f"{payload:g}", reference, number] if k == 0 else ["", "", ""]
+            case = [*_case_cells(members[0]), number]
+            start = case if k == 0 else [""] * len(case)
             cells = [
                 metric.text(float(np.quantile([row.get(metric.name) for row in good], share))) for metric in columns
             ]
             lines.append([*start, name, *cells])
+    each = "payload and reference" if metrics_of(rows).payload else "reference"
     note = (
-        "Of each payload and reference the smallest value, the 5 %, 50 % and 95 % quantiles and the largest value of "
-        f"each column for itself. {metric_note(columns)}"
+        f"Of each {each} the smallest value, the 5 %, 50 % and 95 % quantiles and the largest value of each column for "
+        f"itself. {metric_note(columns)}"
     )
-    return Table([*_CASE, Column("runs"), words("quantile"), *metric_heads(columns)], lines, note)
+    return Table([*_case(rows), Column("runs"), words("quantile"), *metric_heads(columns)], lines, note)
 
 
 def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> Table:
     """The runs at the ends of what matters; where all runs are alike no line."""
     good = [row for row in rows if row.ok]
-    columns = shown_in(View.EXTREMES)
+    columns = shown_in(View.EXTREMES, metrics_of(rows))
     lines = []
     for metric in columns:
         known = [row for row in good if np.isfinite(row.get(metric.name))]

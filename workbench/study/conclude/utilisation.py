@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
+from workbench.machine import Axis, Hoist
+from workbench.metrics import set_of
 from workbench.study.conclude.sentences import ASTRAY_M, SWINGS_PER_S, hunts, swings_per_s
-from workbench.study.execute.run import motor_torque_limit_nm
+from workbench.study.execute.run import peak_limit
 from workbench.study.results.row import Row
-from workbench.study.variations.varying import run_in_words, swept_axes
+from workbench.study.variations.varying import SweptAxis, run_in_words, swept_axes
 from workbench.tables import Column, Table, words
 
 Light = Literal["green", "amber", "red"]
@@ -34,35 +37,71 @@ class Use:
         return "red" if self.percent >= RED else "amber" if self.percent > AMBER else "green"
 
 
-def utilisation(rows: Sequence[Row], machine: Hoist) -> list[Use]:
+def utilisation(rows: Sequence[Row], machine: Hoist | Axis) -> list[Use]:
     """Torque peak, rms torque, overload, speed, wire, place of the stop; those that the runs know."""
     good, axes = [row for row in rows if row.ok], swept_axes(rows)
-    limit, nominal, drive = motor_torque_limit_nm(machine), machine.motor.nominal_torque_nm, machine.drive
-    overspeed = OVERSPEED if drive.field_weakening else 1.0
-    fastest = f"{overspeed:g} times nominal speed, {overspeed * machine.motor.nominal_speed_rad_s:.4g} rad/s"
-    shares = (
-        ("torque peak", "peak_torque_motor_nm", 100.0 / limit, f"the limit of {limit:.0f} N m per motor"),
-        ("rms torque", "rms_torque_motor_nm", 100.0 / nominal, f"nominal torque, {nominal:g} N m, without end"),
-        ("overload", "overload_use_percent", 1.0, f"{100 * drive.overload:.0f} % for {drive.overload_time_s:g} s"),
-        ("motor speed", "peak_speed_percent", 1.0 / overspeed, fastest),
-        ("place of the stop", "position_error_end_m", 100.0 / ASTRAY_M, f"{1000 * ASTRAY_M:g} mm from the reference"),
-    )
+    shares = _SHARES.get(kind_of(machine).name, _axis_shares)(machine)
     uses = []
     for what, name, scale, bound in shares:
         known = [row for row in good if row.metrics.get(name) is not None]
         if known:
             worst = max(known, key=lambda row: abs(row[name]))
             uses.append(Use(what, scale * abs(worst[name]), bound, run_in_words(worst, axes)))
-    if hunting := [row for row in good if hunts(row)]:
-        worst = max(hunting, key=swings_per_s)
-        bound = f"{SWINGS_PER_S:g} a second of motion, each by more than nominal torque: the loop hunts"
-        uses.append(Use("torque swings", 100.0 * swings_per_s(worst) / SWINGS_PER_S, bound, run_in_words(worst, axes)))
+    return [*uses, *_hunting(good, axes), *_wire(good, axes)]
+
+
+Share = tuple[str, str, float, str]  # what, metric, per cent per unit of it, of what
+
+
+def _hoist_shares(machine: Any) -> tuple[Share, ...]:
+    limit, nominal, drive = peak_limit(machine), machine.motor.nominal_torque_nm, machine.drive
+    overspeed = OVERSPEED if drive.field_weakening else 1.0
+    fastest = f"{overspeed:g} times nominal speed, {overspeed * machine.motor.nominal_speed_rad_s:.4g} rad/s"
+    return (
+        ("torque peak", "peak_torque_motor_nm", 100.0 / limit, f"the limit of {limit:.0f} N m per motor"),
+        ("rms torque", "rms_torque_motor_nm", 100.0 / nominal, f"nominal torque, {nominal:g} N m, without end"),
+        ("overload", "overload_use_percent", 1.0, f"{100 * drive.overload:.0f} % for {drive.overload_time_s:g} s"),
+        ("motor speed", "peak_speed_percent", 1.0 / overspeed, fastest),
+        ("place of the stop", "position_error_end_m", 100.0 / ASTRAY_M, f"{1000 * ASTRAY_M:g} mm from the reference"),
+    )
+
+
+def _axis_shares(machine: Any) -> tuple[Share, ...]:
+    """Of what the drive states: its limit, what it gives without end, its top speed."""
+    drive, kind, judged = machine.drive, kind_of(machine), set_of(kind_of(machine).name)
+    unit, word = kind.drive.unit, kind.drive.quantity
+    fastest = next(name for name in judged.by_name if name.startswith(("peak_velocity", "peak_speed")))
+    shares: list[Share] = []
+    if math.isfinite(drive.limit):
+        shares.append((f"{word} peak", judged.peak, 100.0 / drive.limit, f"the limit of {drive.limit:g} {unit}"))
+    if drive.nominal is not None:
+        without_end = f"nominal {word}, {drive.nominal:g} {unit}, without end"
+        shares.append((f"rms {word}", judged.rms, 100.0 / drive.nominal, without_end))
+    if drive.top_speed is not None:
+        bound = f"the top speed, {drive.top_speed:g} {kind.moved.speed_unit}"
+        shares.append(("speed", fastest, 100.0 / drive.top_speed, bound))
+    return tuple(shares)
+
+
+_SHARES: dict[str, Callable[[Any], tuple[Share, ...]]] = {"hoist": _hoist_shares}
+
+
+def _hunting(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[Use]:
+    hunting = [row for row in good if hunts(row)]
+    if not hunting:
+        return []
+    worst = max(hunting, key=swings_per_s)
+    bound = f"{SWINGS_PER_S:g} a second of motion, each by more than nominal torque: the loop hunts"
+    return [Use("torque swings", 100.0 * swings_per_s(worst) / SWINGS_PER_S, bound, run_in_words(worst, axes))]
+
+
+def _wire(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[Use]:
     factors = [row for row in good if (row.metrics.get("wire_safety_factor") or 0.0) > 0.0]
-    if factors:
-        worst = min(factors, key=lambda row: row["wire_safety_factor"])
-        bound = f"a safety factor of {WIRE_SAFETY:g} (ISO 4308-1, M5)"
-        uses.append(Use("wire", 100.0 * WIRE_SAFETY / worst["wire_safety_factor"], bound, run_in_words(worst, axes)))
-    return uses
+    if not factors:
+        return []
+    worst = min(factors, key=lambda row: row["wire_safety_factor"])
+    bound = f"a safety factor of {WIRE_SAFETY:g} (ISO 4308-1, M5)"
+    return [Use("wire", 100.0 * WIRE_SAFETY / worst["wire_safety_factor"], bound, run_in_words(worst, axes))]
 
 
 def utilisation_table(uses: Sequence[Use]) -> Table:

@@ -11,10 +11,9 @@ from workbench.references import BASELINE, planned_kinds
 from workbench.study.conclude.pareto import Front, fronts
 from workbench.study.conclude.rank import rank_correlations
 from workbench.study.results.labels import metric_label, shown
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of
 from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_words, swept_axes
 
-PEAK, ERROR = "peak_torque_motor_nm", "speed_error_max_rad_s"
 NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
 MOST_FRONTS = 3
 
@@ -24,12 +23,14 @@ def span(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
     if not good:
         return []
     texts = []
-    for metric in (PEAK, ERROR):
-        low, high = (choose(good, key=lambda row: row[metric]) for choose in (min, max))
-        what = metric_label(metric)
+    judged = metrics_of(good)
+    for name in (judged.peak, judged.error):
+        low, high = (choose(good, key=lambda row: row[name]) for choose in (min, max))
+        metric = judged.by_name[name]
         texts.append(
-            f"Over {len(good)} runs the {what.words} goes from {low[metric]:.3g} {what.unit} "
-            f"({run_in_words(low, axes)}) to {high[metric]:.3g} {what.unit} ({run_in_words(high, axes)})."
+            f"Over {len(good)} runs the {metric.label} goes from {metric.scale * low[name]:.3g} {metric.shown_unit} "
+            f"({run_in_words(low, axes)}) to {metric.scale * high[name]:.3g} {metric.shown_unit} "
+            f"({run_in_words(high, axes)})."
         )
     return texts
 
@@ -50,9 +51,11 @@ def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float) -> Iterator
         return
     points = list(groups)
     several = max(map(len, groups.values())) > 1
-    where = f"at {payload_kg:g} kg" + (", the worst runs," if several else "")
+    judged = metrics_of(rows)
+    at = f"at {payload_kg:g} kg" if judged.payload else ""
+    where = f"{at}, the worst runs," if several and at else "in the worst runs" if several else at
     parts, same = [], []
-    for metric in shown_in(View.SENTENCES):
+    for metric in shown_in(View.SENTENCES, judged):
         if not all(row.metrics.get(metric.name) is not None for row in rows):
             continue
         values = [metric.scale * metric.worst([row[metric.name] for row in groups[point]]) for point in points]
@@ -62,7 +65,7 @@ def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float) -> Iterator
             same.append(metric.label)
     if not parts:
         to = f"the worst runs' {listed(same)}; single runs may differ" if several else listed(same)
-        yield f"{axis.words.capitalize()} makes no difference at {payload_kg:g} kg to {to}."
+        yield f"{axis.words.capitalize()} makes no difference {f'{at} ' if at else ''}to {to}."
         return
     start = f"{axis.words.capitalize()} from {axis.short(points[0])} to {axis.short(points[-1])}"
     yield f"{start if axis.numeric else axis.words.capitalize()}: {where} {listed(parts)}."
@@ -92,8 +95,9 @@ def sweeps_limits(rows: Sequence[Row]) -> bool:
     return any(".limits." in column for axis in swept_axes(rows) for column in axis.columns)
 
 
-def knees(good: Sequence[Row], axes: Sequence[SweptAxis], second: str = PEAK) -> list[str]:
-    """Where the fronts of move time against torque turn, and what the ends of them cost."""
+def knees(good: Sequence[Row], axes: Sequence[SweptAxis], second: str = "") -> list[str]:
+    """Where the fronts of move time against the peak (or `second`) turn, and what the ends of them cost."""
+    second = second or metrics_of(good).peak
     texts = [_knee(front, axes) for front in fronts(good, second) if front.knee is not None]
     return texts[-MOST_FRONTS:]
 
@@ -103,15 +107,18 @@ def _knee(front: Front, axes: Sequence[SweptAxis]) -> str:
     assert knee is not None
     what = metric_label(front.costs[1])
     cost = {id(row): row[front.costs[1]] for row in (knee, fast, slow)}
+    s = ".1f" if metrics_of([knee]).payload else ".3g"  # an axis' moves are short
+    f = ".0f" if metrics_of([knee]).payload else ".4g"
     longer = knee["move_time_s"] - fast["move_time_s"]
     off = 100.0 * (1.0 - cost[id(knee)] / cost[id(fast)])
     setting = ", ".join(axis.say(axis.at(knee)) for axis in axes)
+    load = f"At {front.payload_kg:g} kg the" if metrics_of([knee]).payload else "The"
     return (
-        f"At {front.payload_kg:g} kg the knee of move time against {what.words} is {knee.reference} with {setting}: "
-        f"{knee['move_time_s']:.1f} s and {cost[id(knee)]:.0f} {what.unit}. Against the fastest run, "
-        f"{fast['move_time_s']:.1f} s and {cost[id(fast)]:.0f} {what.unit}, it costs "
+        f"{load} knee of move time against {what.words} is {knee.reference} with {setting}: "
+        f"{knee['move_time_s']:{s}} s and {cost[id(knee)]:{f}} {what.unit}. Against the fastest run, "
+        f"{fast['move_time_s']:{s}} s and {cost[id(fast)]:{f}} {what.unit}, it costs "
         f"{longer / knee['moves']:.2g} s per move and takes {off:.0f} % off; the gentlest needs "
-        f"{slow['move_time_s']:.1f} s for {cost[id(slow)]:.0f} {what.unit}."
+        f"{slow['move_time_s']:{s}} s for {cost[id(slow)]:{f}} {what.unit}."
     )
 
 
@@ -125,11 +132,14 @@ def scatter(good: Sequence[Row]) -> list[str]:
     for (payload, reference), rows in groups.items():
         if len(rows) < 3:
             continue
-        peak = [row[PEAK] for row in rows]
+        judged = metrics_of(rows)
+        metric = judged.by_name[judged.peak]
+        peak = [row[judged.peak] for row in rows]
         low, middle, high = np.quantile(peak, (0.05, 0.5, 0.95))
         texts.append(
-            f"Over {len(rows)} runs at {payload:g} kg with {reference} the torque peak per motor is {middle:.0f} N m "
-            f"in the median, {low:.0f} to {high:.0f} N m in nine of ten, {max(peak):.0f} N m at most"
+            f"Over {len(rows)} runs {f'at {payload:g} kg ' if judged.payload else ''}with {reference} the "
+            f"{metric.label} is {metric.text(middle)} {metric.unit} in the median, {metric.text(low)} to "
+            f"{metric.text(high)} {metric.unit} in nine of ten, {metric.text(max(peak))} {metric.unit} at most"
             + _hangs_on(rows, columns)
             + "."
         )
@@ -137,7 +147,7 @@ def scatter(good: Sequence[Row]) -> list[str]:
 
 
 def _hangs_on(rows: Sequence[Row], columns: Sequence[str]) -> str:
-    ranked = [field for field in rank_correlations(rows, columns, PEAK) if abs(field.value) >= 0.2][:3]
+    ranked = [field for field in rank_correlations(rows, columns, metrics_of(rows).peak) if abs(field.value) >= 0.2][:3]
     if not ranked:
         return ""
     return "; it goes with " + ", ".join(
@@ -169,11 +179,13 @@ def against_baseline(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str
 
 def _against_baseline(payload_kg: float, name: str, pairs: Sequence[tuple[Row, Row]]) -> str:
     longer = [(row["move_time_s"] - base["move_time_s"]) / row["moves"] for base, row in pairs]
-    above = "peak_torque_above_static_nm"
+    judged = metrics_of([pairs[0][0]])
+    above = judged.above
     off = [100.0 * (1.0 - row[above] / base[above]) for base, row in pairs]
+    where = f"At {payload_kg:g} kg {name}" if judged.payload else f"{name[0].upper()}{name[1:]}"
     return (
-        f"At {payload_kg:g} kg {name} costs {_range(longer, '.2g')} s per move against the {BASELINE} at the same "
-        f"settings, and takes {_range(off, '.0f')} % off the torque peak above static."
+        f"{where} costs {_range(longer, '.2g')} s per move against the {BASELINE} at the same "
+        f"settings, and takes {_range(off, '.0f')} % off the {judged.by_name[above].label}."
     )
 
 

@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from workbench.errors import InputError
-from workbench.metrics import RunFacts, columns, observer, run_metrics
-from workbench.references import Plan, motor_speed_rad_s
+from workbench.kinds import kind_of
+from workbench.metrics import RunFacts, columns, run_metrics, set_of
+from workbench.references import Plan
 from workbench.run import Array, Run
-from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop, torque_limit_nm
+from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
 from workbench.study.results.row import Row
 from workbench.study.variations.run_spec import RunSpec
 
@@ -43,14 +44,16 @@ def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tupl
 
 def case_of(spec: RunSpec, plan: Plan | None = None) -> LoopCase:
     """The closed loop of a run; plan: where it is made already. InputError where its motion is not possible."""
+    speed, position = driven_motion(spec, spec.plan() if plan is None else plan)
     return LoopCase(
         name=spec.run_id,
         machine=spec.machine,
         payload_kg=spec.payload_kg,
         start_position_m=spec.start_position_m,
         controller=spec.controller,
-        speed_reference_rad_s=_motor_speed(spec.plan() if plan is None else plan, spec),
+        speed_reference_rad_s=speed,
         events=spec.events,
+        position_reference=position,
     )
 
 
@@ -81,18 +84,20 @@ def _multibody(cases: Sequence[LoopCase], record_every: int, step_s: float, thre
     return [simulate_multibody_loop(case, record_every=record_every, step_s=step_s) for case in cases]
 
 
-def _motor_speed(plan: Plan, spec: RunSpec) -> Array:
-    machine = spec.machine
-    return _sampled(
-        plan, spec.controller.sample_time_s, spec.duration_s, machine.gearbox.ratio, machine.winch.drum_diameter_m
-    )
+def driven_motion(spec: RunSpec, plan: Plan) -> tuple[Array, Array | None]:
+    """The driven coordinate's speed at the controller's samples; its position where the controller follows that."""
+    loop = kind_of(spec.machine).looped
+    per_way = loop.per_way(spec.machine)
+    return _sampled(plan, spec.controller.sample_time_s, spec.duration_s, per_way, loop.position_loop)
 
 
 @lru_cache(maxsize=32)
-def _sampled(plan: Plan, sample_time_s: float, duration_s: float, ratio: float, drum_diameter_m: float) -> Array:
+def _sampled(
+    plan: Plan, sample_time_s: float, duration_s: float, per_way: float, placed: bool
+) -> tuple[Array, Array | None]:
     """Cached by the plan's identity: equal motions are one plan."""
     profile = plan.sample(sample_time_s, duration_s)
-    return motor_speed_rad_s(profile.speed_m_s, ratio, drum_diameter_m)
+    return profile.speed_m_s * per_way, profile.position_m * per_way if placed else None
 
 
 def _finished(spec: RunSpec, plan: Plan, result: LoopResult) -> Row:
@@ -103,19 +108,21 @@ def _finished(spec: RunSpec, plan: Plan, result: LoopResult) -> Row:
         end_position_m=result.end_position_m,
         reference_end_m=plan.end_position_m,
     )
-    own = {metric.name: float(metric.value(facts)) for metric in run_metrics()}
+    kinds_metrics = set_of(kind_of(spec.machine).name)
+    own = {metric.name: float(metric.value(facts)) for metric in run_metrics(kinds_metrics)}
     reason = "" if result.outcome is Outcome.COMPLETED else _reason(spec, result)
     return _row(spec, result.metrics | own, reason)
 
 
 def _row(spec: RunSpec, measured: dict[str, float], reason: str) -> Row:
     """The row of a run. A failed run has no metrics but those that are known before it runs."""
-    run = {metric.name: metric for metric in run_metrics()}
+    known = set_of(kind_of(spec.machine).name)
+    run = {metric.name: metric for metric in run_metrics(known)}
     # What only some machines have, such as a wire whose breaking load is known, is empty where a run has failed.
     optional = [name for name in measured if name not in run]
     if reason:
-        optional += [metric.name for metric in observer().metrics if metric.optional]
-    names = dict.fromkeys((*(name for name in columns() if name not in run or run[name].fixed), *optional, *run))
+        optional += [metric.name for metric in known.observer.metrics if metric.optional]
+    names = dict.fromkeys((*(name for name in columns(known) if name not in run or run[name].fixed), *optional, *run))
     return Row(
         run_id=spec.run_id,
         scenario=spec.scenario,
@@ -133,7 +140,9 @@ def _row(spec: RunSpec, measured: dict[str, float], reason: str) -> Row:
 
 def _reason(spec: RunSpec, result: LoopResult) -> str:
     reason = ", ".join(part for part in (result.outcome.value, result.at) if part)
-    most = torque_limit_nm(spec.machine)
+    kind = kind_of(spec.machine)
+    most, unit = kind.looped.input_limit(spec.machine), kind.drive.unit
     if abs(result.hold_torque_nm) > most:
-        reason += f"; holding the load takes {result.hold_torque_nm:.0f} N m, the motors give at most {most:.0f} N m"
+        gives = f"{kind.looped.giver} at most {most:.0f} {unit}"
+        reason += f"; holding the load takes {result.hold_torque_nm:.0f} {unit}, {gives}"
     return reason

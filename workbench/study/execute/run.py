@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
+from workbench.machine import Axis, Hoist
 from workbench.run import Run
 from workbench.shown import Shown
 from workbench.study.execute.chunk import run_specs
@@ -27,6 +28,14 @@ def run_study(study: Study) -> StudyResult:
     done = run_specs(study.specs)
     runs = {row.run_id: run for row, run in done if run is not None}
     return StudyResult(study, [row for row, _ in done], runs)
+
+
+def peak_limit(machine: Hoist | Axis) -> float:
+    """What the largest input of a run is held against: one motor's largest torque, an axis' largest force or torque.
+
+    inf where none is stated.
+    """
+    return kind_of(machine).looped.peak_limit(machine)
 
 
 def motor_torque_limit_nm(machine: Hoist) -> float:

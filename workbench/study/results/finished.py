@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from workbench.errors import InputError
-from workbench.kinds import STUDIED, of_kind, studied
-from workbench.machine import Hoist, load_machine
+from workbench.kinds import LOOPED, looped, of_kind
+from workbench.machine import AnyKind, load_machine
 from workbench.run import Run
 from workbench.study.results.digests import check_whole
 from workbench.study.results.folder import SavedRuns
@@ -27,7 +27,7 @@ class Finished:
     folder: Path
     rows: tuple[Row, ...]
     runs: Mapping[str, Run]
-    machine: Hoist
+    machine: AnyKind
     scenario: Mapping[str, Any]
     manifest: Mapping[str, Any]
 
@@ -54,9 +54,9 @@ def read_finished(folder: Path) -> Finished:
         raise InputError(f"holds {len(rows)} runs, its {MANIFEST} says {expected}: the result is damaged",
                          file=folder / INDEX)  # fmt: skip
     read = load_machine(folder / "machine.yaml")
-    machine = studied(read)
+    machine = looped(read)
     if machine is None:
-        raise InputError(f"is {of_kind(read)}; a study's is of {STUDIED}", file=folder / "machine.yaml")
+        raise InputError(f"is {of_kind(read)}; a study's is of {LOOPED}", file=folder / "machine.yaml")
     return Finished(folder, tuple(rows), SavedRuns(folder, rows), machine, _scenario(folder), manifest)
 
 

@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from workbench.errors import InputError
-from workbench.metrics import fixed_columns
 from workbench.study.results import arrow
 from workbench.study.results.digests import check_whole
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of
 
 INDEX = "index.parquet"
 _OWN = ("run_id", "scenario", "status", "reason", "payload_kg", "reference")
 _TEXTS = tuple(name for name in _OWN if name != "payload_kg")
-_ALWAYS = ("peak_torque_motor_nm", "move_time_s", "min_wire_tension_n", "max_wire_tension_n")
+_ALWAYS = ("move_time_s", "min_wire_tension_n", "max_wire_tension_n")  # where the kind of machine has them
 _RUN_ID = re.compile(r"[A-Za-z0-9_=+-][A-Za-z0-9._=+-]{0,200}")
 MOST_ROWS, MOST_COLUMNS = 1_100_000, 5_000
 LARGEST = 1e30  # a loop that runs away is stopped far below
@@ -33,7 +32,8 @@ def index_table(rows: Sequence[Row]) -> Any:
     assigned = [name for name in _names(row.assigned for row in rows) if name not in columns]
     for name in assigned:
         columns[name] = _mixed([row.assigned.get(name) for row in rows])
-    for name in _names([dict.fromkeys(fixed_columns()), *(row.metrics for row in rows)]):
+    fixed = [metric.name for metric in metrics_of(rows).metrics if metric.fixed]
+    for name in _names([dict.fromkeys(fixed), *(row.metrics for row in rows)]):
         columns[name] = arrow.numbers([row.metrics.get(name) for row in rows])
     return arrow.table(columns).replace_schema_metadata({_ASSIGNED: json.dumps(assigned)})
 
@@ -97,6 +97,8 @@ def _check_rows(rows: Sequence[Row], table: Any, file: Path) -> None:
         if kind not in wanted:
             raise _damaged(f"column '{name}' holds {kind}, expected {' or '.join(wanted)}", file)
     seen: set[str] = set()
+    known = metrics_of(rows)
+    always = [known.peak, *(name for name in _ALWAYS if name in known.by_name)]
     for row in rows:
         if not (isinstance(row.run_id, str) and _RUN_ID.fullmatch(row.run_id)) or row.run_id in seen:
             raise _damaged(f"run {row.run_id!r:.80} has no name of its own", file)
@@ -107,7 +109,7 @@ def _check_rows(rows: Sequence[Row], table: Any, file: Path) -> None:
         for name, value in numbers:
             if (isinstance(value, float) and not abs(value) <= LARGEST) or (name == "payload_kg" and value is None):
                 raise _damaged(f"{name} of run {row.run_id} is {value}", file)
-        if lacking := [name for name in _ALWAYS if row.ok and row.metrics.get(name) is None]:
+        if lacking := [name for name in always if row.ok and row.metrics.get(name) is None]:
             raise _damaged(f"run {row.run_id} has no {lacking[0]}", file)
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from workbench.errors import InputError, nearest
+from workbench.metrics import MetricSet, set_with
 
 
 @dataclass(frozen=True)
@@ -41,3 +42,13 @@ class Row:
     @property
     def ok(self) -> bool:
         return self.status == "ok"
+
+
+def metrics_of(rows: Sequence[Row]) -> MetricSet:
+    """The metrics of the kind of machine that the rows are of."""
+    return set_with(rows[0].metrics if rows else ())
+
+
+def with_payload(row: Row) -> bool:
+    """Whether the row's machine carries payloads."""
+    return metrics_of([row]).payload

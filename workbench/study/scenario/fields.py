@@ -9,11 +9,12 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from workbench.control import Events, PiSettings
+from workbench.control import Events, Settings
 from workbench.errors import InputError, nearest
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
+from workbench.machine import AnyKind, Axis, Hoist
 from workbench.references import LimitPair, Limits, Step
-from workbench.study.scenario.record import MoveBlock, Scenario, check_payload_kg
+from workbench.study.scenario.record import IN_METRES, MoveBlock, Scenario, check_payload_kg, key_in
 from workbench.yaml_strict import Place, dotted, problem_lines
 
 Assigned = Mapping[str, float | bool | str]
@@ -27,14 +28,14 @@ MOST_CACHED = 4096
 class Parts:
     """The parts of a run that sweeps and samples may change."""
 
-    machine: Hoist
+    machine: AnyKind
     payload_kg: float | None
     start_position_m: float | None
     lead_s: float
     settle_s: float
     moves: tuple[Step, ...]
     limits: LimitPair | None
-    controller: PiSettings
+    controller: Settings
     events: Events
     step_s: float
 
@@ -44,7 +45,7 @@ class Fields:
     """A scenario on its machine, whose values can be set by name. Parts that stay alike are built once."""
 
     scenario: Scenario
-    machine: Hoist
+    machine: AnyKind
     _cache: dict[tuple[Any, ...], Any] = field(default_factory=dict, compare=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -53,15 +54,23 @@ class Fields:
     def names(self) -> tuple[str, ...]:
         """All that can be swept or sampled, in the order of the file."""
         effects = [f"effects.{e}.{p}" for e, values in self.machine.effects.items() for p in values]
+        kind = kind_of(self.machine)
+        unit = kind.moved.unit
+        limits = [key_in(unit, name) for name in _LIMITS]
+        ways, events = (("hoisting", "lowering"), _leaves(Events)) if kind.payload else ((), ())
         return (
-            *_NUMBERS,
-            *(f"limits.{name}" for name in _LIMITS),
-            *(f"limits.{way}.{name}" for way in ("hoisting", "lowering") for name in _LIMITS),
+            *(
+                key_in(unit, name) if name == "start_position_m" else name
+                for name in _NUMBERS
+                if kind.payload or name != "payload_kg"
+            ),
+            *(f"limits.{name}" for name in limits),
+            *(f"limits.{way}.{name}" for way in ways for name in limits),
             *(f"moves[{i}].{key}" for i, move in enumerate(self.scenario.moves) for key in _given(move)),
-            *(f"controller.{name}" for name in _leaves(PiSettings)),
+            *(f"controller.{name}" for name in _leaves(type(self.scenario.controller))),
             *(f"drive.{name}" for name in _leaves(type(self.machine.drive))),
-            *(f"machine.{name}" for name in _leaves(Hoist)),
-            *(f"events.{name}" for name in _leaves(Events)),
+            *(f"machine.{name}" for name in _leaves(type(self.machine))),
+            *(f"events.{name}" for name in events),
             *effects,
             "solver.step_s",
         )
@@ -97,7 +106,7 @@ class Fields:
             chosen = [] if pair is None else [pair.hoisting, pair.lowering]
             if len(path) == 2 and pair is not None:
                 chosen = [getattr(pair, str(path[0]))]
-            values = {getattr(limits, str(path[-1])) for limits in chosen}
+            values = {getattr(limits, IN_METRES.get(str(path[-1]), str(path[-1]))) for limits in chosen}
             return values.pop() if len(values) == 1 else None
         value: Any = {
             "moves": [move.model_dump() for move in self.scenario.moves],
@@ -138,7 +147,8 @@ class Fields:
 
     def _number(self, name: str, items: Sequence[tuple[str, Any]]) -> float | None:
         if not items:
-            return None if name == "payload_kg" else getattr(self.scenario, name)
+            start = name == "start_position_m"
+            return None if name == "payload_kg" else self.scenario.start if start else getattr(self.scenario, name)
         ((_, value),) = items
         lowest = None if name == "start_position_m" else 0.0
         if isinstance(value, bool | str) or (lowest is not None and value < lowest):
@@ -150,7 +160,7 @@ class Fields:
                 raise InputError(str(error), place=name) from error
         return float(value)
 
-    def _machine(self, items: Sequence[tuple[str, Any]]) -> Hoist:
+    def _machine(self, items: Sequence[tuple[str, Any]]) -> Hoist | Axis:
         return _changed(self.machine, items) if items else self.machine
 
     def _moves(self, items: Sequence[tuple[str, Any]]) -> tuple[Step, ...]:
@@ -163,15 +173,12 @@ class Fields:
     def _limits(self, items: Sequence[tuple[str, Any]]) -> LimitPair | None:
         """Both directions. A field without a direction sets both, one with a direction goes over it."""
         block = self.scenario.limits
-        common = {name: getattr(block, name) for name in _LIMITS}
-        ways = {
-            way: common | {k: v for k, v in getattr(block, way).model_dump().items() if v is not None}
-            for way in ("hoisting", "lowering")
-        }
+        common: dict[str, float | None] = {**dict.fromkeys(_LIMITS), **block.given()}
+        ways = {way: common | getattr(block, way).given() for way in ("hoisting", "lowering")}
         for name, value in sorted(items, key=lambda item: item[0].count(".")):
             path = _split(name)[1]
             for way in ways if len(path) == 1 else (path[0],):
-                ways[str(way)][str(path[-1])] = _positive(name, value)
+                ways[str(way)][IN_METRES.get(str(path[-1]), str(path[-1]))] = _positive(name, value)
         if all(value is None for values in ways.values() for value in values.values()):
             return None
         return LimitPair(*(_limits_of(way, values) for way, values in ways.items()))
@@ -195,11 +202,10 @@ def _positive(name: str, value: object) -> float:
 
 
 _ROOTS = ("limits", "moves", "controller", "drive", "machine", "events", "effects", "solver")
-_MOVE_KEYS = ("by_m", "to_m", "dwell_s", "speed_m_s", "for_s")
 
 
 def _given(move: MoveBlock) -> list[str]:
-    return [key for key in _MOVE_KEYS if getattr(move, key) is not None]
+    return [key for key in MoveBlock.model_fields if getattr(move, key) is not None]
 
 
 def _leaves(model: type[BaseModel], prefix: str = "") -> Iterable[str]:
@@ -220,7 +226,7 @@ def _leaves(model: type[BaseModel], prefix: str = "") -> Iterable[str]:
 
 def _split(name: str) -> tuple[str, Place]:
     """The part a field belongs to and its place in that: drive.overload is machine's drive, overload."""
-    root, _, rest = name.partition(".")
+    root, _, rest = IN_METRES.get(name, name).partition(".")
     if root in ("drive", "effects"):
         return "machine", (root, *rest.split("."))
     if root.startswith("moves["):

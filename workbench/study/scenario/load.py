@@ -18,14 +18,15 @@ from workbench import __version__
 from workbench.effects import check
 from workbench.effects.registry import digests_of
 from workbench.errors import InputError, nearest
-from workbench.kinds import STUDIED, of_kind, studied
-from workbench.machine import SHIPPED, Hoist, load_machine, shipped
+from workbench.kinds import LOOPED, kind_of, looped, of_kind
+from workbench.machine import SHIPPED, AnyKind, Axis, Hoist, load_machine, shipped
 from workbench.metrics import added
 from workbench.references import Plan
 from workbench.references import digests_of as digests_of_references
 from workbench.shown import Brief
 from workbench.study.scenario.layers import Layered, read_layers
 from workbench.study.scenario.record import Scenario
+from workbench.study.scenario.suited import check_kind
 from workbench.study.variations.check import plan_runs
 from workbench.study.variations.run_list import RunList
 from workbench.study.variations.run_spec import Recording
@@ -43,7 +44,7 @@ class Study(Brief):
     """A scenario on its machine (overrides, drive and effects in it). recordings: of its recorded references."""
 
     scenario: Scenario
-    machine: Hoist
+    machine: AnyKind
     recordings: Mapping[str, Recording] = field(default_factory=dict)
 
     @cached_property
@@ -78,7 +79,7 @@ class Study(Brief):
     @property
     def effects_digests(self) -> dict[str, str]:
         """Effect -> digest of the text that declares it, of effects that are a user's own, as they are known now."""
-        return digests_of(self.machine.effects, "hoist")
+        return digests_of(self.machine.effects, kind_of(self.machine).name)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -101,7 +102,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     return planned(scenario, machine, _recordings(scenario, layers), layers)
 
 
-def planned(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recording], layers: Layered) -> Study:
+def planned(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, Recording], layers: Layered) -> Study:
     """`plan_study`, with file and line of what does not fit."""
     try:
         return plan_study(scenario, machine, recordings)
@@ -113,10 +114,13 @@ def planned(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recordi
         raise InputError(error.problem, file=file, line=line, place=shown or None) from error
 
 
-def plan_study(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recording] | None = None) -> Study:
+def plan_study(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, Recording] | None = None) -> Study:
     """A scenario on a machine; InputError where what it needs is missing or its motion is not possible."""
     varied = _varied(scenario)
-    if scenario.payloads_kg is None and "payload_kg" not in varied:
+    check_kind(scenario, machine, varied)
+    kind = kind_of(machine)
+    start = f"start_position_{kind.moved.unit}"
+    if kind.payload and scenario.payloads_kg is None and "payload_kg" not in varied:
         raise InputError("is missing; expected a list of numbers, in kg", place="payloads_kg")
     if scenario.payloads_kg is not None and scenario.sweep is not None and "payload_kg" in varied - _drawn(scenario):
         raise InputError("is listed while sweep names payload_kg; give one of them", place="payloads_kg")
@@ -125,8 +129,8 @@ def plan_study(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Reco
             raise InputError("is missing; expected a list of moves", place="moves")
         if not scenario.limits.model_fields_set and not any(name.startswith("limits.") for name in varied):
             raise InputError("is missing; expected a block of limits", place="limits")
-        if scenario.start_position_m is None and "start_position_m" not in varied:
-            raise InputError("is missing; expected the carriage's height, a number", place="start_position_m")
+        if scenario.start is None and start not in varied:
+            raise InputError(f"is missing; expected {kind.looped.start}, a number", place=start)
     study = Study(scenario, _machine_as_run(scenario, machine), recordings or {})
     if scenario.plant == "multibody":
         _check_multibody(study.machine)
@@ -179,7 +183,7 @@ def _clearer(text: str, place: Place, data: Any) -> tuple[str, Place]:
     return text, place
 
 
-def _machine(scenario: Scenario, layers: Layered) -> Hoist:
+def _machine(scenario: Scenario, layers: Layered) -> Hoist | Axis:
     """The machine a scenario names, as its file has it."""
     if scenario.machine in SHIPPED:
         return shipped(scenario.machine)
@@ -190,13 +194,13 @@ def _machine(scenario: Scenario, layers: Layered) -> Hoist:
         )
         raise layers.error(said, ("machine",))
     read = load_machine(path, check_effects=check)
-    machine = studied(read)
+    machine = looped(read)
     if machine is None:
-        raise layers.error(f"{path} is {of_kind(read)}; a study expects {STUDIED}", ("machine",))
+        raise layers.error(f"{path} is {of_kind(read)}; a study expects {LOOPED}", ("machine",))
     return machine
 
 
-def _machine_as_run(scenario: Scenario, machine: Hoist) -> Hoist:
+def _machine_as_run(scenario: Scenario, machine: Hoist | Axis) -> Hoist | Axis:
     """The machine with overrides, drive and effects of the scenario. InputError names the place in the scenario."""
     data = machine.model_dump()
     known = set(_paths(data))
@@ -211,12 +215,16 @@ def _machine_as_run(scenario: Scenario, machine: Hoist) -> Hoist:
             block = block[part]
         block[last] = value
     if scenario.drive is not None:
-        data["drive"] |= scenario.drive.model_dump(exclude_none=True)
+        changes = scenario.drive.model_dump(exclude_none=True)
+        if wrong := [key for key in changes if key not in data["drive"]]:
+            keys = type(machine.drive).model_fields
+            raise InputError(f"{of_kind(machine)} has no '{wrong[0]}'; {nearest(wrong[0], keys)}", place="drive")
+        data["drive"] |= changes
     data["effects"] = {name: dict(values) for name, values in machine.effects.items()} | scenario.effects
     try:
-        as_run = Hoist.model_validate(data)
+        as_run = type(machine).model_validate(data)
     except ValidationError as error:
-        place, problem = problem_lines(Hoist, error, data)[0]
+        place, problem = problem_lines(type(machine), error, data)[0]
         name = dotted(place)
         named = next((override for override in scenario.machine_overrides if override.startswith(name or "?")), None)
         where = f"machine_overrides.{named}" if named else name if place[:1] in (("drive",), ("effects",)) else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -20,8 +21,9 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from workbench.control import Events, PiSettings
+from workbench.control import AnyController, Events
 from workbench.errors import InputError
+from workbench.machine.axis_drive import LinearDrive, RotaryDrive
 from workbench.machine.hoist import BY_NAME, Drive
 from workbench.machine.quantities import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Speed
 from workbench.machine.record import Record
@@ -65,10 +67,42 @@ def _once(values: Sequence[object], what: str) -> None:
         raise ValueError(f"{what} {twice[0]} stands there twice; once is enough")
 
 
+# Keys of a motion in radians, of a rotary axis -> those in metres.
+IN_METRES = {
+    "by_rad": "by_m",
+    "to_rad": "to_m",
+    "speed_rad_s": "speed_m_s",
+    "acceleration_rad_s2": "acceleration_m_s2",
+    "jerk_rad_s3": "jerk_m_s3",
+    "start_position_rad": "start_position_m",
+}
+
+
+@dataclass(frozen=True)
+class _OtherUnit:
+    """Marks a key that says in radians what another one says in metres; a misspelt key hardly means it."""
+
+    other_unit: bool = True
+
+
+RAD = _OtherUnit()
+
+
+def unit_of(key: str) -> str:
+    """m or rad, of a motion's key; "" of any other."""
+    return "rad" if key in IN_METRES else "m" if key in IN_METRES.values() else ""
+
+
+def key_in(unit: str, key: str) -> str:
+    """A motion's key, given in metres, in that unit."""
+    return next(name for name, metres in IN_METRES.items() if metres == key) if unit == "rad" else key
+
+
 class MoveBlock(Record):
     """One step: by_m metres up (or down), to_m a carriage height, dwell_s at rest, or a jog.
 
-    A jog goes over to speed_m_s (up positive) and takes for_s until the next step, its ramp included.
+    A jog goes over to speed_m_s (up positive) and takes for_s until the next step, its ramp included. A rotary axis has
+    by_rad, to_rad and speed_rad_s.
     """
 
     by_m: Position | None = None
@@ -76,6 +110,9 @@ class MoveBlock(Record):
     dwell_s: Duration | None = None
     speed_m_s: Finite | None = None
     for_s: Duration | None = None
+    by_rad: Annotated[Finite | None, RAD] = None
+    to_rad: Annotated[Finite | None, RAD] = None
+    speed_rad_s: Annotated[Finite | None, RAD] = None
 
     @model_validator(mode="after")
     def _one_thing(self) -> MoveBlock:
@@ -86,7 +123,11 @@ class MoveBlock(Record):
         return self
 
     def step(self) -> Step:
-        return Step(self.by_m, self.to_m, self.dwell_s, self.speed_m_s, self.for_s)
+        """In the unit that the keys name."""
+        given = {key: value for key, value in self.model_dump().items() if value is not None}
+        if len({unit_of(key) for key in given} - {""}) > 1:
+            raise InputError(f"{' and '.join(given)} mix metres and radians")
+        return Step(**{IN_METRES.get(key, key): value for key, value in given.items()})
 
 
 class DirectionLimits(Record):
@@ -95,12 +136,19 @@ class DirectionLimits(Record):
     speed_m_s: Speed | None = None
     acceleration_m_s2: Acceleration | None = None
     jerk_m_s3: Jerk | None = None
+    speed_rad_s: Annotated[Speed | None, RAD] = None
+    acceleration_rad_s2: Annotated[Acceleration | None, RAD] = None
+    jerk_rad_s3: Annotated[Jerk | None, RAD] = None
+
+    def given(self) -> dict[str, float]:
+        """What is given, by the keys in metres."""
+        return {IN_METRES.get(k, k): v for k, v in self.model_dump().items() if isinstance(v, float)}
 
 
 class LimitsBlock(DirectionLimits):
-    """Limits of the carriage's motion, both ways; what stands in `hoisting` or `lowering` goes over it there.
+    """Limits of the motion, both ways; what stands in `hoisting` or `lowering` goes over it there.
 
-    The trapezoid does without the jerk.
+    The trapezoid does without the jerk. Limits of a rotary axis are in radians.
     """
 
     hoisting: DirectionLimits = DirectionLimits()
@@ -147,8 +195,12 @@ Reference = Annotated[
 DriveChanges = create_model(
     "DriveChanges",
     __base__=Record,
-    __doc__="Changes of the machine's drive, key by key.",
-    **{name: (field.rebuild_annotation() | None, None) for name, field in Drive.model_fields.items()},  # type: ignore[call-overload]
+    __doc__="Changes of the machine's drive, key by key; which keys there are is its kind's.",
+    **{
+        name: (field.rebuild_annotation() | None, None)
+        for drive in (Drive, LinearDrive, RotaryDrive)
+        for name, field in drive.model_fields.items()
+    },  # type: ignore[call-overload]
 )
 
 
@@ -188,10 +240,11 @@ class Scenario(Record):
     drive: Annotated[DriveChanges | None, *BY_NAME] = None
     payloads_kg: Annotated[tuple[NotNegative, ...], Field(json_schema_extra=SOME)] | None = None
     start_position_m: Position | None = None
+    start_position_rad: Annotated[Finite | None, RAD] = None
     moves: Annotated[tuple[MoveBlock, ...], Field(max_length=1000)] = ()
     limits: LimitsBlock = LimitsBlock()
     references: Annotated[tuple[Reference, ...], Field(json_schema_extra=SOME, default_factory=usual_kinds)]
-    controller: PiSettings
+    controller: AnyController
     events: Events = Events()
     effects: dict[str, dict[str, Finite]] = Field(default_factory=dict)
     lead_s: Duration = 1.0
@@ -215,6 +268,11 @@ class Scenario(Record):
     def _references_differ(cls, references: tuple[str | RecordedBlock, ...]) -> tuple[str | RecordedBlock, ...]:
         _once([reference if isinstance(reference, str) else reference.label for reference in references], "reference")
         return references
+
+    @property
+    def start(self) -> float | None:
+        """Where it begins, m or rad."""
+        return self.start_position_m if self.start_position_rad is None else self.start_position_rad
 
     @property
     def kinds(self) -> tuple[str, ...]:

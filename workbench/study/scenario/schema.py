@@ -26,8 +26,11 @@ def _scenario() -> dict[str, Any]:
     needed = schema.pop("required")
     schema["if"] = {"required": ["extends"]}
     schema["else"] = {"required": needed}
-    schema["$defs"]["PiSettings"].pop("required")
-    schema["else"]["properties"] = {"controller": {"required": ["kp_nm_s_per_rad", "ki_nm_per_rad"]}}
+    forms = schema["$defs"]["PiSettings"], schema["$defs"]["LinearCascade"], schema["$defs"]["RotaryCascade"]
+    gains = [form.pop("required") for form in forms]
+    schema["properties"]["controller"]["anyOf"] = schema["properties"]["controller"].pop("oneOf")
+    needs = [list(names) for names in dict.fromkeys(map(tuple, gains))]
+    schema["else"]["properties"] = {"controller": {"anyOf": [{"required": names} for names in needs]}}
     return schema
 
 

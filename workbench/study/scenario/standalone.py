@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from workbench.errors import InputError
-from workbench.machine import SHIPPED, Hoist, default_hoist, shipped
+from workbench.machine import SHIPPED, Axis, Hoist, default_hoist, shipped
 from workbench.study.scenario.layers import layer_of, read_layers, together
 from workbench.study.scenario.load import planned, scenario_of
 from workbench.study.scenario.record import Scenario
@@ -22,7 +22,7 @@ _NOT_VALUES = ("format", "kind", "drive", "effects", "identified")
 
 
 def read_standalone(
-    document: Document, machine: Hoist | None = None, known: Mapping[str, Path] | None = None
+    document: Document, machine: Hoist | Axis | None = None, known: Mapping[str, Path] | None = None
 ) -> Scenario:
     """The scenario of a document, checked on its machine as `workbench study` checks it.
 

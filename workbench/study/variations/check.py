@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.errors import InputError
-from workbench.kinds import load_of
-from workbench.machine import Hoist
+from workbench.kinds import kind_of, load_of
+from workbench.machine import Axis, Hoist
 from workbench.references import motion_time_s
 from workbench.study.scenario.fields import Assigned, Fields, Parts
 from workbench.study.scenario.record import Scenario
@@ -23,7 +23,7 @@ MOST_RUNS = 1_000_000
 MOST_MOTIONS = 5_000  # motions whose times are reckoned one by one
 
 
-def plan_runs(scenario: Scenario, machine: Hoist, recordings: Mapping[str, Recording] | None = None) -> RunList:
+def plan_runs(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, Recording] | None = None) -> RunList:
     """The runs of a scenario on its machine (overrides, drive and effects in it), checked without running any.
 
     Raises InputError, with the field or `sweep.<field>` as place, for an unknown field, a value that fits
@@ -107,11 +107,12 @@ def _common_duration_s(specs: RunList) -> float:
 
 def _time_s(specs: RunList, parts: Parts) -> float:
     scenario, machine = specs.scenario, parts.machine
-    rail = (machine.rail.lowest_position_m, machine.highest_position_m)
+    rail = kind_of(machine).looped.rail(machine)
     times = [r.time_s[-1] - r.time_s[0] + r.smoothing_s for r in specs.recordings.values()]
     if kinds := scenario.planned_kinds:
         if parts.limits is None or parts.start_position_m is None:
-            raise InputError("is missing", place="limits" if parts.limits is None else "start_position_m")
+            start = f"start_position_{kind_of(machine).moved.unit}"
+            raise InputError("is missing", place="limits" if parts.limits is None else start)
         check_speed(parts.limits, machine)
         # The heaviest load swings slowest, and what is shaped for it takes longest.
         payload = max(scenario.payloads_kg or (0.0,)) if parts.payload_kg is None else parts.payload_kg

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from workbench.errors import InputError
-from workbench.machine import Hoist
+from workbench.machine import Axis, Hoist
 from workbench.run import Array
 from workbench.study.scenario.fields import Fields
 from workbench.study.scenario.record import Scenario
@@ -24,7 +24,7 @@ _MOTION = (
     "machine.motor.nominal_speed_rad_s",
     "limits.",
     "moves[",
-    "start_position_m",
+    "start_position",
     "lead_s",
     "settle_s",
 )
@@ -91,7 +91,7 @@ def _axis(
     return GridAxis(names, points, labels)
 
 
-def sampled(scenario: Scenario, fields: Fields, machine: Hoist) -> Iterator[GridAxis]:
+def sampled(scenario: Scenario, fields: Fields, machine: Hoist | Axis) -> Iterator[GridAxis]:
     """The axis of the draws, if there are any. InputError names the field that cannot be drawn."""
     block = scenario.sample
     if block is None:

@@ -6,17 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from workbench.control import Events, PiSettings
+from workbench.control import Events, Settings
 from workbench.errors import InputError
-from workbench.kinds import load_of
-from workbench.machine import Hoist
+from workbench.kinds import kind_of, load_of
+from workbench.machine import AnyKind, Axis, Hoist
 from workbench.references import (
     LimitPair,
     Plan,
     RecordedPlan,
     Step,
     StoppedPlan,
-    allowed_carriage_speed_m_s,
     plan_motion,
     planned_kind,
 )
@@ -50,7 +49,7 @@ class RunSpec:
 
     run_id: str
     scenario: str
-    machine: Hoist
+    machine: AnyKind
     payload_kg: float
     start_position_m: float
     reference: str
@@ -59,7 +58,7 @@ class RunSpec:
     lead_s: float
     settle_s: float
     duration_s: float
-    controller: PiSettings
+    controller: Settings
     events: Events = field(default_factory=Events)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     step_s: float = 0.001
@@ -79,7 +78,7 @@ class RunSpec:
         return _stopped(plan, events.emergency_stop_s, events.emergency_deceleration_m_s2)
 
     def _undisturbed(self) -> Plan:
-        rail = (self.machine.rail.lowest_position_m, self.machine.highest_position_m)
+        rail = kind_of(self.machine).looped.rail(self.machine)
         if self.recording is not None:
             return _recorded_plan(self.recording, rail, self.lead_s, self.settle_s)
         assert self.limits is not None
@@ -108,15 +107,15 @@ def _recorded_plan(recording: Recording, rail: tuple[float, float], lead_s: floa
     )
 
 
-def check_speed(limits: LimitPair, machine: Hoist) -> None:
-    """InputError where a speed limit is beyond the motor's nominal speed."""
-    nominal = machine.motor.nominal_speed_rad_s
-    allowed = allowed_carriage_speed_m_s(nominal, machine.gearbox.ratio, machine.winch.drum_diameter_m)
+def check_speed(limits: LimitPair, machine: Hoist | Axis) -> None:
+    """InputError where a speed limit is beyond what the machine allows."""
+    kind = kind_of(machine)
+    top = kind.looped.top_speed(machine)
+    key = "speed_rad_s" if kind.moved.unit == "rad" else "speed_m_s"
     for name, way_limits in (("hoisting", limits.hoisting), ("lowering", limits.lowering)):
-        if way_limits.speed_m_s > allowed * (1.0 + 1e-9):
-            place = "limits.speed_m_s" if limits.hoisting == limits.lowering else f"limits.{name}.speed_m_s"
+        if way_limits.speed_m_s > top.speed * (1.0 + 1e-9):
             raise InputError(
-                f"{way_limits.speed_m_s:g} m/s turns the motor faster than its nominal {nominal:g} rad/s; "
-                f"expected at most {int(allowed * 1000.0) / 1000.0:g} m/s",
-                place=place,
+                f"{top.reason.format(limit=way_limits.speed_m_s)}; "
+                f"expected at most {int(top.speed * 1000.0) / 1000.0:g} {kind.moved.speed_unit}",
+                place=f"limits.{key}" if limits.hoisting == limits.lowering else f"limits.{name}.{key}",
             )

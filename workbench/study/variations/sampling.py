@@ -7,31 +7,22 @@ from collections.abc import Mapping
 import numpy as np
 
 from workbench.errors import InputError
-from workbench.machine import Hoist, get_value
+from workbench.kinds import kind_of
+from workbench.machine import Axis, Hoist, get_value
 from workbench.run import Array
 from workbench.study.variations.axes import Distribution, SampleBlock
 
-# tolerance -> the fields that it is about. A hoist's levels of friction vary independently. Gain and offset
-# of the torque sensor change what is logged and not the motion, so a study does not draw them.
-_TOLERATED = {
-    "rotor_inertia": ("motor.rotor_inertia_kg_m2",),
-    "carriage_mass": ("carriage.mass_kg",),
-    "payload": ("sensors.payload_scale",),
-    "coulomb": ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n"),
-    "pin_friction": ("bearing.pin_friction_coefficient",),
-    "wire_stiffness": ("wire.youngs_modulus_pa",),
-}
 
-
-def distributions(block: SampleBlock, machine: Hoist) -> dict[str, Distribution]:
+def distributions(block: SampleBlock, machine: Hoist | Axis) -> dict[str, Distribution]:
     """What is drawn: the machine's tolerances where asked for, and what `values` names, which goes over them."""
     drawn: dict[str, Distribution] = {}
     if block.tolerances:
-        for tolerance, names in _TOLERATED.items():
-            std = getattr(machine.tolerances, tolerance)
-            for name in names:
-                if std > 0.0 and get_value(machine, name) != 0.0:
-                    drawn[f"machine.{name}"] = Distribution(distribution="normal", relative=True, mean=1.0, std=std)
+        kind = kind_of(machine)
+        for name in kind.looped.drawn:
+            base = kind.base_value(name)
+            std = getattr(machine.tolerances, base.tolerance) if base is not None else 0.0
+            if std > 0.0 and get_value(machine, name) != 0.0:
+                drawn[f"machine.{name}"] = Distribution(distribution="normal", relative=True, mean=1.0, std=std)
         if not drawn:
             raise InputError("every tolerance of the machine is 0, nothing to draw", place="sample.tolerances")
     return drawn | block.values

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from workbench.references import planned_kinds
 from workbench.study.results.labels import field_label, shown
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, with_payload
 
 Point = tuple[float | str, ...]
 SAMPLE = "sample."
@@ -73,7 +73,8 @@ def drawn_columns(rows: Sequence[Row]) -> list[str]:
 
 def run_in_words(row: Row, axes: Sequence[SweptAxis]) -> str:
     """A run in words: `9000 kg, ruckig, jerk 0.8 m/s³`; of a sample with the end of its id."""
-    words = [f"{row.payload_kg:g} kg", row.reference, *(axis.say(axis.at(row)) for axis in axes)]
+    load = [f"{row.payload_kg:g} kg"] if with_payload(row) else []
+    words = [*load, row.reference, *(axis.say(axis.at(row)) for axis in axes)]
     if any(name.startswith(SAMPLE) for name in row.assigned):
         words.append(f"draw {row.run_id.rpartition('_s')[2]}")
     return ", ".join(words)

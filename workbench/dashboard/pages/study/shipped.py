@@ -7,6 +7,8 @@ from pathlib import Path
 
 from workbench.dashboard.pages.batches.choose import shipped
 from workbench.dashboard.pages.study.controls import START, Desk, desk_of
+from workbench.errors import InputError
+from workbench.kinds import of_kind, studied
 from workbench.machine import Hoist
 from workbench.study.scenario.load import load_study
 from workbench.study.scenario.standalone import changed, read_standalone, standalone_text
@@ -28,6 +30,8 @@ def shipped_desk(name: str, machine: Hoist) -> Desk:
     """The controls as a shipped scenario sets them: on its own machine where it names one, at its base values where
     it sweeps or draws some. InputError for one that no control shows."""
     study = load_study(shipped()[name])
+    if studied(study.machine) is None:
+        raise InputError(f"is a study of {of_kind(study.machine)}; this page sets up a hoist's, run it as a batch")
     scenario = study.scenario
     if scenario.machine != "default":  # its values as overrides: the page's machine is another choice
         scenario = read_standalone(loads(standalone_text(scenario, study.machine), f"{name}.yaml"))
