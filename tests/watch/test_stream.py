@@ -126,6 +126,20 @@ def test_a_clock_that_jumps_in_a_cycle_spoils_that_cycle_only(jump: float, word:
     assert [round(cut.moves_s[0] - jump) for cut in cutter.cycles] == [1008, 1014]
 
 
+def test_behind_a_jump_of_the_clock_values_that_did_not_change_still_hold():
+    cutter = Cutter(RULES)
+    for k in range(100):
+        cutter.add("speed", 1000.0 + k * DT, 0.001 * (k % 3), k * DT)
+    cutter.add("torque", 1001.0, 7.0, 2.0)
+    for k in range(100, 460):
+        t = k * DT
+        cutter.add("speed", 500.0 + t, speed_at(t - 3.0), t)
+    assert [bad.in_cycle for bad in cutter.spoilt] == [False]
+    (cut,) = cutter.cycles
+    _, signals = on_grid(cut, "speed")
+    assert np.all(signals["torque"] == 7.0)
+
+
 def test_what_comes_late_and_at_once_is_no_clock_that_jumps():
     cutter = Cutter(RULES)
     play(cutter, 0.0, 6.0, late=lambda t: max(0.0, 3.9 - t) if t > 2.2 else 0.0)
