@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -381,6 +382,14 @@ def test_a_wish_that_cannot_be_is_refused(wish: Wish, said: str):
         wish.check()
 
 
+def stepped(served: Served) -> None:
+    """Waits for the plant's first step: on a busy computer its thread may come late."""
+    ends = time.monotonic() + 20.0
+    while served.session.plant.time_s == 0.0:
+        assert time.monotonic() < ends
+        time.sleep(0.005)
+
+
 def test_pymodbus_own_client_reads_signals_and_sets_faults():
     pymodbus = pytest.importorskip("pymodbus.client")
     kind = pymodbus.ModbusTcpClient.DATATYPE.FLOAT32
@@ -390,6 +399,7 @@ def test_pymodbus_own_client_reads_signals_and_sets_faults():
         hold = served.session.plant.hold_nm
         write = client.convert_to_registers(hold, kind)
         assert not client.write_registers(0, write).isError()
+        stepped(served)
         assert not client.write_registers(2, client.convert_to_registers(6000.0, kind)).isError()
         assert not client.write_coil(1, True).isError()  # one motor lost
         numbers = client.convert_from_registers(client.read_input_registers(0, count=24).registers, kind)
@@ -418,6 +428,7 @@ def test_asyncua_own_client_reads_signals_and_sets_faults():
                 return client.get_node(ua.NodeId(f"Plant.{name}", space))
 
             node("Inputs.torque_motor_nm").write_value(served.session.plant.hold_nm)
+            stepped(served)
             node("Inputs.payload_kg").write_value(6000.0)
             node("Inputs.motor_lost").write_value(True)
             assert node("Outputs.time_s").read_value() > 0.0

@@ -95,7 +95,10 @@ def ask_priority() -> str:
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(10))
     except (AttributeError, OSError):  # not this system, or not this user
-        return "at ordinary priority: on a busy computer steps will be late"
+        return (
+            "at ordinary priority, for the system gives this user no other (it takes root, or rtprio in limits.conf): "
+            "on a busy computer steps will be late"
+        )
     return "at real-time priority"
 
 

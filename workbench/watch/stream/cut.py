@@ -74,7 +74,7 @@ class _Series:
     def between(self, begin: float, end: float) -> tuple[list[float], list[float]]:
         pairs = [(t, v) for t, v in zip(self.times, self.values, strict=True) if t <= end]
         first = max((i for i, (t, _) in enumerate(pairs) if t <= begin), default=0)
-        return [t for t, _ in pairs[first:]], [v for _, v in pairs[first:]]
+        return [max(t, begin) if i == 0 else t for i, (t, _) in enumerate(pairs[first:])], [v for _, v in pairs[first:]]
 
 
 class Cutter:
@@ -106,12 +106,9 @@ class Cutter:
         """A value of a signal (or of TRIGGER) at time t of its source, NaN where it is bad."""
         series = self._series.get(signal)
         last = -math.inf if series is None else series.times[-1]
-        if self._clock_jumps(t, last, arrived_s):
-            series = None
-        elif t <= last:  # come again, or out of order
+        if not self._clock_jumps(t, last, arrived_s) and t <= last:  # come again, or out of order
             return
-        if self._goes_on_after_silence(t, arrived_s):
-            series = None
+        self._goes_on_after_silence(t)
         self._series.setdefault(signal, _Series()).add(t, value)
         if t >= self._latest:
             self._latest, self._arrived = t, arrived_s
@@ -154,17 +151,26 @@ class Cutter:
             return False
         way = f"back by {self._latest - t:.1f} s" if back else f"ahead by {ahead:.1f} s"
         self._spoil(f"the clock of the source jumped {way}")
-        self._clear()
+        self._begin_anew(t)
         self._prompt = offset
         return True
 
-    def _goes_on_after_silence(self, t: float, arrived_s: float) -> bool:
+    def _goes_on_after_silence(self, t: float) -> None:
         under_way = self._began is not None and self._ended is None and self._moving(t)
-        if not under_way or t - self._latest <= self.rules.silent_s:
-            return False
-        self._spoil(f"no value came for {t - self._latest:.1f} s while the machine moved")
+        if under_way and t - self._latest > self.rules.silent_s:
+            self._spoil(f"no value came for {t - self._latest:.1f} s while the machine moved")
+            self._begin_anew(t)
+
+    def _begin_anew(self, t: float) -> None:
+        """From t on, with what each signal held before: a value that does not change does not come again."""
+        held = {name: series.values[-1] for name, series in self._series.items()}
         self._clear()
-        return True
+        for name, value in held.items():
+            self._series[name] = _Series(deque([-math.inf]), deque([value]))
+        if not self.rules.is_position and abs(held.get(self.rules.motion, math.nan)) <= self.rules.still:
+            self._stood_since = t
+        if self.rules.triggered and TRIGGER in held:
+            self._high = held[TRIGGER] != 0.0
 
     def _spoil(self, reason: str) -> None:
         self.spoilt.append(Spoilt(self._latest, reason, self._began is not None))
