@@ -14,6 +14,7 @@ from workbench.dashboard.machines import session_machine
 from workbench.dashboard.pages.compare.kept import is_kept, keep
 from workbench.dashboard.pages.study.address import KEY, from_address, in_address
 from workbench.dashboard.pages.study.controls import Desk, scenario_of
+from workbench.dashboard.pages.study.forces import forces
 from workbench.dashboard.pages.study.form import DESK, controls, named
 from workbench.dashboard.pages.study.runs import beside_payloads, beside_ramps, on_damping, results, told
 from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, problem, table
@@ -62,6 +63,7 @@ def show() -> None:
         with st.expander("One reference against the trapezoid", icon=":material/compare:"):
             _numbers(result)
     _over_time(result)
+    forces(result)
     _take_away(result)
     _plane(result)
     with guarded():
