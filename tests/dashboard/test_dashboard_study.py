@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import signal
@@ -15,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("streamlit")
@@ -29,6 +31,7 @@ from workbench.dashboard.pages.compare.page import difference, machine_told_apar
 from workbench.dashboard.pages.loop.controls import KI, KP
 from workbench.dashboard.pages.study.address import from_address, in_address
 from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
+from workbench.dashboard.pages.study.page import OWN
 from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
 from workbench.dashboard.serve import SCRIPT
 from workbench.errors import InputError
@@ -218,6 +221,20 @@ def trapezoid_and_ruckig(app: Any) -> Any:
 def test_the_first_table_has_the_references_that_a_drive_engineer_weighs():
     assert START.references == ("trapezoid", *Controls().references)
     assert START.references == ("trapezoid", "ruckig", "ruckig_equal_time", "optimal")
+
+
+def test_a_stretch_of_time_stays_while_sliders_move_and_a_bad_one_is_said():
+    app = page("Study").run()
+    app.segmented_control(key="study stretch").set_value(OWN).run()
+    app.number_input(key="study from (s)").set_value(17.0)
+    app.number_input(key="study to (s)").set_value(21.0).run()
+    for _ in range(2):
+        times = json.loads(app.get("plotly_chart")[0].proto.spec)["data"][0]["x"]
+        drawn = np.frombuffer(base64.b64decode(times["bdata"]), times["dtype"]) if isinstance(times, dict) else times
+        assert min(drawn) > 16.9 and max(drawn) < 21.1
+        app.slider(key="study.up.jerk").set_value(1.2).run()
+    app.number_input(key="study from (s)").set_value(500.0).run()
+    assert errors(app)[0].startswith("from … to: 500 to 21 s, expected a stretch") and not app.exception
 
 
 def test_runs_that_fail_are_said_and_the_others_shown():

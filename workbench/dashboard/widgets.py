@@ -87,10 +87,13 @@ def is_dark() -> bool:
 
 
 def chart(figure: Figure, key: str, alt: str | None = None) -> None:
-    """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG."""
+    """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG.
+
+    Streamlit draws a figure that has changed anew, and a zoom made with the mouse goes with it: what is to stay is set
+    by a control of the page.
+    """
     from workbench.figures.style import for_dark
 
-    figure.update_layout(uirevision=key)  # a slider changes the lines and leaves the zoom
     config = {
         "scrollZoom": True,
         "displaylogo": False,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -82,6 +83,5 @@ def _look(number: int) -> dict[str, Any]:
 
 
 def _words(signal: str) -> str:
-    """A signal's name in words, broken where it is long."""
-    words = words_of(signal)
-    return words if len(words) <= 18 else words.replace(" ", "<br>", 1)
+    """A signal's name in words, in lines that a row has room for."""
+    return "<br>".join(wrap(words_of(signal), 18))

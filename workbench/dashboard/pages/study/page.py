@@ -42,7 +42,7 @@ from workbench.study.variations.varying import swept_axes
 PEAK = "peak_torque_motor_nm"
 MOST_CARDS = 4  # numbers side by side
 GOOD = "study good"
-WHOLE, RAMP = "whole run", "start of the first move"
+WHOLE, RAMP, OWN = "whole run", "start of the first move", "from … to …"
 
 
 def show() -> None:
@@ -195,14 +195,36 @@ def _over_time(result: StudyResult) -> None:
     runs = [(kind, result.runs[row.run_id]) for kind, row in _good(result)]
     if runs:
         limit = motor_torque_limit_nm(machine)
-        stretch = st.segmented_control(
-            "Stretch of time", (WHOLE, RAMP), default=WHOLE, key="study stretch", label_visibility="collapsed",
-            required=True,
-        )  # fmt: skip
-        window = start_of_move(result) if stretch == RAMP else None
+        window = _window(result, max(float(run.time_s[-1]) for _, run in runs))
         figure = overview(runs, machine.motor.nominal_torque_nm, limit, "", window, height=740)
-        key = "study over time" if window is None else "study ramp"
-        chart(figure, key, "Speed, tracking error, torque and wire tension over time")
+        chart(figure, "study over time", "Speed, tracking error, torque and wire tension over time")
+
+
+def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
+    """The stretch of time that is drawn, which stays while sliders move; None for all of it."""
+    choice, first, last = st.columns([2.6, 1.0, 1.0], vertical_alignment="center")
+    stretch = choice.segmented_control(
+        "Stretch of time", (WHOLE, RAMP, OWN), default=WHOLE, key="study stretch", label_visibility="collapsed",
+        required=True, persist_state="session",
+    )  # fmt: skip
+    if stretch == RAMP:
+        return start_of_move(result)
+    if stretch != OWN:
+        return None
+    usual = start_of_move(result)
+    start, end = (
+        column.number_input(
+            words, 0.0, None, value, 0.5, key=f"study {words}", format="%.4g", persist_state="session",
+            label_visibility="collapsed", icon=icon,
+        )
+        for column, words, value, icon in (
+            (first, "from (s)", usual[0], ":material/first_page:"), (last, "to (s)", usual[1], ":material/last_page:")
+        )
+    )  # fmt: skip
+    if not start < min(end, end_s):
+        problem(InputError(f"{start:g} to {end:g} s, expected a stretch of the run's {end_s:.4g} s", place="from … to"))
+        return None
+    return float(start), float(end)
 
 
 def _take_away(result: StudyResult) -> None:
