@@ -8,6 +8,7 @@ import time
 from collections import deque
 from dataclasses import asdict
 from typing import Any
+from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
@@ -165,12 +166,25 @@ def test_figures_of_a_plant_hold_its_last_seconds_its_events_and_every_step():
     columns = {name: np.full(len(time_s), value) for name, value in numbers.items()} | {
         "time_s": time_s, "speed_reference_rad_s": np.full(len(time_s), np.nan),
     }  # fmt: skip
-    figure = last_seconds(columns, 10.0, 1500.0, [(5.0, "too early"), (25.0, "slack")])
-    assert min(figure.data[0].x) >= 19.9 and "set point" not in {trace.name for trace in figure.data}
-    texts = [note.text for note in figure.layout.annotations]
-    assert "slack" in texts and "too early" not in texts
-    bars = late_starts({"<10 us": 3, ">=10000 us": 1}).data[0]
-    assert list(bars.y) == [75.0, 25.0]
+    drawn = last_seconds(columns, 10.0, 1500.0, [(5.0, "too early"), (25.0, "slack <b>")])
+    words = [text.text for text in fromstring(drawn).findall(".//{*}text")]
+    assert "slack <b>" in words and "too early" not in words and "set point" not in words
+    assert {"height", "motor", "at work", "drum", "dead line", "least", "25"} <= set(words)
+    bars = [
+        float(bar.get("height", "")) for bar in fromstring(late_starts({"<10 us": 3, ">=10 us": 1})).iter("{*}rect")
+    ]
+    assert bars[1] == pytest.approx(3.0 * bars[2]) and bars[2] > 0.0
+    assert "white" in drawn and "white" not in last_seconds(columns, 10.0, 1500.0, dark=True)
+
+
+def test_the_limit_of_torque_is_drawn_where_the_torque_comes_near_it():
+    time_s = np.arange(0.0, 1.0, 0.04)
+    columns = {name: np.full(len(time_s), value) for name, value in OwnLine(new_session(Hand())).numbers().items()}
+    columns |= {"time_s": time_s, "speed_reference_rad_s": time_s}
+    dashed = 'stroke-dasharray="6 4"'
+    assert dashed not in last_seconds(columns, 10.0, 1500.0)
+    assert dashed in last_seconds(columns | {"torque_at_work_nm": 1400.0 + time_s}, 10.0, 1500.0)
+    assert dashed in last_seconds(columns | {"torque_at_work_nm": -1400.0 - time_s}, 10.0, 1500.0)
 
 
 def test_a_plant_of_another_process_is_reached_over_udp_by_one_client_at_a_time():

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import streamlit as st
 
 from workbench.dashboard.jobs.place import jobs_workspace
-from workbench.dashboard.warm import import_pandas
+from workbench.dashboard.warm import whole_pandas
 from workbench.dashboard.widgets import is_dark
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def _function(title: str) -> Callable[[], None]:
 
 def run() -> None:
     """The whole app: called once per rerun by the script that streamlit runs."""
-    import_pandas()
+    whole_pandas()
     st.set_page_config(page_title="workbench", page_icon=_ICON, layout="wide")
     st.html(_STYLE_DARK + _STYLE if is_dark() else _STYLE)
     jobs_workspace()  # a page's link drops what names this session's jobs from the address; here it comes back

@@ -110,7 +110,8 @@ def table(shown: Table) -> None:
 
     columns = {head: arrow.texts([text.strip() for text in texts]) for head, texts in shown.by_column.items()}
     align = {column.line: st.column_config.TextColumn(alignment=column.align) for column in shown.columns}
-    st.dataframe(arrow.table(columns), hide_index=True, column_config=align)
+    # Not lazily: streamlit would import pandas to find out whether it could.
+    st.dataframe(arrow.table(columns), hide_index=True, column_config=align, lazy=False)
     if shown.note:
         st.caption(plain(shown.note))
 

@@ -30,6 +30,7 @@ from workbench.metrics import Metric, View, shown_in
 from workbench.references import BASELINE
 from workbench.study.conclude.decide import decision_table, verdict
 from workbench.study.conclude.pareto import fronts
+from workbench.study.conclude.price import price_sentence
 from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.utilisation import SIGN, alarm, utilisation
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
@@ -71,7 +72,7 @@ def show() -> None:
         said = _ramps(scenario, machine, result)
         # The ramps' runs are the lumped model's: a verdict over both would lay two models side by side.
         if scenario.plant == "lumped" and (better := verdict(result.rows, said)) is not None:
-            _say(sentence, better)
+            _say(sentence, better, result.rows)
         if (hangs := on_damping(scenario, machine)) is not None:
             st.caption(plain(hangs))
 
@@ -118,7 +119,7 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne is used."""
     said = verdict(result.rows)
     if said is not None:
-        _say(sentence, said)
+        _say(sentence, said, result.rows)
     uses = utilisation(result.rows, result.study.machine)
     if (alarmed := alarm(uses)) is not None:
         st.error(plain(alarmed), icon=":material/warning:")
@@ -132,8 +133,8 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
         )
 
 
-def _say(place: DeltaGenerator, sentence: str) -> None:
-    place.info(plain(sentence), icon=":material/gavel:")
+def _say(place: DeltaGenerator, sentence: str, rows: Sequence[Row]) -> None:
+    place.info(plain(" ".join([sentence, price_sentence(rows) or ""]).strip()), icon=":material/gavel:")
 
 
 def _head(scenario: Scenario, machine: Hoist, result: StudyResult) -> None:
