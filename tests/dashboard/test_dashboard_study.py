@@ -245,6 +245,15 @@ def test_runs_that_fail_are_said_and_the_others_shown():
     assert metrics(app)["Torque peak per motor"][0].endswith(" N m") and len(app.get("plotly_chart")) == 3
 
 
+def test_a_payload_that_one_reference_cannot_carry_is_said_to_be_left_out_of_the_table():
+    app = page("Study").run()
+    app.multiselect(key="study.payloads").set_value([0.0, "20000"]).run()
+    (said,) = (each.value.replace("\\", "") for each in app.warning)
+    assert "20000 kg, least torque peak: " in said
+    assert said.endswith("Table and verdict are of 0 kg and leave out 20000 kg; the lights are of all runs.")
+    assert errors(app)[0].startswith("Overload: torque peak 100 %") and not app.exception
+
+
 def test_references_are_not_compared_where_one_of_them_fails():
     app = trapezoid_and_ruckig(page("Study").run())
     # From the rail's end, and hard: the trapezoid overshoots out of the rail with every load.

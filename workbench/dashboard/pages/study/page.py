@@ -123,6 +123,7 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     uses = utilisation(result.rows, result.study.machine)
     if (alarmed := alarm(uses)) is not None:
         st.error(plain(alarmed), icon=":material/warning:")
+    _failures(result.rows)
     if (shown := decision_table(result.rows)) is not None:
         table(replace(shown, rows=[[label(name), *cells] for name, *cells in shown.rows]))
     for column, use in zip(st.columns(max(len(uses), 1)), uses, strict=False):
@@ -131,6 +132,22 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
             f":{colour}[{SIGN[use.light]}] {use.what}  \n**{use.percent:.0f} %**",
             help=plain(f"{use.percent:.0f} % of {use.bound}; {use.where}"),
         )
+
+
+def _failures(rows: Sequence[Row]) -> None:
+    """Which runs failed and why; the table and the verdict are of the payloads that every reference has run."""
+    failed = [row for row in rows if not row.ok]
+    if not failed:
+        return
+    said = f"{len(failed)} of {len(rows)} runs failed. "
+    said += f"{failed[0].payload_kg:g} kg, {label(failed[0].reference)}: {failed[0].reason}."
+    weighed = {row.reference for row in rows if row.ok}  # one that has run nowhere is in neither
+    without = {row.payload_kg for row in failed if row.reference in weighed}
+    rest = sorted({row.payload_kg for row in rows} - without)
+    if rest and without:
+        left_out, kept = (", ".join(f"{kg:g}" for kg in each) for each in (sorted(without), rest))
+        said += f" Table and verdict are of {kept} kg and leave out {left_out} kg; the lights are of all runs."
+    st.warning(plain(said), icon=":material/warning:")
 
 
 def _say(place: DeltaGenerator, sentence: str, rows: Sequence[Row]) -> None:
@@ -172,10 +189,6 @@ def _numbers(result: StudyResult) -> None:
         cards.append(Number(metric.heading, metric.scale * mine, metric.shown_unit, delta, better, help=said))
     for start in range(0, len(cards), MOST_CARDS):
         numbers(cards[start : start + MOST_CARDS])
-    failed = [row for row in rows if not row.ok]
-    if failed:
-        first = f"{failed[0].payload_kg:g} kg, {label(failed[0].reference)}: {failed[0].reason}"
-        st.warning(plain(f"{len(failed)} of {len(rows)} runs failed. {first}."), icon=":material/warning:")
     good = [row for row in rows if row.ok]
     said_first = f"**{label(kind).capitalize()}**, the worst of the payloads"
     said_first += "; below it the difference to the trapezoid." if kinds else "."
