@@ -17,6 +17,8 @@ from workbench.analysis.loop import INPUTS, SHOWN
 from workbench.analysis.step import step_response
 from workbench.control import PiSettings
 from workbench.dashboard.pages.loop.controls import KI, KP, WEIGHT, kp_steps
+from workbench.dashboard.pages.study.controls import Controls, Desk
+from workbench.dashboard.pages.study.form import DESK
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four
 from workbench.machine import default_hoist, with_values
 from workbench.reports.loop.case import usual_controller
@@ -159,3 +161,12 @@ def test_the_step_response_is_that_of_the_loop_taken_sample_by_sample():
         slowly = member.loop.closed.run(inputs)
         for signal, values in zip(SHOWN, slowly.T, strict=True):
             assert response.signals[signal] == pytest.approx(values, abs=1e-9 * np.max(np.abs(values)))
+
+
+def test_the_page_says_that_its_loop_is_the_lumped_machines_where_study_runs_on_the_multibody_one():
+    said = "Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised."
+    app = page("Loop")
+    app.session_state[DESK] = Desk(Controls(plant="multibody"))
+    assert said in [caption.value for caption in app.run().caption]
+    app.session_state[DESK] = Desk()
+    assert said not in [caption.value for caption in app.run().caption]

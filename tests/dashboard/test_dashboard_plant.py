@@ -8,6 +8,7 @@ import time
 from collections import deque
 from dataclasses import asdict
 from typing import Any
+from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
@@ -128,24 +129,23 @@ def test_rows_are_handed_out_once_and_begin_anew_after_a_reset():
     clock = Hand()
     session = new_session(clock)
     recorder = Recorder(OwnLine(session), lambda: {"speed_reference_rad_s": 1.5})
-    recorder.stop()
     line = OwnLine(session)
     line.command(session.plant.hold_nm)
     for _ in range(5):
         session.step()
-        recorder._take(line.numbers())
+        recorder.take(line.numbers())
     first = recorder.since(-1, 0)
     assert [row[first["columns"].index("time_s")] for row in first["rows"]] == pytest.approx(
         [k * 1e-3 for k in range(1, 6)]
     )
     assert {row[first["columns"].index("speed_reference_rad_s")] for row in first["rows"]} == {1.5}
     assert recorder.since(first["generation"], first["next"])["rows"] == []
-    recorder._take(line.numbers())  # its time stands
+    recorder.take(line.numbers())  # its time stands
     assert recorder.since(first["generation"], first["next"])["rows"] == []
     recorder.note("motor lost")
     assert recorder.since(first["generation"], 0)["events"] == [(0.005, "motor lost")]
     session.reset()
-    recorder._take(line.numbers())
+    recorder.take(line.numbers())
     anew = recorder.since(first["generation"], first["next"])
     assert anew["generation"] != first["generation"] and len(anew["rows"]) == 1 and anew["events"] == []
 
@@ -165,12 +165,24 @@ def test_figures_of_a_plant_hold_its_last_seconds_its_events_and_every_step():
     columns = {name: np.full(len(time_s), value) for name, value in numbers.items()} | {
         "time_s": time_s, "speed_reference_rad_s": np.full(len(time_s), np.nan),
     }  # fmt: skip
-    figure = last_seconds(columns, 10.0, 1500.0, [(5.0, "too early"), (25.0, "slack")])
-    assert min(figure.data[0].x) >= 19.9 and "set point" not in {trace.name for trace in figure.data}
-    texts = [note.text for note in figure.layout.annotations]
-    assert "slack" in texts and "too early" not in texts
-    bars = late_starts({"<10 us": 3, ">=10000 us": 1}).data[0]
-    assert list(bars.y) == [75.0, 25.0]
+    drawn = last_seconds(columns, 10.0, 1500.0, [(5.0, "too early"), (25.0, "slack <b>")])
+    words = [text.text for text in fromstring(drawn).findall(".//{*}text")]
+    assert "slack <b>" in words and "too early" not in words and "set point" not in words
+    assert {"height", "motor", "at work", "drum", "dead line", "least", "25"} <= set(words)
+    late = fromstring(late_starts({"<10 us": 3, ">=10 us": 1}))
+    _, *bars = [float(bar.get("height", "")) for bar in late.findall("{*}rect")]  # behind the ground
+    assert bars[0] == pytest.approx(3.0 * bars[1]) and bars[1] > 0.0
+    assert "white" in drawn and "white" not in last_seconds(columns, 10.0, 1500.0, dark=True)
+
+
+def test_the_limit_of_torque_is_drawn_where_the_torque_comes_near_it():
+    time_s = np.arange(0.0, 1.0, 0.04)
+    columns = {name: np.full(len(time_s), value) for name, value in OwnLine(new_session(Hand())).numbers().items()}
+    columns |= {"time_s": time_s, "speed_reference_rad_s": time_s}
+    dashed = 'stroke-dasharray="6 4"'
+    assert dashed not in last_seconds(columns, 10.0, 1500.0)
+    assert dashed in last_seconds(columns | {"torque_at_work_nm": 1400.0 + time_s}, 10.0, 1500.0)
+    assert dashed in last_seconds(columns | {"torque_at_work_nm": -1400.0 - time_s}, 10.0, 1500.0)
 
 
 def test_a_plant_of_another_process_is_reached_over_udp_by_one_client_at_a_time():

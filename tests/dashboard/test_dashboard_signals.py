@@ -15,7 +15,9 @@ from tests.support.dashboard_app import errors, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.dashboard import campaigns
 from workbench.dashboard.pages.signals.page import RAMP, _part, _runs_table
+from workbench.dashboard.pages.study.forces import force_table, forces_of
 from workbench.figures.signals import BEFORE_S, Stretch, browser, start_of_move
+from workbench.figures.style import line
 from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet
 from workbench.run import Array, Run
 
@@ -85,6 +87,20 @@ def test_what_is_taken_away_is_every_sample_of_the_stretch(tmp_path: Path):
 def test_the_table_counts_missing_samples():
     gappy = Run("gappy", np.arange(5.0), {"torque_motor_nm": np.array([1.0, np.nan, np.nan, 2.0, 3.0])})
     assert _runs_table([gappy]).rows[0][:6] == ("gappy", "5", "1000", "4.000", "0", "2")
+
+
+def test_forces_of_the_multibody_machine_are_told_from_the_lumped_ones_and_the_largest_listed():
+    time = np.arange(3.0)
+    lumped, top = np.array([9e9, 0.0, 0.0]), np.array([1e3, -5e3, 2e3])
+    one = Run("a", time, {"force_guide_n": lumped, "force_roller_top_n": top, "pitch_lower_dolly_rad": time})
+    assert forces_of(one) == ["force_roller_top_n"]
+    other = Run("b", time, {"force_roller_top_n": 2.0 * top})
+    shown = force_table([("trapezoid", one), ("ruckig", one), ("ruckig", other)])
+    assert [list(row) for row in shown.rows] == [["roller top", "\N{MINUS SIGN}5.00", "\N{MINUS SIGN}10.0"]]
+    assert shown.heads[1:] == ("trapezoid kN", "ruckig, same limits kN")
+    drawn = browser([Stretch.whole(one), Stretch.whole(other)], ["force_roller_top_n"], ["trapezoid", "ruckig"])
+    assert [trace.name for trace in drawn.data] == ["trapezoid", "ruckig, same limits"]
+    assert drawn.data[0].line.color == line("trapezoid")["color"] and min(drawn.data[1].y) == -10.0
 
 
 @pytest.fixture

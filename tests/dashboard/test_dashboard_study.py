@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import signal
@@ -15,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("streamlit")
@@ -29,6 +31,7 @@ from workbench.dashboard.pages.compare.page import difference, machine_told_apar
 from workbench.dashboard.pages.loop.controls import KI, KP
 from workbench.dashboard.pages.study.address import from_address, in_address
 from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
+from workbench.dashboard.pages.study.page import OWN
 from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
 from workbench.dashboard.serve import SCRIPT
 from workbench.errors import InputError
@@ -220,12 +223,35 @@ def test_the_first_table_has_the_references_that_a_drive_engineer_weighs():
     assert START.references == ("trapezoid", "ruckig", "ruckig_equal_time", "optimal")
 
 
+def test_a_stretch_of_time_stays_while_sliders_move_and_a_bad_one_is_said():
+    app = page("Study").run()
+    app.segmented_control(key="study stretch").set_value(OWN).run()
+    app.number_input(key="study from (s)").set_value(17.0)
+    app.number_input(key="study to (s)").set_value(21.0).run()
+    for _ in range(2):
+        times = json.loads(app.get("plotly_chart")[0].proto.spec)["data"][0]["x"]
+        drawn = np.frombuffer(base64.b64decode(times["bdata"]), times["dtype"]) if isinstance(times, dict) else times
+        assert min(drawn) > 16.9 and max(drawn) < 21.1
+        app.slider(key="study.up.jerk").set_value(1.2).run()
+    app.number_input(key="study from (s)").set_value(500.0).run()
+    assert errors(app)[0].startswith("from … to: 500 to 21 s, expected a stretch") and not app.exception
+
+
 def test_runs_that_fail_are_said_and_the_others_shown():
     app = trapezoid_and_ruckig(page("Study").run())
     app.multiselect(key="study.payloads").set_value([0.0, "30000"]).run()
     assert not app.exception
     assert app.warning[0].value.startswith("2 of 4 runs failed") and "30000 kg, trapezoid" in app.warning[0].value
     assert metrics(app)["Torque peak per motor"][0].endswith(" N m") and len(app.get("plotly_chart")) == 3
+
+
+def test_a_payload_that_one_reference_cannot_carry_is_said_to_be_left_out_of_the_table():
+    app = page("Study").run()
+    app.multiselect(key="study.payloads").set_value([0.0, "20000"]).run()
+    (said,) = (each.value.replace("\\", "") for each in app.warning)
+    assert "20000 kg, least torque peak: " in said
+    assert said.endswith("Table and verdict are of 0 kg and leave out 20000 kg; the lights are of all runs.")
+    assert errors(app)[0].startswith("Overload: torque peak 100 %") and not app.exception
 
 
 def test_references_are_not_compared_where_one_of_them_fails():

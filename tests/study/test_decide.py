@@ -11,6 +11,7 @@ from workbench.machine import default_hoist, shipped
 from workbench.metrics import View, shown_in
 from workbench.study.conclude.damping import damping_sentence
 from workbench.study.conclude.decide import BEST, Choice, choices, decision_table, verdict
+from workbench.study.conclude.price import DEAR, price_sentence
 from workbench.study.conclude.utilisation import alarm, utilisation
 from workbench.study.execute.run import StudyResult, run_study
 from workbench.study.results.row import Row
@@ -68,6 +69,15 @@ def test_the_verdict_says_where_other_limits_are_quicker_and_lower():
     assert said is not None
     assert said.endswith("ruckig with the same limits would do better at acceleration 0.42 m/s²: "
                          "1.0 s quicker, 10 N m per motor lower.")  # fmt: skip
+
+
+def test_the_lowest_peak_is_told_with_its_price():
+    said = price_sentence(result().rows)
+    values = {c.reference: c.values["wire_tension_swing_n"] for c in choices(result().rows)}
+    assert values["optimal"] > DEAR * min(values.values())
+    assert said is not None and said.startswith("The lowest peak, by the motion of least torque peak, has its price: ")
+    assert f"{values['optimal'] / 1000.0:.1f} kN against {min(values.values()) / 1000.0:.1f}" in said
+    assert price_sentence([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 532.0)]) is None  # alike but for these
 
 
 def test_nothing_is_chosen_among_one():

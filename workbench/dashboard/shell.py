@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import streamlit as st
 
 from workbench.dashboard.jobs.place import jobs_workspace
-from workbench.dashboard.warm import import_pandas
+from workbench.dashboard.warm import whole_pandas
 from workbench.dashboard.widgets import is_dark
 
 if TYPE_CHECKING:
@@ -51,6 +51,8 @@ PAGES: dict[str, tuple[str, str]] = {
     "Batches": ("workbench.dashboard.pages.batches.page:show", ":material/dynamic_feed:"),
 }
 
+FIRST = "Study"
+
 
 def present() -> list[str]:
     """Titles of the pages whose modules are there, in order."""
@@ -72,14 +74,21 @@ def _function(title: str) -> Callable[[], None]:
 
 def run() -> None:
     """The whole app: called once per rerun by the script that streamlit runs."""
-    import_pandas()
+    whole_pandas()
     st.set_page_config(page_title="workbench", page_icon=_ICON, layout="wide")
     st.html(_STYLE_DARK + _STYLE if is_dark() else _STYLE)
     jobs_workspace()  # a page's link drops what names this session's jobs from the address; here it comes back
     pages: list[StreamlitPage] = []
     for title in present():
-        page = st.Page(
-            _function(title), title=title, icon=PAGES[title][1], url_path=title.lower(), default=title == "Study"
+        path = "first" if title == FIRST else title.lower()  # the first page's own address is the server's
+        pages.append(
+            st.Page(_function(title), title=title, icon=PAGES[title][1], url_path=path, default=title == FIRST)
         )
-        pages.append(page)
+    first = pages[0]
+
+    def by_name() -> None:
+        st.switch_page(first, query_params=st.query_params.to_dict())
+
+    # Whoever writes the first page's name into an address finds it, too.
+    pages.append(st.Page(by_name, url_path=FIRST.lower(), visibility="hidden"))
     st.navigation(pages, position="top").run()

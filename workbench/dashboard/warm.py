@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import threading
 import time
 
@@ -26,18 +27,19 @@ def wait() -> None:
     _threads[0].join()
 
 
-def import_pandas() -> None:
-    """Imports pandas whole, before this thread makes a figure.
+def whole_pandas() -> None:
+    """Waits until pandas is whole, where some thread has begun to import it; before this thread makes a figure.
 
-    Plotly looks for pandas in `sys.modules` and would use it half imported while another thread is at it. A thread
-    that imports it too waits until it is whole.
+    Plotly looks for pandas in `sys.modules` and would use it half imported. No page needs it: it is not imported here,
+    for that would be a third of the first page's imports.
     """
-    import pandas  # noqa: F401
+    if "pandas" in sys.modules:
+        import pandas  # noqa: F401
 
 
 def _load(later_s: float = LATER_S) -> None:
     """The first page, then the others. What fails here fails again, and is shown, where it is used."""
-    for load, wait_s in ((import_pandas, 0.0), (_study, 0.0), (_loop, later_s), (_others, 0.0)):
+    for load, wait_s in ((_study, 0.0), (_loop, later_s), (_others, 0.0)):
         time.sleep(wait_s)
         try:
             load()

@@ -87,10 +87,13 @@ def is_dark() -> bool:
 
 
 def chart(figure: Figure, key: str, alt: str | None = None) -> None:
-    """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG."""
+    """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG.
+
+    Streamlit draws a figure that has changed anew, and a zoom made with the mouse goes with it: what is to stay is set
+    by a control of the page.
+    """
     from workbench.figures.style import for_dark
 
-    figure.update_layout(uirevision=key)  # a slider changes the lines and leaves the zoom
     config = {
         "scrollZoom": True,
         "displaylogo": False,
@@ -107,7 +110,8 @@ def table(shown: Table) -> None:
 
     columns = {head: arrow.texts([text.strip() for text in texts]) for head, texts in shown.by_column.items()}
     align = {column.line: st.column_config.TextColumn(alignment=column.align) for column in shown.columns}
-    st.dataframe(arrow.table(columns), hide_index=True, column_config=align)
+    # Not lazily: streamlit would import pandas to find out whether it could.
+    st.dataframe(arrow.table(columns), hide_index=True, column_config=align, lazy=False)
     if shown.note:
         st.caption(plain(shown.note))
 

@@ -116,18 +116,6 @@ class Panels:
                 | {"font": {"size": 11, "color": colour}}
             )
 
-    def mark(self, column: int, x: float, text: str, colour: str) -> None:
-        """A vertical line through all rows of a column, its text along it in the first."""
-        xref = f"x{self._across(0, column)}"
-        self.shapes.append(
-            {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "xref": xref, "yref": "paper"}
-            | {"line": {"color": colour, "width": 1.2, "dash": "dot"}}
-        )
-        self.annotations.append(
-            {"text": text, "x": x, "y": 1, "xref": xref, "yref": "paper", "xanchor": "right", "yanchor": "top"}
-            | {"textangle": -90, "showarrow": False, "font": {"size": 11, "color": colour}}
-        )
-
     def _legend_lines(self) -> int:
         """How many lines the legend takes on paper, the narrowest that figures are drawn for."""
         widths = [7 * len(str(trace["name"])) + 46 for trace in self.traces if trace["showlegend"]]

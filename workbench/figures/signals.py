@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from workbench.figures.panels import Panels
-from workbench.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
+from workbench.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, label, line
 from workbench.names import unit_of, words_of
 from workbench.run import Array, Run
 
@@ -58,24 +59,29 @@ def start_of_move(run: Run) -> Stretch | None:
     return Stretch(run, start - BEFORE_S, start + AFTER_S, start)
 
 
-def browser(stretches: Sequence[Stretch], signals: Sequence[str]) -> Figure:
-    """A row for each signal, a line for each run that has it. Long runs are thinned; their peaks stay."""
+def browser(stretches: Sequence[Stretch], signals: Sequence[str], references: Sequence[str] = ()) -> Figure:
+    """A row for each signal, a line for each run that has it. Long runs are thinned; their peaks stay.
+
+    references: of each run the reference that it followed, whose name and colour it then has.
+    """
     units = {signal: SHOWN_IN.get(unit_of(signal), (unit_of(signal), 1.0)) for signal in signals}
     heads = [f"{_words(signal)}<br>({units[signal][0] or '–'})" for signal in signals]
     panels = Panels("", heads, one_cursor=True)
     for number, stretch in enumerate(stretches):
-        look = {
-            "color": COLOURS[number % len(COLOURS)], "width": 1.5, "simplify": False,
-            "dash": DASHES[number // len(COLOURS) % len(DASHES)],
-        }  # fmt: skip
+        look = line(references[number], number, 1.5) if references else _look(number)
+        name = label(references[number]) if references else stretch.run.name
         for row, signal in enumerate(signals):
             if signal in stretch.run:
                 time, values = stretch.cut(signal)
-                panels.line(row, 0, time, units[signal][1] * values, stretch.run.name, look, units[signal][0])
+                panels.line(row, 0, time, units[signal][1] * values, name, look, units[signal][0])
     return panels.figure(ROW * len(signals) + 130)
 
 
+def _look(number: int) -> dict[str, Any]:
+    dash = DASHES[number // len(COLOURS) % len(DASHES)]
+    return {"color": COLOURS[number % len(COLOURS)], "width": 1.5, "simplify": False, "dash": dash}
+
+
 def _words(signal: str) -> str:
-    """A signal's name in words, broken where it is long."""
-    words = words_of(signal)
-    return words if len(words) <= 18 else words.replace(" ", "<br>", 1)
+    """A signal's name in words, in lines that a row has room for."""
+    return "<br>".join(wrap(words_of(signal), 18))

@@ -19,7 +19,7 @@ BEGINS = {
 
 
 class Recorder:
-    """Rows of a plant's numbers, taken in a thread of its own until `stop()`.
+    """Rows of a plant's numbers, taken in a thread of its own from `start()` to `stop()`.
 
     beside(): further columns, name -> value, at the same instants. Rows have a running number, so that a page asks
     for those that it has not seen. A plant whose time stands adds no rows; one that was reset begins anew.
@@ -36,6 +36,8 @@ class Recorder:
         self.problem = ""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+
+    def start(self) -> None:
         self._thread.start()
 
     def stop(self) -> None:
@@ -65,12 +67,13 @@ class Recorder:
     def _run(self) -> None:
         while not self._stop.wait(EVERY_S):
             try:
-                self._take(self._line.numbers())
+                self.take(self._line.numbers())
                 self.problem = ""
             except InputError as error:
                 self.problem = str(error)
 
-    def _take(self, read: Mapping[str, float]) -> None:
+    def take(self, read: Mapping[str, float]) -> None:
+        """One row, from what `Line.numbers` says."""
         now = {**read, **self._beside()}
         with self._lock:
             before, self._now = self._now, now

@@ -39,6 +39,7 @@ class Desk:
         self.line, self.machine, self.said = line, machine, said
         self.client: Client | None = None
         self.recorder = Recorder(line, self._beside)
+        self.recorder.start()
 
     def _beside(self) -> Mapping[str, float]:
         client = self.client

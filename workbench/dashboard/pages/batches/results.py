@@ -123,6 +123,7 @@ def _runs(folder: Path, count: int) -> None:
     st.dataframe(
         shown,
         hide_index=True,
+        lazy=False,
         column_config={
             column.name: st.column_config.NumberColumn(format="%.5g")
             for column in shown.schema

@@ -10,6 +10,8 @@ from workbench.analysis.family import Member, weakest
 from workbench.dashboard.pages.loop.controls import Question, gains, question
 from workbench.dashboard.pages.loop.family import loops
 from workbench.dashboard.pages.loop.tuning import tuned_before, tuning, wanted
+from workbench.dashboard.pages.study.controls import Desk
+from workbench.dashboard.pages.study.form import DESK
 from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain, table
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
 from workbench.reports.loop import report
@@ -34,8 +36,16 @@ def show() -> None:
     _bode_and_nyquist(members, asked)
     tuned_before(case)
     st.markdown(plain(" ".join(report.sentences(case, members))))
+    if _on_rigid_bodies():
+        st.caption("Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised.")
     _others(members, asked)
     _table(members)
+
+
+def _on_rigid_bodies() -> bool:
+    """Whether the session's study runs on the multi-body machine."""
+    desk = st.session_state.get(DESK)
+    return isinstance(desk, Desk) and desk.controls.plant == "multibody"
 
 
 def _by_rule(case: LoopCaseFile) -> LoopCaseFile:

@@ -11,7 +11,7 @@ from workbench.dashboard.pages.plant.client import client
 from workbench.dashboard.pages.plant.faults import PROBLEM, faults
 from workbench.dashboard.pages.plant.live import Latest, latest
 from workbench.dashboard.plant.process import PlantProcess
-from workbench.dashboard.widgets import chart, guarded, plain, problem, text
+from workbench.dashboard.widgets import guarded, is_dark, plain, problem, text
 from workbench.errors import InputError
 from workbench.figures.served import last_seconds, late_starts
 from workbench.machine import Hoist
@@ -114,8 +114,8 @@ def _live(machine: Hoist) -> None:
     _cards(seen)
     limit = torque_limits(machine)["u_one" if seen.told("motor_lost") else "u_all"]
     events = [(float(at), str(words)) for at, words in seen.answer["events"]]
-    figure = last_seconds(seen.columns, float(window or 20), limit, events, height=560)
-    chart(figure, "plant live", "Height, speed, torque and wire tension over the last seconds")
+    # A picture rather than a chart: streamlit would draw a chart anew from nothing each time.
+    st.image(last_seconds(seen.columns, float(window or 20), limit, events, is_dark()), width="stretch")
     _pace(seen)
 
 
@@ -134,11 +134,11 @@ def _cards(seen: Latest) -> None:
     now, pace = seen.now, seen.answer["status"]["pace"]
     shown = (
         ("Height (m)", f"{now['position_carriage_m']:.2f}", ""),
-        ("Motor speed (rad/s)", f"{now['speed_motor_rad_s']:.1f}", ""),
+        ("Speed (rad/s)", f"{now['speed_motor_rad_s']:.1f}", ""),
         ("Torque (N m)", f"{now['torque_at_work_nm']:.0f}", "of all motors, behind the drive's limits and lag"),
         ("Drum tension (kN)", f"{1e-3 * now['tension_drum_n']:.1f}", ""),
         ("Payload (kg)", f"{now['payload_now_kg']:.0f}", ""),
-        ("Steps on time (%)", f"{pace['on_time_percent']:.2f}", f"{pace['steps']} steps at {pace['rate_hz']:g} Hz"),
+        ("On time (%)", f"{pace['on_time_percent']:.2f}", f"{pace['steps']} steps at {pace['rate_hz']:g} Hz"),
     )
     for column, (name, value, tip) in zip(st.columns(len(shown)), shown, strict=True):
         column.metric(name, value.replace("-", "\N{MINUS SIGN}"), help=tip or None, border=True, height="stretch")
@@ -158,7 +158,7 @@ def _pace(seen: Latest) -> None:
     lines = [f"| {name} | {value} |" for name, value in rows]
     left.markdown("\n".join([lines[0], "|---|---|", *lines[1:]]))
     with right:
-        chart(late_starts(pace["jitter"]), "plant jitter", "Histogram of how late the steps began")
+        st.image(late_starts(pace["jitter"], is_dark()), width="stretch")
     if seen.answer["said"]:
         with st.expander(f"What the plant says ({len(seen.answer['said'])})"):
             st.markdown("\n".join(f"- {plain(line)}" for line in seen.answer["said"]))

@@ -14,6 +14,7 @@ from workbench.dashboard.machines import session_machine
 from workbench.dashboard.pages.compare.kept import is_kept, keep
 from workbench.dashboard.pages.study.address import KEY, from_address, in_address
 from workbench.dashboard.pages.study.controls import Desk, scenario_of
+from workbench.dashboard.pages.study.forces import forces
 from workbench.dashboard.pages.study.form import DESK, controls, named
 from workbench.dashboard.pages.study.runs import beside_payloads, beside_ramps, on_damping, results, told
 from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, problem, table
@@ -29,6 +30,7 @@ from workbench.metrics import Metric, View, shown_in
 from workbench.references import BASELINE
 from workbench.study.conclude.decide import decision_table, verdict
 from workbench.study.conclude.pareto import fronts
+from workbench.study.conclude.price import price_sentence
 from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.utilisation import SIGN, alarm, utilisation
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
@@ -41,7 +43,7 @@ from workbench.study.variations.varying import swept_axes
 PEAK = "peak_torque_motor_nm"
 MOST_CARDS = 4  # numbers side by side
 GOOD = "study good"
-WHOLE, RAMP = "whole run", "start of the first move"
+WHOLE, RAMP, OWN = "whole run", "start of the first move", "from … to …"
 
 
 def show() -> None:
@@ -62,6 +64,7 @@ def show() -> None:
         with st.expander("One reference against the trapezoid", icon=":material/compare:"):
             _numbers(result)
     _over_time(result)
+    forces(result)
     _take_away(result)
     _plane(result)
     with guarded():
@@ -69,7 +72,7 @@ def show() -> None:
         said = _ramps(scenario, machine, result)
         # The ramps' runs are the lumped model's: a verdict over both would lay two models side by side.
         if scenario.plant == "lumped" and (better := verdict(result.rows, said)) is not None:
-            _say(sentence, better)
+            _say(sentence, better, result.rows)
         if (hangs := on_damping(scenario, machine)) is not None:
             st.caption(plain(hangs))
 
@@ -116,10 +119,11 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne is used."""
     said = verdict(result.rows)
     if said is not None:
-        _say(sentence, said)
+        _say(sentence, said, result.rows)
     uses = utilisation(result.rows, result.study.machine)
     if (alarmed := alarm(uses)) is not None:
         st.error(plain(alarmed), icon=":material/warning:")
+    _failures(result.rows)
     if (shown := decision_table(result.rows)) is not None:
         table(replace(shown, rows=[[label(name), *cells] for name, *cells in shown.rows]))
     for column, use in zip(st.columns(max(len(uses), 1)), uses, strict=False):
@@ -130,8 +134,24 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
         )
 
 
-def _say(place: DeltaGenerator, sentence: str) -> None:
-    place.info(plain(sentence), icon=":material/gavel:")
+def _failures(rows: Sequence[Row]) -> None:
+    """Which runs failed and why; the table and the verdict are of the payloads that every reference has run."""
+    failed = [row for row in rows if not row.ok]
+    if not failed:
+        return
+    said = f"{len(failed)} of {len(rows)} runs failed. "
+    said += f"{failed[0].payload_kg:g} kg, {label(failed[0].reference)}: {failed[0].reason}."
+    weighed = {row.reference for row in rows if row.ok}  # one that has run nowhere is in neither
+    without = {row.payload_kg for row in failed if row.reference in weighed}
+    rest = sorted({row.payload_kg for row in rows} - without)
+    if rest and without:
+        left_out, kept = (", ".join(f"{kg:g}" for kg in each) for each in (sorted(without), rest))
+        said += f" Table and verdict are of {kept} kg and leave out {left_out} kg; the lights are of all runs."
+    st.warning(plain(said), icon=":material/warning:")
+
+
+def _say(place: DeltaGenerator, sentence: str, rows: Sequence[Row]) -> None:
+    place.info(plain(" ".join([sentence, price_sentence(rows) or ""]).strip()), icon=":material/gavel:")
 
 
 def _head(scenario: Scenario, machine: Hoist, result: StudyResult) -> None:
@@ -169,10 +189,6 @@ def _numbers(result: StudyResult) -> None:
         cards.append(Number(metric.heading, metric.scale * mine, metric.shown_unit, delta, better, help=said))
     for start in range(0, len(cards), MOST_CARDS):
         numbers(cards[start : start + MOST_CARDS])
-    failed = [row for row in rows if not row.ok]
-    if failed:
-        first = f"{failed[0].payload_kg:g} kg, {label(failed[0].reference)}: {failed[0].reason}"
-        st.warning(plain(f"{len(failed)} of {len(rows)} runs failed. {first}."), icon=":material/warning:")
     good = [row for row in rows if row.ok]
     said_first = f"**{label(kind).capitalize()}**, the worst of the payloads"
     said_first += "; below it the difference to the trapezoid." if kinds else "."
@@ -193,14 +209,36 @@ def _over_time(result: StudyResult) -> None:
     runs = [(kind, result.runs[row.run_id]) for kind, row in _good(result)]
     if runs:
         limit = motor_torque_limit_nm(machine)
-        stretch = st.segmented_control(
-            "Stretch of time", (WHOLE, RAMP), default=WHOLE, key="study stretch", label_visibility="collapsed",
-            required=True,
-        )  # fmt: skip
-        window = start_of_move(result) if stretch == RAMP else None
+        window = _window(result, max(float(run.time_s[-1]) for _, run in runs))
         figure = overview(runs, machine.motor.nominal_torque_nm, limit, "", window, height=740)
-        key = "study over time" if window is None else "study ramp"
-        chart(figure, key, "Speed, tracking error, torque and wire tension over time")
+        chart(figure, "study over time", "Speed, tracking error, torque and wire tension over time")
+
+
+def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
+    """The stretch of time that is drawn, which stays while sliders move; None for all of it."""
+    choice, first, last = st.columns([2.6, 1.0, 1.0], vertical_alignment="center")
+    stretch = choice.segmented_control(
+        "Stretch of time", (WHOLE, RAMP, OWN), default=WHOLE, key="study stretch", label_visibility="collapsed",
+        required=True, persist_state="session",
+    )  # fmt: skip
+    if stretch == RAMP:
+        return start_of_move(result)
+    if stretch != OWN:
+        return None
+    usual = start_of_move(result)
+    start, end = (
+        column.number_input(
+            words, 0.0, None, value, 0.5, key=f"study {words}", format="%.4g", persist_state="session",
+            label_visibility="collapsed", icon=icon,
+        )
+        for column, words, value, icon in (
+            (first, "from (s)", usual[0], ":material/first_page:"), (last, "to (s)", usual[1], ":material/last_page:")
+        )
+    )  # fmt: skip
+    if not start < min(end, end_s):
+        problem(InputError(f"{start:g} to {end:g} s, expected a stretch of the run's {end_s:.4g} s", place="from … to"))
+        return None
+    return float(start), float(end)
 
 
 def _take_away(result: StudyResult) -> None:

@@ -1,0 +1,29 @@
+"""What the lowest torque peak costs in the other figures of the table that decides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from workbench.metrics import View, shown_in
+from workbench.study.conclude.decide import PEAK, TIME, choices, name_of
+from workbench.study.results.row import Row
+
+DEAR = 1.5  # times the best of the references: a figure that is worth a word
+
+
+def price_sentence(rows: Sequence[Row]) -> str | None:
+    """The figures in which the reference of the lowest peak is far from the best; None where it is dear in none."""
+    found = choices(rows)
+    if len(found) < 2:
+        return None
+    lowest = min(found, key=lambda choice: choice.values[PEAK])
+    dear = []
+    for metric in shown_in(View.DECISION):
+        values = [choice.values[metric.name] for choice in found]
+        own, best = lowest.values[metric.name], min(values)
+        if metric.name not in (PEAK, TIME) and metric.better == "lower" and 0.0 < DEAR * best < own:
+            dear.append(f"{metric.label} {metric.text(own)} {metric.shown_unit} against {metric.text(best)}")
+    if not dear:
+        return None
+    name = name_of(lowest)
+    return f"The lowest peak, by {name}, has its price: {', '.join(dear)}."
