@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import effects_option, keyed_number
 
 EXIT_ALARM = 1
 
@@ -89,11 +89,12 @@ def command(
     from workbench.watch.change import HEALTHY
     from workbench.watch.diagnosed import diagnosed
     from workbench.watch.judge import Rules
-    from workbench.watch.limits import read_limits
     from workbench.watch.stream.line import SCHEME, line_of
     from workbench.watch.watch import Watch, run
 
-    rules = Rules(cycles_between, healthy or HEALTHY, pause, warm_up, read_limits(limits))
+    rules = Rules(
+        cycles_between, healthy or HEALTHY, pause, warm_up, dict(keyed_number(word, "limits") for word in limits)
+    )
     read = load_machine(machine, check_effects=check)
     stop = threading.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
