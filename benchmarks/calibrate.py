@@ -1,9 +1,10 @@
 """`python -m benchmarks.calibrate FOLDER --make 120`: the numbers by which evidence becomes probability.
 
-Fitted on campaigns of the simulators of a seed that is kept for it (SEED); nothing recorded takes part. With `--make N`
-the campaigns are made and diagnosed first, in FOLDER, as `workbench blind` does it; what is there stays, and everything
-else needs no more than the kept answers. What is stated of an answer (`surer`, `missed_*`,
-see `verdict/probability.py`) is fitted by the likelihood of the answers being right or wrong; it changes no answer.
+Fitted on campaigns of the simulators of a seed that is kept for it (SEED), and on blind tests that are open, so of no
+further use as such (`--with TEST...`); nothing recorded takes part. With `--make N` the campaigns are made and
+diagnosed first, in FOLDER, as `workbench blind` does it; what is there stays, and everything else needs no more than
+the kept answers. What is stated of an answer (`surer`, `missed_*`, see `verdict/probability.py`) is fitted by the
+likelihood of the answers being right or wrong; it changes no answer.
 
 With `--decide` the numbers that decide are fitted too: every campaign of a single effect is diagnosed once more with
 the effect taken out of the library, the weights of an unknown cause are a logistic regression (scikit-learn) with no
@@ -51,6 +52,7 @@ SEALED, WITHHELD, ANSWERED_WITH = "sealed", "withheld", "calibration.json"
 LEAST_THRESHOLD = 4.0
 FALSE_ALARMS = 0.02
 INSIDE = 0.90
+EQUAL = 0.01  # merit
 SURE = (-30.0, 30.0)  # arguments of the logistic: as good as no unknown cause, and as nothing else
 BEFORE_RANKING = ("interval", "pair")  # to change these is to diagnose anew
 
@@ -64,6 +66,9 @@ def main() -> None:
     parser.add_argument("--decide", action="store_true", help="fit the numbers that decide, too")
     parser.add_argument("--leave-out", action="store_true", help="judge each family by the calibration of the others")
     parser.add_argument(
+        "--with", dest="tests", type=Path, nargs="+", default=[], metavar="TEST", help="fit to these, too"
+    )
+    parser.add_argument(
         "--judge", type=Path, nargs="+", default=[], metavar="TEST", help="judge opened blind tests by it"
     )
     parser.add_argument("--sensitivity", action="store_true", help="say what 30 %% of each number changes")
@@ -71,18 +76,18 @@ def main() -> None:
     given = parser.parse_args()
     if given.make:
         made(given.folder, given.make, given.processes, first=given.first, withhold=given.decide)
-    rows = rows_of(given.folder)
+    rows = [*rows_of(given.folder), *(row for test in given.tests for row in opened(test))]
     numbers = fitted([row for row in rows if answered(row)], given.decide)
     print(json.dumps(numbers, indent=1))
     if given.leave_out:
         print("\n".join(by_family(rows, left_out(rows, given.decide))))
     for test in given.judge:
-        judged = list(open_and_score(test, key_of(test)).rows)
+        judged = opened(test)
         print("\n".join(by_family(judged, [_anew(row, numbers) for row in judged])))
     if given.sensitivity:
         print("\n".join(sensitivity(rows, numbers)))
     if given.write:
-        made_by = f"python -m benchmarks.calibrate, {len(rows)} answers on simulated campaigns"
+        made_by = f"python -m benchmarks.calibrate, {len(rows)} answers"
         CALIBRATION.write_text(json.dumps({"made_by": made_by, "numbers": numbers}, indent=1) + "\n", encoding="utf-8")
 
 
@@ -121,6 +126,30 @@ def rows_of(folder: Path) -> list[Row]:
     rows = [*score.rows, *({**row, "label": labels[name]} for name, row in withheld.items())]
     interval = json.loads((folder / ANSWERED_WITH).read_text(encoding="utf-8"))["interval"]
     return [{**row, "interval": interval} for row in rows]
+
+
+def opened(test: Path) -> list[Row]:
+    """All answers of a blind test that was scored, joined with their labels. They belong to no later score."""
+    rows = open_and_score(test, key_of(test)).rows
+    return [row if "twins" in row else {**row, "twins": _equals(row)} for row in rows]
+
+
+def _equals(row: Row) -> list[list[list[str]]]:
+    """Twins, of an answer that was kept before twins were: of one merit, and of one name that differs."""
+    groups: list[list[tuple[list[str], float]]] = []
+    for names, merit in row["counted"]:
+        if not names or merit <= 0.0:
+            continue
+        group = next((g for g in groups if abs(g[0][1] - merit) < EQUAL and _differ_by_one(g[0][0], names)), None)
+        if group is None:
+            groups.append([(names, merit)])
+        else:
+            group.append((names, merit))
+    return [[list(names) for names, _ in group] for group in groups if len(group) > 1]
+
+
+def _differ_by_one(one: Sequence[str], other: Sequence[str]) -> bool:
+    return len(one) == len(other) and len(set(one) - set(other)) == 1
 
 
 def answered(row: Row) -> bool:

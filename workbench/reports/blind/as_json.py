@@ -63,6 +63,7 @@ def _group(rows: Sequence[Row]) -> dict[str, Any]:
         "inside_90": _share(n.covered),
         "shrink_over_oracle_median": median(n.of_oracle),
         "calibration_error": n.calibration_error,
+        "calibration_error_by_chance": n.calibration_by_chance,
         "cpu_s_median": median(n.cpu_s),
         "cpu_s_largest": n.cpu_s[-1] if n.cpu_s else None,
     }

@@ -107,7 +107,9 @@ def amounts(rows: Sequence[Row]) -> Table:
         n = numbers(which)
         error = f"{100.0 * median(n.parameter_errors):.1f}" if n.parameter_errors else "–"
         oracle = f"{median(n.of_oracle):.2f} of {len(n.of_oracle)}" if n.of_oracle else "–"
-        calibration = "–" if n.calibration_error is None else f"{n.calibration_error:.3f}"
+        calibration = "–"
+        if n.calibration_error is not None:
+            calibration = f"{n.calibration_error:.3f} ({n.calibration_by_chance:.3f})"
         times = f"{median(n.cpu_s):.0f}, {n.cpu_s[-1]:.0f}" if n.cpu_s else "–"
         lines.append([name, error, n.covered.text(), oracle, calibration, times])
     columns = [
@@ -120,7 +122,8 @@ def amounts(rows: Sequence[Row]) -> Table:
     ]
     note = (
         "Medians, beside the largest CPU time. Asked: 85 to 95 % inside the interval, shrink at least 0.9 of the "
-        "oracle's, the true effect fitted to the same runs, calibration error at most 0.05."
+        "oracle's, the true effect fitted to the same runs, calibration error at most 0.05; "
+        "in brackets that which answers would have that are right exactly as often as they say."
     )
     missing = numbers(rows).without_oracle
     if missing:
