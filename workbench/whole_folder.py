@@ -71,7 +71,11 @@ def replace_json(path: Path, data: Mapping[str, object], mark: str) -> None:
     InputError where something else stands there, or it cannot be written. What is no number becomes null.
     """
     check_replaceable(path, mark)
-    text = json.dumps(_with_nulls(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    replace_text(path, json.dumps(_with_nulls(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Write a file, whole or not at all, over what is there. InputError when it cannot be written."""
     temporary: str | None = None
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)

@@ -37,8 +37,7 @@ def command(controller: Path, form: str, drive: str, out: Path, machine: Path | 
     from workbench.cli.show import print_text
     from workbench.effects import check
     from workbench.errors import InputError
-    from workbench.export.choice import ramp_of
-    from workbench.export.controller import controller_files, write_controller
+    from workbench.export.controller import controller_files, ramp_of, write_controller
     from workbench.kinds import STUDIED, of_kind, studied
     from workbench.machine import default_hoist, load_machine
     from workbench.reports.loop.case import read_controller

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import effects_option, keyed_number
+from workbench.errors import InputError
 
 
 @click.command(name="export-fmu")
@@ -56,7 +58,6 @@ def command(
     """
     from workbench.cli.show import print_text
     from workbench.effects import check
-    from workbench.export.choice import chosen_effects, chosen_platforms
     from workbench.export.fmu import write_fmu
     from workbench.export.model import Start, model_of
     from workbench.machine import load_machine
@@ -64,10 +65,32 @@ def command(
 
     settings = None if controller is None else read_controller(controller)
     read = load_machine(machine, check_effects=check)
-    model = model_of(read, Start(payload, start_position), chosen_effects(effect), settings, step)
-    made = write_fmu(model, out, fmi, chosen_platforms(platforms), lambda line: click.echo(line, err=True))  # type: ignore[arg-type]
+    model = model_of(read, Start(payload, start_position), _effects(effect), settings, step)
+    made = write_fmu(model, out, fmi, _platforms(platforms), lambda line: click.echo(line, err=True))  # type: ignore[arg-type]
     binaries = f"binaries for {', '.join(made)}" if made else "no binaries"
     print_text(
         [f"{model.name}: {model.description}, FMI {fmi}, {len(model.variables)} variables, {binaries}.", *model.notes]
     )
     click.echo(f"\nFMU: {out}")
+
+
+def _effects(words: Sequence[str]) -> dict[str, dict[str, float]]:
+    """`friction_viscous.viscous_n_s_per_m=4210` as machine.yaml's `effects` has it. InputError for any other form."""
+    chosen: dict[str, dict[str, float]] = {}
+    for word in words:
+        key, number = keyed_number(word, "effect", "NAME.PARAMETER=VALUE", parts=2)
+        effect, _, parameter = key.partition(".")
+        chosen.setdefault(effect, {})[parameter] = number
+    return chosen
+
+
+def _platforms(text: str | None) -> tuple[str, ...] | None:
+    """Names with commas between; `none`: no binaries; None stays None: all that can be compiled."""
+    if text is None:
+        return None
+    if text.strip() == "none":
+        return ()
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not names:
+        raise InputError(f"'{text}', expected names with commas between, or 'none'", place="platforms")
+    return names

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -56,6 +57,19 @@ def numbers_or_none(text: str | None, parameter: str) -> tuple[float, ...] | Non
     from workbench.reports.loop.case import numbers
 
     return None if text is None else numbers(text, parameter)
+
+
+def keyed_number(word: str, place: str, form: str = "KEY=VALUE", parts: int = 1) -> tuple[str, float]:
+    """Key and number of a word such as `a.b=4.2`. parts: of the key, with points between. InputError otherwise."""
+    key, _, value = word.partition("=")
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    names = key.strip().split(".", parts - 1)
+    if not (len(names) == parts and all(names) and math.isfinite(number)):
+        raise InputError(f"'{word}', expected {form}", place=place)
+    return key.strip(), number
 
 
 def placed_at_option(error: InputError, options: Sequence[click.Parameter]) -> InputError:

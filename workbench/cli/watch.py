@@ -6,44 +6,50 @@ from pathlib import Path
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import effects_option, keyed_number
 
 EXIT_ALARM = 1
 
 
 @click.command(name="watch")
 @click.argument("source", metavar="FOLDER|opc.tcp://…")
-@click.option("--machine", required=True, type=click.Path(path_type=Path), help="The machine as identified.")
-@click.option("--state", required=True, type=click.Path(path_type=Path), help="Folder that keeps what is known.")
-@click.option("--once", is_flag=True, help="Take what is there and end; else logs are waited for until Ctrl-C.")
+@click.option("--machine", required=True, type=click.Path(path_type=Path), help="The identified machine.yaml.")
+@click.option("--state", required=True, type=click.Path(path_type=Path), help="Folder for the state between calls.")
 @click.option(
-    "--every", type=click.FloatRange(0.05), default=2.0, show_default=True, help="Looks every so many seconds."
+    "--once", is_flag=True, help="Process the logs that are there, then stop. Default: wait for logs until Ctrl-C."
+)
+@click.option(
+    "--every",
+    type=click.FloatRange(0.05),
+    default=2.0,
+    show_default=True,
+    help="Time between two looks into FOLDER, in s.",
 )
 @click.option("--settle", type=click.FloatRange(0.0), default=2.0, show_default=True,
-              help="A log that has not changed for so long, in s, is complete.")  # fmt: skip
+              help="Time without a change, in s, after which a log is complete.")  # fmt: skip
 @click.option("--false-alarms", "cycles_between", type=click.FloatRange(10.0, 100_000.0), default=1000.0,
-              show_default=True, help="Cycles between two false alarms, on average.")  # fmt: skip
-@click.option("--healthy", type=click.IntRange(20), help="Cycles of the first baseline. Default: 100.")
-@click.option("--pause", type=float, default=3600.0, show_default=True, help="A rest so long, in s, lets it cool.")
-@click.option("--warm-up", type=float, default=0.0, show_default=True,
-              help="So long after such a rest, in s, cycles do not count.")  # fmt: skip
-@click.option("--limit", "limits", multiple=True, metavar="KEY=VALUE",
-              help="What a value must not reach. Default: 1.5 times the friction levels. May be repeated.")  # fmt: skip
-@click.option("--nodes", type=click.Path(path_type=Path),
-              help="Of a stream: which nodes are which signals. Default: those of a served plant.")  # fmt: skip
-@click.option("--still", type=click.FloatRange(0.0), help="Of a stream: speeds up to it are standing, in the signal's "
-              "unit. Default: 0.5 % of a hoist's nominal speed; an axis needs it.")  # fmt: skip
-@click.option("--stand", type=click.FloatRange(0.2), default=2.0, show_default=True,
-              help="Of a stream: a rest so long, in s, ends a cycle.")  # fmt: skip
-@click.option("--silent", type=click.FloatRange(0.2), default=2.0, show_default=True,
-              help="Of a stream: without a value for so long, in s, while it moves, it has stopped.")  # fmt: skip
-@click.option("--sample", type=click.FloatRange(0.0005, 0.5), default=0.01, show_default=True,
-              help="Of a stream: how often the server samples, in s.")  # fmt: skip
+              show_default=True, help="Mean number of cycles between two false alarms.")  # fmt: skip
+@click.option("--healthy", type=click.IntRange(20), help="Number of cycles in the first baseline. Default: 100.")
 @click.option(
-    "--for", "seconds", type=click.FloatRange(0.0), help="End after so many seconds. Default: Ctrl-C ends it."
+    "--pause", type=float, default=3600.0, show_default=True, help="Rest, in s, after which the machine counts as cold."
 )
+@click.option("--warm-up", type=float, default=0.0, show_default=True,
+              help="Time after such a rest, in s, in which cycles are not judged.")  # fmt: skip
+@click.option("--limit", "limits", multiple=True, metavar="KEY=VALUE",
+              help="Limit of a value. Default: 1.5 times the friction levels; may be repeated.")  # fmt: skip
+@click.option("--nodes", type=click.Path(path_type=Path),
+              help="For a stream: file that maps nodes to signals. Default: as `workbench serve`.")  # fmt: skip
+@click.option("--still", type=click.FloatRange(0.0), help="For a stream: largest speed of a machine at rest, in the "
+              "signal's unit. Default: 0.5 % of a hoist's nominal speed; required for an axis.")  # fmt: skip
+@click.option("--stand", type=click.FloatRange(0.2), default=2.0, show_default=True,
+              help="For a stream: rest, in s, that ends a cycle.")  # fmt: skip
+@click.option("--silent", type=click.FloatRange(0.2), default=2.0, show_default=True,
+              help="For a stream: time without a value, in s, after which the machine counts as stopped.")  # fmt: skip
+@click.option("--sample", type=click.FloatRange(0.0005, 0.5), default=0.01, show_default=True,
+              help="For a stream: sample time of the server, in s.")  # fmt: skip
+@click.option("--for", "seconds", type=click.FloatRange(0.0), help="Run time in s. Default: until Ctrl-C.")
 @click.option("--skip-diagnosis", is_flag=True, help="Do not diagnose new alarms.")
-@click.option("--webhook", help="Address that each new alarm is posted to as JSON.")
+@click.option("--webhook", help="Address to which each new alarm is posted as JSON.")
 @effects_option
 def command(
     source: str,
@@ -66,13 +72,12 @@ def command(
     skip_diagnosis: bool,
     webhook: str | None,
 ) -> int:
-    """Watch the logs that come into FOLDER, or the cycles of a stream: friction, mass, inertia and offset of each, and
+    """Estimate friction, mass, inertia and offset from each log in FOLDER, or each cycle of a stream; raise an alarm
     when they change.
 
     A log is described by its entry in FOLDER/runs.yaml, or by a file beside it, LOG.yaml, with payload_kg and
-    start_position_m. A stream is an OPC UA server, opc.tcp://HOST:PORT; see docs/watch.md. The state holds
-    watch.sqlite, cycles.parquet, alarms.parquet and watch.html. Exit status: 1 where this call raised an alarm, 0
-    where it raised none.
+    start_position_m. A stream is an OPC UA server, opc.tcp://HOST:PORT; see docs/watch.md. The state consists of
+    watch.sqlite, cycles.parquet, alarms.parquet and watch.html. Exit status: 1 if this call raised an alarm, else 0.
     """
     import signal
     import threading
@@ -84,11 +89,12 @@ def command(
     from workbench.watch.change import HEALTHY
     from workbench.watch.diagnosed import diagnosed
     from workbench.watch.judge import Rules
-    from workbench.watch.limits import read_limits
     from workbench.watch.stream.line import SCHEME, line_of
     from workbench.watch.watch import Watch, run
 
-    rules = Rules(cycles_between, healthy or HEALTHY, pause, warm_up, read_limits(limits))
+    rules = Rules(
+        cycles_between, healthy or HEALTHY, pause, warm_up, dict(keyed_number(word, "limits") for word in limits)
+    )
     read = load_machine(machine, check_effects=check)
     stop = threading.Event()
     for name in (signal.SIGINT, signal.SIGTERM):

@@ -12,8 +12,9 @@ from workbench.export import printed
 from workbench.export.drives import DriveSettings, RampLimits, drive_settings
 from workbench.export.program import checked
 from workbench.machine import Hoist
+from workbench.study.scenario.record import LimitsBlock
 from workbench.whole_folder import check_free, whole_folder
-from workbench.yaml_strict import dumps
+from workbench.yaml_strict import Document, dumps, load, validate
 
 Form = Literal["st", "c", "yaml"]
 
@@ -66,3 +67,16 @@ def write_controller(files: Mapping[str, str], out: Path) -> None:
     with whole_folder(out) as folder:
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
+
+
+def ramp_of(path: Path) -> RampLimits | None:
+    """The limits of a scenario's motion, both ways alike; None for a file without them."""
+    document = load(path)
+    block = document.data.get("limits") if isinstance(document.data, dict) else None
+    if not isinstance(block, dict):
+        return None
+    inside = {place[1:]: line for place, line in document.lines.items() if place[:1] == ("limits",)}
+    limits = validate(LimitsBlock, Document(document.file, block, inside))
+    if limits.speed_m_s is None or limits.acceleration_m_s2 is None:
+        return None
+    return RampLimits(limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3)

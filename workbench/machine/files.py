@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
@@ -13,6 +12,7 @@ from workbench.errors import InputError, nearest
 from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
 from workbench.machine.hoist import Hoist
 from workbench.machine.two_inertia import TwoInertia
+from workbench.whole_folder import replace_text
 from workbench.yaml_strict import Document, dumps, load, validate
 
 # What machine.yaml may describe. A kind of several motions has a record for each.
@@ -85,21 +85,7 @@ def machine_text(machine: Hoist | Axis) -> str:
 
 def save_machine(machine: Hoist | Axis, path: str | os.PathLike[str]) -> None:
     """Writes machine.yaml whole or not at all, over what is there. InputError when it cannot be written."""
-    file = Path(path)
-    text = machine_text(machine)
-    temporary: str | None = None
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(temporary, 0o644)  # mkstemp makes files only their owner can read
-        os.replace(temporary, file)
-    except OSError as error:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
-        raise InputError(f"cannot be written: {error.strerror}", file=file) from error
+    replace_text(Path(path), machine_text(machine))
 
 
 # Machines that ship with the package, as scenarios name them.

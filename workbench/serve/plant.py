@@ -9,7 +9,7 @@ from typing import Any
 from workbench.control.events import BRAKE_SPEED
 from workbench.engine.source import LAG
 from workbench.errors import InputError
-from workbench.kinds import of_kind
+from workbench.kinds import kind_of, of_kind
 from workbench.machine import Axis, Hoist
 from workbench.plants import HOIST, Effects
 from workbench.serve.live import LiveMachine
@@ -128,9 +128,12 @@ class LiveAxis(LiveMachine):
         super().__init__(machine, step_s, 0.0, at, ready, longest_step_s=AXIS_STEP_S, faults=_NO_FAULTS)
 
 
+_WITH_A_DRIVE = {HOIST.kind: LivePlant}
+
+
 def live_machine(
     machine: Hoist | Axis, step_s: float, payload_kg: float, start: float | None, ready: Sequence[str]
 ) -> LiveMachine:
     """The machine as it is served. start: m or rad, None for mid rail or zero. InputError for what cannot be."""
-    make = LivePlant if isinstance(machine, Hoist) else LiveAxis
+    make = _WITH_A_DRIVE.get(kind_of(machine).plant.kind, LiveAxis)
     return make(machine, step_s, payload_kg, start, ready)  # type: ignore[arg-type]

@@ -238,7 +238,7 @@ class Judge:
         keys = self.cycles[-1].estimate.keys
         whole = self.baseline.whiten @ change
         total = float(whole @ whole)
-        found = []
+        shares = []
         for name, chosen, weights in directions(keys):
             column = self._column(chosen, weights)
             white = self.baseline.whiten @ column
@@ -246,8 +246,8 @@ class Judge:
             if size == 0.0 or total == 0.0:
                 continue
             amount = float(white @ whole) / size
-            found.append(Cause(name, chosen, amount, amount * amount * size / total, weights))
-        return tuple(sorted(found, key=lambda cause: -cause.share))
+            shares.append(Cause(name, chosen, amount, amount * amount * size / total, weights))
+        return tuple(sorted(shares, key=lambda cause: -cause.share))
 
     def _column(self, chosen: Sequence[str], weights: Sequence[float]) -> Array:
         """(m,) what a true change of those keys by their weights does to the estimates."""

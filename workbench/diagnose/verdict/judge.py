@@ -29,11 +29,11 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.verdict.against import against
+from workbench.diagnose.verdict.cancellation import cancellation
 from workbench.diagnose.verdict.probability import calibration, is_lost, rank
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord
-from workbench.diagnose.verdict.stretch import stretch
 from workbench.diagnose.verdict.structure import lasting_share, repeated_share, sudden_share
+from workbench.diagnose.verdict.tolerance_excess import tolerance_excess
 from workbench.diagnose.verdict.twins import groups_of
 from workbench.effects import find
 from workbench.kinds import kind_of
@@ -244,9 +244,9 @@ def evidence_of(search: SearchResult, held: Fitted, score: Score, left: Left, sh
 
     left: the logarithm of the discrepancy that the best hypothesis needs, over the default, in full where it leaves
     MUCH of the gap's energy and more than RELEVANT_PERCENT of the input, less where it leaves less.
-    prior: how far beyond chance the base parameters are off their tolerances, in standard deviations (see `stretch`)
-    above BY_CHANCE, and more than an inexact effect bends them. bound: an effect's value at its limit. against: how far
-    two effects undo each other, above UNDONE.
+    prior: the distance of the base parameters from nominal beyond chance and beyond what an inexact effect explains, in
+    standard deviations above BY_CHANCE (see `tolerance_excess`). bound: an effect's value at its limit. against: how
+    far two effects cancel each other (see `cancellation`), above UNDONE.
     """
     own = len(search.base.z)
     if search.problem.struck:  # what stays beside a blow are its rebounds, which no law foretells
@@ -255,9 +255,9 @@ def evidence_of(search: SearchResult, held: Fitted, score: Score, left: Left, sh
     bent = SECOND**2 * explained(search.problem, search.base, held, score) if held.effects else 0.0
     return {
         "left": open_share * unexplained(search.problem, held, left, score.excess),
-        "prior": max(stretch(search.problem, held, bent) - BY_CHANCE[bool(held.effects)], 0.0),
+        "prior": max(tolerance_excess(search.problem, held, bent) - BY_CHANCE[bool(held.effects)], 0.0),
         "bound": float(_on_bound(held, own)),
-        "against": max(against(search.problem, held, own) - UNDONE, 0.0),
+        "against": max(cancellation(search.problem, held, own) - UNDONE, 0.0),
     }
 
 

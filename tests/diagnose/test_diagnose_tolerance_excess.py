@@ -18,8 +18,8 @@ from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
 from workbench.diagnose.hypotheses.knobs import Knob, Value, effect_knobs
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.verdict.against import against, undone
-from workbench.diagnose.verdict.stretch import _nearer, stretch
+from workbench.diagnose.verdict.cancellation import cancellation, cancelled
+from workbench.diagnose.verdict.tolerance_excess import _nearer, tolerance_excess
 from workbench.effects import find, ranges_of
 from workbench.machine import default_hoist
 
@@ -48,14 +48,14 @@ def linear(random: np.random.Generator, off: float = 1.0) -> Fitted:
 
 def test_honest_tolerances_are_stretched_by_chance_alone_however_few_of_them_the_data_determine():
     random = np.random.default_rng(4)
-    stretches = [stretch(LINEAR, linear(random)) for _ in range(400)]
-    assert np.mean(stretches) == pytest.approx(0.0, abs=0.2)
-    assert np.std(stretches) == pytest.approx(1.0, abs=0.15)
+    excesses = [tolerance_excess(LINEAR, linear(random)) for _ in range(400)]
+    assert np.mean(excesses) == pytest.approx(0.0, abs=0.2)
+    assert np.std(excesses) == pytest.approx(1.0, abs=0.15)
 
 
 def test_tolerances_that_are_not_kept_are_stretched():
     random = np.random.default_rng(5)
-    assert np.median([stretch(LINEAR, linear(random, off=3.0)) for _ in range(40)]) > 3.0
+    assert np.median([tolerance_excess(LINEAR, linear(random, off=3.0)) for _ in range(40)]) > 3.0
 
 
 def test_how_steeply_friction_turns_over_at_standstill_is_no_tolerance():
@@ -63,21 +63,24 @@ def test_how_steeply_friction_turns_over_at_standstill_is_no_tolerance():
     first = cast(Value, fit.knobs[0])
     free = replace(fit, knobs=(replace(first, origin=1.0, least=1e-9, logarithmic=True), *fit.knobs[1:]))
     torn = np.append(30.0, fit.z[1:])
-    assert stretch(LINEAR, replace(free, z=torn)) == pytest.approx(stretch(LINEAR, free))
-    assert stretch(LINEAR, replace(fit, z=torn)) > 10.0
+    assert tolerance_excess(LINEAR, replace(free, z=torn)) == pytest.approx(tolerance_excess(LINEAR, free))
+    assert tolerance_excess(LINEAR, replace(fit, z=torn)) > 10.0
 
 
 def test_without_tolerances_nothing_is_stretched():
     fit = linear(np.random.default_rng(7))
-    assert stretch(LINEAR, replace(fit, knobs=tuple(replace(cast(Value, k), std=math.inf) for k in fit.knobs))) == 0.0
+    assert (
+        tolerance_excess(LINEAR, replace(fit, knobs=tuple(replace(cast(Value, k), std=math.inf) for k in fit.knobs)))
+        == 0.0
+    )
 
 
 def test_what_an_inexact_effect_may_bend_is_no_stretch():
     fit = linear(np.random.default_rng(8), off=4.0)
-    stretches = [stretch(LINEAR, fit, allowed) for allowed in (0.0, 1.0, 10.0, 100.0, 1e6)]
-    assert stretches[0] == stretch(LINEAR, fit) > 3.0
-    assert all(a > b for a, b in itertools.pairwise(stretches))
-    assert stretches[-1] < 0.0
+    excesses = [tolerance_excess(LINEAR, fit, allowed) for allowed in (0.0, 1.0, 10.0, 100.0, 1e6)]
+    assert excesses[0] == tolerance_excess(LINEAR, fit) > 3.0
+    assert all(a > b for a, b in itertools.pairwise(excesses))
+    assert excesses[-1] < 0.0
 
 
 @pytest.mark.parametrize("allowed", [0.5, 20.0, 300.0])
@@ -124,8 +127,8 @@ def test_a_stand_in_that_leaves_no_residual_stretches_the_tolerances(
     floor = math.hypot(problem.noise, float(np.sqrt(np.mean(problem.errors.discrepancy**2))))
     assert own.rms(problem.inputs) < 1.1 * problem.noise
     assert wrong.rms(same.inputs) < 1.1 * floor
-    assert stretch(problem, own) < 1.0
-    assert stretch(same, wrong) > 3.0
+    assert tolerance_excess(problem, own) < 1.0
+    assert tolerance_excess(same, wrong) > 3.0
 
 
 # Two effects
@@ -133,15 +136,15 @@ def test_a_stand_in_that_leaves_no_residual_stretches_the_tolerances(
 
 def test_shares_at_right_angles_or_alike_do_not_undo_each_other():
     shares = np.random.default_rng(1).normal(size=(4000, 2))
-    assert undone(shares) < 0.1
-    assert undone(np.stack([shares[:, 0], 0.5 * shares[:, 0]], axis=1)) == 0.0
-    assert undone(np.zeros((10, 2))) == 0.0
+    assert cancelled(shares) < 0.1
+    assert cancelled(np.stack([shares[:, 0], 0.5 * shares[:, 0]], axis=1)) == 0.0
+    assert cancelled(np.zeros((10, 2))) == 0.0
 
 
 @pytest.mark.parametrize("left", [0.9, 0.5, 0.1])
 def test_a_difference_of_two_large_shares_counts_by_what_it_leaves(left: float):
     one = np.random.default_rng(2).normal(size=400)
-    assert undone(np.stack([one, -(1.0 - left) * one], axis=1)) == pytest.approx(
+    assert cancelled(np.stack([one, -(1.0 - left) * one], axis=1)) == pytest.approx(
         math.log((1.0 + (1.0 - left) ** 2) / left**2)
     )
 
@@ -153,6 +156,6 @@ def test_a_pair_that_stands_in_for_one_cause_is_against_itself_and_a_true_pair_i
     true = {"friction_viscous": {"viscous_n_s_per_m": 2000.0}, "payload_mass_error": {"payload_scale": 1.06}}
     problem, both = answered(true, tuple(true), {"viscous_n_s_per_m": 1500.0, "payload_scale": 1.05})
     base = len(base_knobs(problem.machine, problem.runs))
-    assert against(same, instead, base) > 0.5
-    assert against(problem, both, base) < 0.1
-    assert against(problem, replace(both, effects=both.effects[:1]), base) == 0.0
+    assert cancellation(same, instead, base) > 0.5
+    assert cancellation(problem, both, base) < 0.1
+    assert cancellation(problem, replace(both, effects=both.effects[:1]), base) == 0.0

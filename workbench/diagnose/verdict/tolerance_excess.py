@@ -1,7 +1,7 @@
-"""How far a hypothesis stretches the base parameters beyond what honest tolerances give by chance.
+"""The distance of the base parameters from nominal, beyond what correct tolerances give by chance.
 
-A wrong hypothesis may leave no residual at all: base parameters bend until the rest fits. What it costs shows in
-their distance from nominal, and only there.
+A wrong hypothesis may leave no residual at all, because the base parameters absorb the rest. Then only their distance
+from nominal counts against it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ HEAVIEST = 12.0  # logarithm of the tolerances' weight: nothing is left of any d
 HALVED = 40  # times
 
 
-def stretch(problem: Problem, fit: Fitted, allowed: float = 0.0) -> float:
+def tolerance_excess(problem: Problem, fit: Fitted, allowed: float = 0.0) -> float:
     """The base parameters' distance from nominal, all together, in standard deviations beyond chance.
 
     allowed: by how much chi^2 of the data may rise for parameters nearer to nominal: an effect is no exact image of

@@ -1,8 +1,7 @@
-"""How far two effects undo each other: a pair that stands in for one cause is a difference of two large shares.
+"""The cancellation between two effects: a pair in the place of one other cause is a difference of two large shares.
 
-Two causes that a machine really has know nothing of each other: their shares of the residual add as often as they
-cancel, and mostly are at right angles. Two effects that together stand in for a third are alike in what they can
-explain, and opposed in what they must not.
+Two real causes are independent: their shares of the residual are mostly orthogonal, and add as often as they cancel.
+Two effects that together imitate a third explain the same part of it and cancel in the rest.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from workbench.effects import find
 from workbench.run import Array
 
 
-def against(problem: Problem, fit: Fitted, base: int) -> float:
+def cancellation(problem: Problem, fit: Fitted, base: int) -> float:
     """The logarithm of the energy of both effects' shares over that of their sum; 0 where they add, and for one effect.
 
     base: how many of the fit's first z are the base parameters'. What these could explain of a share is taken out.
@@ -30,7 +29,7 @@ def against(problem: Problem, fit: Fitted, base: int) -> float:
     knobs = _knobs_of(fit, base)
     plain = replace(fit, knobs=fit.knobs[:knobs], z=fit.z[:base], jacobian=fit.jacobian[:, :base])
     shares = Projection.of(problem, plain).clean(np.stack([part.rows for part in parts], axis=1))
-    return undone(shares)
+    return cancelled(shares)
 
 
 def _knobs_of(fit: Fitted, z: int) -> int:
@@ -39,7 +38,7 @@ def _knobs_of(fit: Fitted, z: int) -> int:
     return int(np.searchsorted(ends, z)) + 1
 
 
-def undone(shares: Array) -> float:
-    """The same of (rows, 2) shares."""
+def cancelled(shares: Array) -> float:
+    """The cancellation of two shares, (rows, 2)."""
     apart, together = float(np.sum(shares**2)), float(np.sum(np.sum(shares, axis=1) ** 2))
     return max(math.log(max(apart, 1e-300) / max(together, 1e-12 * apart, 1e-300)), 0.0)
