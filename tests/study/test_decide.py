@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.machine import default_hoist, shipped
+from workbench.machine import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
 from workbench.study.conclude.damping import damping_sentence
 from workbench.study.conclude.decide import BEST, Choice, choices, decision_table, verdict
@@ -117,10 +117,10 @@ def test_the_sentence_on_damping_compares_the_wire_assumed_with_one_that_rings()
     said = damping_sentence(scenario, default_hoist())
     assert said is not None
     assert "at 9000 kg and the damping ratio assumed, 0.63" in said and "at 0.02, a wire that rings" in said
-    assert damping_sentence(scenario, shipped("lightly_damped")) is None
+    assert damping_sentence(scenario, shipped_hoist("lightly_damped")) is None
 
 
 def test_the_lightly_damped_machine_is_the_default_one_but_for_its_wire():
-    ringing, default = shipped("lightly_damped"), default_hoist()
+    ringing, default = shipped_hoist("lightly_damped"), default_hoist()
     assert ringing.wire.damping_time_s == 0.0025
     assert ringing.model_copy(update={"wire": default.wire, "name": default.name}) == default

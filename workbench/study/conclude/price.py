@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from workbench.metrics import View, shown_in
-from workbench.study.conclude.decide import PEAK, TIME, choices, name_of
+from workbench.study.conclude.decide import TIME, choices, name_of
 from workbench.study.results.row import Row
 
 DEAR = 1.5  # times the best of the references: a figure that is worth a word
@@ -13,15 +13,15 @@ DEAR = 1.5  # times the best of the references: a figure that is worth a word
 
 def price_sentence(rows: Sequence[Row]) -> str | None:
     """The figures in which the reference of the lowest peak is far from the best; None where it is dear in none."""
-    found = choices(rows)
-    if len(found) < 2:
+    compared = choices(rows)
+    if len(compared) < 2:
         return None
-    lowest = min(found, key=lambda choice: choice.values[PEAK])
+    lowest = min(compared, key=lambda choice: choice.peak)
     dear = []
-    for metric in shown_in(View.DECISION):
-        values = [choice.values[metric.name] for choice in found]
+    for metric in shown_in(View.DECISION, lowest.judged):
+        values = [choice.values[metric.name] for choice in compared]
         own, best = lowest.values[metric.name], min(values)
-        if metric.name not in (PEAK, TIME) and metric.better == "lower" and 0.0 < DEAR * best < own:
+        if metric.name not in (lowest.judged.peak, TIME) and metric.better == "lower" and 0.0 < DEAR * best < own:
             dear.append(f"{metric.label} {metric.text(own)} {metric.shown_unit} against {metric.text(best)}")
     if not dear:
         return None
