@@ -7,18 +7,29 @@ inertia M moved by the input u, M v − ∫u dt changes its slope with friction 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from workbench.kinds import kind_of
 from workbench.run import Array, Run
 
 WINDOW_S = 0.006  # a blow's length, and the unit of the windows beside it that its jump is read from
-WIDER = 3.0  # times that: a blow's jump is as large over a wider window, that of a kink in the speed grows with it
+WIDER = 3  # times that: a blow's jump is as large over a wider window, that of a kink in the speed grows with it
 OF_NOISE, OF_SPEED = 20.0, 0.01  # a blow's jump: of the noise of jumps (robust), and of the largest momentum
 PLAIN_OF_NOISE, PLAIN_OF_SPEED, SHARP = 25.0, 0.03, 0.8  # a plain blow's; its jump over that in the wider window
 AGAIN, IN_RUNS = 4, 2  # plain blows of a campaign whose blows come again, and the runs that have some
 APART_S = 0.04
 BRIDGED_S = 0.012
+
+
+def blows_of(machine: Any, runs: Sequence[Run]) -> tuple[Array, ...]:
+    """Times of the blows of a play in each run, s; none for kinds whose laws have the blows (`Kind.bridged_blows`)."""
+    kind = kind_of(machine)
+    if not kind.bridged_blows:
+        return tuple(np.zeros(0) for _ in runs)
+    plant = kind.plant
+    return repeated_blows(runs, kind.rigid(machine, 0.0).inertia, plant.positions[0], plant.speeds[0], plant.input)
 
 
 def repeated_blows(runs: Sequence[Run], inertia: float, position: str, speed: str, driven: str) -> tuple[Array, ...]:
@@ -31,12 +42,12 @@ def repeated_blows(runs: Sequence[Run], inertia: float, position: str, speed: st
     fastest = max(float(np.percentile(np.abs(v), 98.0)) for v in motions)
     blows, plain = [], []
     for run, v in zip(runs, motions, strict=True):
-        times, jumps, noise = _jumps(run, inertia * v, run[driven], WINDOW_S)
+        times, jumps, noise = _jumps(run, inertia * v, run[driven], 1)
         worth = np.abs(jumps)
         struck = _peaks(times, worth, (worth > OF_NOISE * noise) & (worth > OF_SPEED * inertia * fastest))
         blows.append(times[struck])
         heavy = (worth[struck] > PLAIN_OF_NOISE * noise) & (worth[struck] > PLAIN_OF_SPEED * inertia * fastest)
-        wide_at, wide, _ = _jumps(run, inertia * v, run[driven], WIDER * WINDOW_S)
+        wide_at, wide, _ = _jumps(run, inertia * v, run[driven], WIDER)
         beside_it = [np.abs(wide[np.abs(wide_at - at) < 2.0 * WINDOW_S]) for at in times[struck]]
         sharp = [w > SHARP * np.max(near, initial=0.0) for w, near in zip(worth[struck], beside_it, strict=True)]
         plain.append(int(np.count_nonzero(heavy & np.array(sharp, dtype=bool))))
@@ -61,13 +72,13 @@ def beside(time_s: Array, blows: Array, guard_s: float) -> np.ndarray:
     return near
 
 
-def _jumps(run: Run, momentum: Array, force: Array, window_s: float) -> tuple[Array, Array, float]:
+def _jumps(run: Run, momentum: Array, force: Array, wider: int) -> tuple[Array, Array, float]:
     """Times (m,), at each the jump of the momentum beyond what the input and the trend beside it make, its noise."""
     t = run.time_s
     defect = momentum - np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(t))])
-    gap = max(round(window_s / run.sample_time_s), 1)
+    gap = wider * max(round(WINDOW_S / run.sample_time_s), 1)
     w = 2 * gap
-    if len(t) < 5 * w + gap:
+    if len(t) < 5 * w + gap or run.sample_time_s > WINDOW_S:  # too coarse to tell a blow from a kink
         return np.zeros(0), np.zeros(0), 0.0
     c = np.cumsum(np.concatenate([[0.0], defect]))
     i = np.arange(2 * w, len(t) - 2 * w - gap)

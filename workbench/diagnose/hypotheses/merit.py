@@ -23,15 +23,24 @@ BESIDE_PLAY = 0.3  # as SECOND, where the first is a play: when its teeth meet i
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 
 
-def of_blows(problem: Problem, effects: Collection[str]) -> float:
-    """The merit that effects have by the blows in the logs."""
-    return BLOWS if problem.struck and PLAY in effects else 0.0
+def of_blows(problem: Problem, effects: Collection[str], merit: float) -> float:
+    """The merit with what the blows in the logs say: a play has them, what has no play is worth nothing beside them."""
+    if not problem.struck:
+        return merit
+    return merit + BLOWS if PLAY in effects else min(merit, 0.0)
+
+
+def like_rebounds(problem: Problem, effect: str) -> bool:
+    """Whether an effect beside a play takes what its rebounds leave: a lag of a sensor does."""
+    declared = find(effect, problem.active.kind)
+    lag = declared.regime == "acceleration" and declared.subsystem(problem.active.kind).endswith("sensor")
+    return problem.struck and lag
 
 
 def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score) -> float:
     """The gain that a further effect could have by correcting the inexact law of this fit: SECOND of what the fit
     explains, as rms; BESIDE_PLAY where that is a play with its blows."""
-    second = BESIDE_PLAY if of_blows(problem, fit.effects) else SECOND
+    second = BESIDE_PLAY if problem.struck and PLAY in fit.effects else SECOND
     return second**2 * explained(problem, near, fit, score)
 
 

@@ -16,7 +16,7 @@ from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSIO
 from workbench.effects import find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.kinds import kind_of
 from workbench.run import Array, Run
-from workbench.simulate.blows import beside, repeated_blows
+from workbench.simulate.blows import beside, blows_of
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass, noise_rms
 from workbench.simulate.lowpass_at import LowpassAt
@@ -51,7 +51,7 @@ class Problem:
         kind = kind_of(machine)
         self.machine, self.runs = machine, tuple(runs)
         self.active = searchable(machine, runs)
-        blows = blows_of(machine, runs) if kind.bridged_blows else ()
+        blows = blows_of(machine, runs)
         self.bench = Bench(machine, runs, band_hz, active=self.active, parts=parts(machine, runs), blows=blows)
         self._idle = idle_sensors(machine, runs)
         self._smooth: dict[int, LowpassAt] = {}
@@ -203,10 +203,3 @@ class Problem:
         gain, offset = kind_of(self.machine).sensor_of(self.machine)
         said = {GAIN: gain, OFFSET: offset, TENSION_GAIN: 1.0, **setting}
         return [float(x) for x in map(said.__getitem__, SENSOR_KEYS) if not isinstance(x, tuple)]
-
-
-def blows_of(machine: Any, runs: Sequence[Run]) -> tuple[Array, ...]:
-    """Times of the blows of a play in each run, s."""
-    kind = kind_of(machine)
-    plant = kind.plant
-    return repeated_blows(runs, kind.rigid(machine, 0.0).inertia, plant.positions[0], plant.speeds[0], plant.input)

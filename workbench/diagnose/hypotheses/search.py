@@ -23,6 +23,7 @@ from workbench.diagnose.hypotheses.fits import (
 )
 from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, Value, bounds_of, effect_knobs, setting_of, within
 from workbench.diagnose.hypotheses.merit import PLAY, beyond, beyond_discrepancy, discounted, inexact, of_blows
+from workbench.diagnose.hypotheses.pattern import stepped
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.scan import Atom, atoms
@@ -50,6 +51,7 @@ LEADERS = 3
 TOO_SMALL = 1.5  # sizes of the discrepancy: what needs more is searched again with them
 ASIDE = (1.0, 0.3, 0.0)  # of the way that a fit's own parameters step aside
 SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
+ROUNDS_OF_PLAY = 3  # steps of its values, then a fit of all
 SHAPES_AGAIN = 6  # of an effect, simulated anew where another point is linearised
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
@@ -261,7 +263,17 @@ class Search:
         if np.any(near.z != base.z):
             self._from_base(base, order)
             self._with_delay(base)
+        self._step_play()
         self._finish(base, [(name,) for name in order])
+
+    def _step_play(self) -> None:
+        """The fit of a play, continued from the best point that steps of its values lead to."""
+        for _ in range(ROUNDS_OF_PLAY):
+            fit = self.fits.get((PLAY,))
+            z = stepped(self.problem, fit, self.count) if fit is not None else None
+            if fit is None or z is None or not np.any(z != fit.z):
+                return
+            self._try((PLAY,), lambda fit=fit, z=z: self._again(replace(fit, z=z)))  # type: ignore[misc]
 
     def _strained(self, base: Fitted) -> set[str]:
         """The effects whose trace the base fit puts far beyond its tolerance: one of them may be the cause."""
@@ -378,8 +390,8 @@ class Search:
 
     def _worth(self, base: Fitted, fit: Fitted, gain: float) -> float:
         """A single effect's merit, less what the discrepancy alone could gain. gain: the fall of the score."""
-        own = of_blows(self.problem, fit.effects) - cost(self.problem, len(fit.z) - len(base.z))
-        return beyond_discrepancy(self.problem, base, fit, gain) + own
+        paid = cost(self.problem, len(fit.z) - len(base.z))
+        return of_blows(self.problem, fit.effects, beyond_discrepancy(self.problem, base, fit, gain) - paid)
 
     def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> float:
         """The merit that a further effect adds to a leader, by its linear estimate. least: the gain that the leader's
@@ -389,8 +401,7 @@ class Search:
         left = leader.residual - taken + leader.jacobian @ (z - leader.z)
         data = discounted(self.problem, (promise.atom.effect.id,), promise.data, leader.residual, left)
         paid = promise.gain - promise.merit
-        own = of_blows(self.problem, (promise.atom.effect.id,)) - paid
-        return promise.gain - promise.data + beyond(data, least) + own
+        return promise.gain - promise.data + beyond(data, least) - paid
 
     def _drop(self, base: Fitted) -> None:
         """Refit each effect of the leading pairs alone, started from the pair: a pair needs both effects to earn their

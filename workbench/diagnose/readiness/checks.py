@@ -14,6 +14,7 @@ from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.simulate.band import LEAST_PERIODS
+from workbench.simulate.blows import blows_of
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass, noise_rms
 
@@ -27,7 +28,7 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
     InputError, naming the runs, for runs that are too short, that all stand still, that are of
     different machines, and for signals of the wrong sign or unit.
     """
-    bench = Bench(campaign.machine, campaign.runs)
+    bench = Bench(campaign.machine, campaign.runs, blows=blows_of(campaign.machine, campaign.runs))
     file = campaign.path / "runs.yaml"
     _check_lengths(bench, file)
     going = [j for j in range(len(bench.runs)) if moves(bench, j)]

@@ -27,7 +27,8 @@ def check_machine(bench: Bench, rigid: Sequence[Rigid], file: object) -> list[st
     """Warnings. InputError for signals upside down or in another unit, and for runs of different machines."""
     _check_signs(bench, rigid, file)
     _check_units(bench, rigid, file)
-    return [*_check_one_machine(rigid, file, kind_of(bench.machine).holds_load), *_odd(rigid)]
+    struck = any(len(blows) for blows in bench.blows)
+    return [*_check_one_machine(rigid, file, kind_of(bench.machine).holds_load, struck), *_odd(rigid)]
 
 
 def listed(names: Sequence[str], most: int = 6) -> str:
@@ -103,9 +104,10 @@ def _check_units(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
     )
 
 
-def _check_one_machine(rigid: Sequence[Rigid], file: object, holds_load: bool) -> list[str]:
+def _check_one_machine(rigid: Sequence[Rigid], file: object, holds_load: bool, struck: bool) -> list[str]:
     """InputError where runs hold loads, or axes show inertias, of two machines. A warning for a hoist's inertia:
-    a slow run hardly shows it, and a load that swings hides some of it; the load that is held says more."""
+    a slow run hardly shows it, and a load that swings hides some of it; the load that is held says more. A warning
+    as well where blows of a play come again: the inertia behind it goes with the motor part of the time only."""
     loads = [(r.run, r.hold) for r in rigid if r.hold is not None]
     inertias = [(r.run, r.inertia) for r in rigid if r.inertia is not None]
     warnings = []
@@ -124,7 +126,7 @@ def _check_one_machine(rigid: Sequence[Rigid], file: object, holds_load: bool) -
             f"{listed([n for n, _ in others])} {_span(others)} times; "
             f"{'is it' if one else 'are they'} of another machine{remedy}?"
         )
-        if what == "load" or not holds_load:
+        if not struck and (what == "load" or not holds_load):
             raise InputError(said, file=file)
         warnings.append(f"{said[0].upper()}{said[1:]}")
     return warnings

@@ -23,6 +23,7 @@ from workbench.diagnose.hypotheses.merit import (
     beyond_discrepancy,
     discrepancy_rms,
     inexact,
+    like_rebounds,
     of_blows,
 )
 from workbench.diagnose.hypotheses.problem import Problem
@@ -119,7 +120,7 @@ def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
             continue
         gain = none.value - scores[names].value
         merit = beyond_discrepancy(problem, search.base, fit, gain) - cost(problem, len(fit.z) - len(search.base.z))
-        merit = beyond_trace(problem, fit, names[0], merit) + of_blows(problem, names)
+        merit = of_blows(problem, names, beyond_trace(problem, fit, names[0], merit))
         singles[names] = weighed(names, scores[names], merit)
     all_weighed = {names: _not_freer(search, w, singles, kind) for names, w in singles.items()}
     for size in range(2, max(map(len, search.fits), default=0) + 1):
@@ -139,10 +140,12 @@ def _added(search: SearchResult, first: Weighed, names: Names, score: Score) -> 
     problem, fit = search.problem, search.fits[names]
     gain = beyond_discrepancy(problem, first.fit, fit, first.score.value - score.value)
     prior = first.fit.prior - fit.prior
-    data = beyond(gain - prior, inexact(problem, search.within_tolerances, first.fit, first.score))
     (last,) = set(names) - set(first.names)
+    data = beyond(gain - prior, inexact(problem, search.within_tolerances, first.fit, first.score))
+    if like_rebounds(problem, last):
+        data = min(data, 0.0)
     merit = prior + data - cost(problem, len(fit.z) - len(first.fit.z))
-    return beyond_trace(problem, fit, last, merit) + of_blows(problem, (last,)) - calibration()["pair"]
+    return beyond_trace(problem, fit, last, merit) - calibration()["pair"]
 
 
 def _not_freer(search: SearchResult, mine: Weighed, beside: Mapping[Names, Weighed], kind: str) -> Weighed:

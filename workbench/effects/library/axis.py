@@ -90,8 +90,9 @@ def _through(v: Scalar, e: Any, p: Any) -> Scalar:
 
 
 def _within(e: Any) -> Scalar:
-    """1 on the way from flank to flank, 0 in contact."""
-    return where(absolute(e.q) < 0.5 * e.play, 1.0, 0.0)
+    """1 on the way from flank to flank, 0 in contact, whatever the last thousandths of the way do."""
+    left = 1.0 - absolute(e.q) / (0.5 * e.play)
+    return clip((left - 0.01) / 0.04, 0.0, 1.0)
 
 
 def _load_behind(position: Scalar, e: Any, p: Any) -> Scalar:
@@ -138,7 +139,7 @@ def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
     memory=[
         EffectMemory("q", _lead_rate, start=lambda e, p: where(p.C < 0.0, -0.5, 0.5) * e.play,
                      scale=lambda e, p: e.play),
-        EffectMemory("w", _behind_rate, start=lambda e, p: 0.0, scale=lambda e, p: 0.1 * CONTACT * e.play),
+        EffectMemory("w", _behind_rate, start=lambda e, p: 0.0, scale=lambda e, p: 0.01 * CONTACT * e.play),
     ],
     beside={"axis_inertia": _less_inertia},
 )  # fmt: skip
