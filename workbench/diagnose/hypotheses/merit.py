@@ -27,7 +27,7 @@ def of_blows(problem: Problem, effects: Collection[str], merit: float) -> float:
     """The merit with what the blows in the logs say: a play has them, what has no play is worth nothing beside them."""
     if not problem.struck:
         return merit
-    return merit + BLOWS if PLAY in effects else min(merit, 0.0)
+    return max(merit, 0.0) + BLOWS if PLAY in effects else min(merit, 0.0)
 
 
 def like_rebounds(problem: Problem, effect: str) -> bool:
