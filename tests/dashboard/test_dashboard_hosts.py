@@ -85,9 +85,11 @@ class Slow(importlib.abc.MetaPathFinder):
 
 sys.meta_path.insert(0, Slow())
 warm._study = warm._loop = warm._others = lambda: plotly.graph_objects.Scatter(y=numpy.arange(3.0))
-threading.Thread(target=__import__, args=["pandas"]).start()
+importing = threading.Thread(target=__import__, args=["pandas"])
+importing.start()
 begun.wait()
 warm._load(later_s=0.0)
+importing.join()
 """
 
 

@@ -42,6 +42,7 @@ def _load(later_s: float = LATER_S) -> None:
     for load, wait_s in ((_study, 0.0), (_loop, later_s), (_others, 0.0)):
         time.sleep(wait_s)
         try:
+            whole_pandas()
             load()
         except Exception:
             logging.getLogger(__name__).exception("loading ahead of time failed")
