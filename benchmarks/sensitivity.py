@@ -23,6 +23,7 @@ from typing import Any
 from workbench.blind.answer import load, save
 from workbench.blind.criteria import Row, right, right_or_alike
 from workbench.blind.make import mapped
+from workbench.blind.measures import calibration_error
 from workbench.blind.score import open_all, sheet_of
 from workbench.blind.seal import CAMPAIGNS
 from workbench.blind.share import Share
@@ -32,6 +33,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PLACES = ("workbench/diagnose/verdict", "workbench/diagnose/hypotheses/merit.py")
 FACTORS = (0.7, 1.3)
 CALIBRATION = "calibration.json"
+SHARE = "missed_"  # how names begin that are shares, 1 at most
 # Why calibration.json has each number; a weight of evidence for an unknown cause has the evidence's own reason.
 REASONS = {
     "threshold": "merit that machines without a gap do not reach",
@@ -66,7 +68,8 @@ class Number:
         return f"{self.place}:{self.name}"
 
     def times(self, factor: float) -> Any:
-        return _times(self.value, factor)
+        changed_value = _times(self.value, factor)
+        return min(changed_value, 1.0) if self.name.startswith(SHARE) else changed_value
 
 
 def _times(value: Any, factor: float) -> Any:
@@ -169,7 +172,14 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
 
     def said() -> dict[str, Any]:
         judged = judge(search)
-        return {"word": judged.word, "names": list(judged.names), "alike": list(alike(judged, kind))}
+        first = judged.ranking[0]
+        return {
+            "word": judged.word,
+            "names": list(judged.names),
+            "alike": list(alike(judged, kind)),
+            "ranking": [[first.verdict, list(first.effects), first.probability]],
+            "twins": [[list(names) for names in group] for group in judged.twins],
+        }
 
     as_is = said()
     answers: dict[str, Any] = {"as it is": [as_is]}
@@ -188,13 +198,14 @@ def _kept(out: Path, listed: Sequence[Number], campaign: tuple[str, Path]) -> st
 
 
 def table(rows: Sequence[Row], answers: Mapping[str, Mapping[str, Any]], listed: Sequence[Number]) -> Table:
-    """A line for each number: place, value, reason, answers that are right with it 30 % smaller and larger."""
+    """A line for each number: place, value, reason; with it 30 % smaller and larger the answers that are right, those
+    that are right or alike, and the calibration error."""
     those = [row for row in rows if answers.get(file_name(row))]
 
     def share(key: str, which: int) -> str:
         given = [{**row, **answers[file_name(row)][key][which]} for row in those if key in answers[file_name(row)]]
         exact, also = Share.counted(given, right), Share.counted(given, right_or_alike)
-        return f"{exact.count}, {also.count} of {exact.of}" if exact.of else "–"
+        return f"{exact.count}, {also.count} of {exact.of}; {calibration_error(given):.3f}" if exact.of else "–"
 
     as_is = share("as it is", 0)
     lines = [
@@ -210,7 +221,7 @@ def table(rows: Sequence[Row], answers: Mapping[str, Mapping[str, Any]], listed:
     ]
     heads = [words("number"), words("where"), Column("value"), words("reason")]
     columns = [*heads, Column("30 % smaller"), Column("30 % larger")]
-    note = f"Right, and right or alike, with all numbers as they are: {as_is}."
+    note = f"Right, right or alike, and calibration error with all numbers as they are: {as_is}."
     return Table(columns, lines, note)
 
 

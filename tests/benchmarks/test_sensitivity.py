@@ -63,8 +63,12 @@ def test_the_table_counts_what_other_numbers_would_have_answered(tmp_path: Path)
         {"folder": f"set/00{k}", "label": {"effects": ["heave"], "where": []}, "word": "x", "names": [], "alike": []}
         for k in range(3)
     ]
-    good, bad = {"word": "named", "names": ["heave"], "alike": []}, {"word": "no_gap", "names": [], "alike": []}
-    alike = {"word": "named", "names": ["torque_scale"], "alike": ["heave"]}
+
+    def said(word: str, names: list[str], probability: float, alike: list[str]) -> dict[str, Any]:
+        return {"word": word, "names": names, "alike": alike, "ranking": [[word, names, probability]], "twins": []}
+
+    good, bad = said("named", ["heave"], 0.9, []), said("no_gap", [], 0.8, [])
+    alike = said("named", ["torque_scale"], 0.9, ["heave"])
     number = Number("workbench.diagnose.verdict.judge", "UNDONE", 0.15, "why")
     answers = {
         "set_000": {"as it is": [good], number.key: [bad, good]},
@@ -72,8 +76,8 @@ def test_the_table_counts_what_other_numbers_would_have_answered(tmp_path: Path)
         "set_002": {},  # was refused
     }
     made = sensitivity.table(rows, answers, [number])
-    assert made.rows[0] == ["UNDONE", "verdict.judge", "0.15", "why", "0, 0 of 2", "1, 2 of 2"]
-    assert "2, 2 of 2" in made.note
+    assert made.rows[0] == ["UNDONE", "verdict.judge", "0.15", "why", "0, 0 of 2; 0.800", "1, 2 of 2; 0.400"]
+    assert "2, 2 of 2; 0.100" in made.note
     page = tmp_path / "page.md"
     page.write_text(f"# Numbers\n\n{sensitivity.BEGIN}\nold\n")
     sensitivity.write(page, made)

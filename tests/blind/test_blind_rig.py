@@ -206,7 +206,12 @@ def test_the_power_is_the_size_from_which_nine_of_ten_are_named_and_what_never_i
     assert named.one_more == pytest.approx(0.5 * named.amount)
     assert named.interval[0] < named.amount < named.interval[1]
     assert (never.effect, never.amount, never.interval) == ("torque_offset", None, None)
-    assert "not in the sizes tried" in tables.power(power).by_column["named in 9 of 10 from"]
+    assert "> 3470" in tables.power(power).by_column["named in 9 of 10 from"]
+    assert "the quickest one again, makes effects show at down to 50 % of these sizes" in power.sentences[0]
+    little = power_of(power_score(rig), {"friction_viscous": 0.99}, "another one")
+    assert (
+        little is not None and "makes no effect show at a size that is smaller by more than 3 %" in little.sentences[0]
+    )
     drawn = figures.power(power.effects, power.unit)
     assert [trace.name for trace in drawn.data] == ["these runs", "with one more run", "not within the sizes tried"]
     few = power_score(rig)
@@ -226,9 +231,10 @@ def test_one_more_run_makes_smaller_effects_show(rig: Rig, monkeypatch: pytest.M
     order = ordered(Asked(runs=DEMO, cases=1, case="none"), 5)[0][0]
     content = content_of(order, short)
     now = later.shows(content, order.seed)
-    (words, plan), *_ = later._trials(short)
-    assert words.startswith("the quickest one")
-    then = later.shows(replace(content, runs=(*content.runs, plan)), order.seed)
+    first, *others = later._trials(short)
+    assert first.words.startswith("the quickest one")
+    assert ("tension" in rig.logging.logs) != any(trial.logs for trial in others)
+    then = later.shows(first.added_to(content), order.seed)
     both = [name for name in now if name in then and math.isfinite(now[name])]
     ratios = [then[name] / now[name] for name in both]
     assert len(both) > 15

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from workbench.blind.answer import answer, save, text_of
-from workbench.blind.criteria import Row, oracle_after, right, right_word
+from workbench.blind.criteria import Row, oracle_after, right, right_word, single
 from workbench.blind.identified import identify_first
 from workbench.blind.make import content_of, mapped
 from workbench.blind.orders import Order
@@ -163,26 +164,42 @@ def power_of_rig(scores: Sequence[Score]) -> Power | None:
 def one_more_run(score: Score) -> tuple[Mapping[str, float], str] | None:
     """effect -> smallest amount that shows with one more run over that without, and which run; None for drawn machines.
 
-    Of a few runs the one that lowers these amounts most, on the whole.
+    Of a few runs the one that lowers the amounts of the score's effects most, on the whole.
     """
     if not score.truth.rig:
         return None
     rig = rig_from(score.truth.rig)
+    asked = {row["label"]["effects"][0] for row in score.rows if single(row)}
     order = Order(0, (score.truth.seed, 0), "simulator", rig.family.name, "none", ())
     content = rig.content(order.seed, order)
     now = shows(content, order.seed)
     best: tuple[float, Mapping[str, float], str] | None = None
-    for words, plan in _trials(rig):
-        then = shows(replace(content, runs=(*content.runs, plan)), order.seed)
-        ratios = {name: min(then[name] / now[name], 1.0) for name in now if name in then and 0.0 < now[name] < np.inf}
-        mean = float(np.exp(np.mean([np.log(max(ratio, 1e-3)) for ratio in ratios.values()]))) if ratios else 1.0
-        if best is None or mean < best[0]:
-            best = mean, ratios, words
+    for trial in _trials(rig):
+        then = shows(trial.added_to(content), order.seed)
+        both = [name for name in now if name in then and 0.0 < now[name] < np.inf and 0.0 < then[name] < np.inf]
+        ratios = {name: min(then[name] / now[name], 1.0) for name in both}
+        logs = [math.log(ratio) for name, ratio in ratios.items() if name in asked] or [0.0]
+        if best is None or sum(logs) < best[0]:
+            best = sum(logs), ratios, trial.words
     return None if best is None else best[1:]
 
 
-def _trials(rig: Rig) -> list[tuple[str, RunPlan]]:
-    """The user's own quickest run again: at its lightest load or none, and at a quarter of the speed."""
+@dataclass(frozen=True)
+class Trial:
+    """One more run. logs: signals that it needs beside those of the rig, in all runs."""
+
+    words: str
+    plan: RunPlan
+    logs: tuple[str, ...] = ()
+
+    def added_to(self, content: Content) -> Content:
+        logs = tuple(dict.fromkeys([*content.logging.logs, *self.logs]))
+        return replace(content, runs=(*content.runs, self.plan), logging=replace(content.logging, logs=logs))
+
+
+def _trials(rig: Rig) -> list[Trial]:
+    """The user's own quickest run again: at its lightest load or none, at a quarter of the speed, and on a hoist with
+    the dead line's tension, where that is not logged."""
     longest = max(rig.runs, key=lambda run: max(map(abs, run.reference or (0.0,))))
     began = rig.runs[-1].start_time_s + rig.runs[-1].duration_s + BETWEEN_S
     loads = sorted({run.payload_kg for run in rig.runs})
@@ -190,11 +207,17 @@ def _trials(rig: Rig) -> list[tuple[str, RunPlan]]:
     slow = np.repeat(np.asarray(longest.reference), 4) / 4.0
     slower = replace(again, reference=tuple(map(float, slow)), duration_s=4.0 * longest.duration_s)
     if not machine_kind(rig.drawn.machine).holds_load:
-        return [("the quickest one again", again), ("the quickest one at a quarter of its speed", slower)]
+        return [Trial("the quickest one again", again), Trial("the quickest one at a quarter of its speed", slower)]
     tried = []
     for load in dict.fromkeys([0.0, loads[-1]]):
-        tried.append((f"the quickest one with {load:g} kg", replace(again, payload_kg=load)))
-        tried.append((f"the same at a quarter of its speed with {load:g} kg", replace(slower, payload_kg=load)))
+        quick = replace(again, payload_kg=load)
+        tried.append(Trial(f"the quickest one with {load:g} kg", quick))
+        tried.append(
+            Trial(f"the quickest one at a quarter of its speed with {load:g} kg", replace(slower, payload_kg=load))
+        )
+        if "tension" not in rig.logging.logs:
+            words = f"the quickest one with {load:g} kg, and the dead line's tension logged in all runs"
+            tried.append(Trial(words, quick, ("tension",)))
     return tried
 
 

@@ -21,13 +21,15 @@ LEAST = 3  # cases of an effect: fewer say nothing of it
 SPREAD = 4.0  # of the effects' logits at one size: their thresholds differ by a factor of seven or so
 SLOPE, SLOPE_STD = 2.0, 1.0  # of the logit over the logarithm of the size, and how well that is known beforehand
 Z_95 = 1.96
+LITTLE = 0.03  # of a size: one more run that buys less buys nothing
 
 
 @dataclass(frozen=True)
 class EffectPower:
     """share: of its cases that were named or said to be alike. parameter, amount: the effect's first amount, off its
     vanishing value, that is named in nine of ten; None where that is beyond the sizes tried. change: the same as the
-    input's change, rms while moving. one_more: amount, and change_one_more: change, with one more run."""
+    input's change, rms while moving. ratio: the size that shows with one more run over that without; one_more: amount,
+    and change_one_more: change, with that run."""
 
     effect: str
     share: Share
@@ -38,6 +40,7 @@ class EffectPower:
     change: float | None
     change_interval: tuple[float, float] | None
     largest_change_tried: float
+    ratio: float | None = None
     one_more: float | None = None
     change_one_more: float | None = None
 
@@ -83,15 +86,22 @@ def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str
     )
     few = sorted({r["label"]["effects"][0] for r in score.rows if criteria.single(r)} - set(cases))
     note = (
-        "Amounts are off the value at which the effect vanishes. From a logistic regression over the size, of which "
+        "Amounts are off the value at which the effect vanishes; >: the largest size tried is not enough. "
+        "From a logistic regression over the size, of which "
         f"effects share the slope and, loosely, the threshold; effects with fewer than {LEAST} cases are left out"
         + (f" ({', '.join(few)})." if few else ".")
     )
     sentences = []
     if one_more:
+        least = min((one.ratio for one in effects if one.ratio is not None), default=1.0)
+        bought = (
+            f"makes no effect show at a size that is smaller by more than {100.0 * LITTLE:g} %"
+            if least > 1.0 - LITTLE
+            else f"makes effects show at down to {100.0 * least:.0f} % of these sizes"
+        )
         sentences.append(
-            f"One more run ({run}): by how much smaller an effect shows then is computed from its signature in the "
-            "simulated runs, and not by further diagnoses."
+            f"One more run, {run}, {bought}. That is computed from the effects' signatures in the simulated runs, and "
+            "not by further diagnoses; of a few runs it is the one that buys most."
         )
     return Power(effects, rig.unit, note, tuple(sentences))
 
@@ -115,6 +125,7 @@ def _effect(
         change=change,
         change_interval=None if change is None else (low, high),
         largest_change_tried=largest,
+        ratio=ratio,
         one_more=None if change is None or ratio is None else change * per_change * ratio,
         change_one_more=None if change is None or ratio is None else change * ratio,
     )

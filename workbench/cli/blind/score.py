@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+POWER = "The power of these runs"
+
 
 @click.command(name="score")
 @click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -61,10 +63,12 @@ def command(
         ("By the size of the gap", tables.sizes(sheet.rows)),
     ]
     if power is not None:
-        shown.append(("The power of these runs", tables.power(power)))
+        shown.append((POWER, tables.power(power)))
     for head, table in [*shown, *tables.methods_by_kind(sheet.rows)]:
         if table:
             click.echo(f"\n{head}" if head else "")
+            if power is not None and head == POWER:
+                print_text(power.sentences)
             print_table(table)
     if missed := tables.miss_lines(sheet.rows, misses):
         print_text(["", "Misses", *missed])

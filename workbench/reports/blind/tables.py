@@ -246,6 +246,8 @@ def why(row: Row) -> str:
     merit = next((fit["merit"] for fit in row["weighed"] if set(fit["names"]) == told), None)
     if merit is not None:
         best = max(fit["merit"] for fit in row["weighed"])
+        if row["word"] == "no_gap":
+            return f"weighed, with a merit of {merit:.0f}; a cause needs {calibration()['threshold']:.0f}"
         return f"weighed, and worth less than the answer: merit {merit:.0f}, the best {best:.0f}{_against(row)}"
     return f"not among the fits that the search followed{_against(row)}"
 
@@ -283,15 +285,16 @@ def power(chart: Power) -> Table:
     """The smallest size of each effect that these runs would have named in nine of ten."""
     lines = []
     for effect in chart.effects:
-        more = "–" if effect.one_more is None else f"{effect.one_more:.3g}"
+        more = "–" if effect.one_more is None else _amount(effect.one_more)
+        if effect.amount is None and effect.ratio is not None:
+            more = f"{100.0 * effect.ratio:.0f} % of it"
         lines.append(
             [
                 effect.effect,
                 effect.share.text(),
                 effect.parameter,
-                "not in the sizes tried" if effect.amount is None else f"{effect.amount:.3g}",
-                "–" if effect.interval is None else f"{effect.interval[0]:.3g}–{effect.interval[1]:.3g}",
-                f"{effect.largest_tried:.3g}",
+                f"> {_amount(effect.largest_tried)}" if effect.amount is None else _amount(effect.amount),
+                "–" if effect.interval is None else "–".join(map(_amount, effect.interval)),
                 more,
             ]
         )
@@ -301,10 +304,14 @@ def power(chart: Power) -> Table:
         words("amount"),
         Column("named in\n9 of 10 from"),
         Column("95 % interval"),
-        Column("largest\ntried"),
         Column("with one\nmore run"),
     ]
     return Table(columns, lines, chart.note)
+
+
+def _amount(value: float) -> str:
+    """Three digits, as 1400 and 0.0452."""
+    return f"{float(f'{value:.3g}'):.10g}"
 
 
 def settled(share: Share) -> str:
