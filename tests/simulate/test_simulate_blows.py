@@ -52,7 +52,7 @@ def test_a_loss_of_a_hundredth_of_the_speed_is_no_plain_blow():
 
 
 def test_a_run_of_a_few_samples_has_no_blows():
-    short = Run("short", np.arange(5) * 0.001, {"velocity_m_s": np.ones(5), "force_n": np.zeros(5)})
+    short = Run("short", np.linspace(0.0, 0.004, 5), {"velocity_m_s": np.ones(5), "force_n": np.zeros(5)})
     assert [len(blows) for blows in found(short, short)] == [0, 0]
 
 
