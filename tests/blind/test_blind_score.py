@@ -324,6 +324,14 @@ def test_misses_are_listed_largest_first_and_no_more_than_asked():
             "comes second, with 0.20",
         ),
         (made(["unlisted: a fan"], "no_gap", size=0.3), "smaller than the noise"),
+        (
+            {
+                **made([VISCOUS], "unknown"),
+                "ranking": [["unknown", [], 0.7], ["named", [OFFSET], 0.2]],
+                "twins": [[[OFFSET], [VISCOUS]]],
+            },
+            "comes second, with 0.20",
+        ),
     ],
 )
 def test_each_miss_says_how_it_came(row: Mapping[str, Any], why: str):

@@ -237,7 +237,7 @@ def why(row: Row) -> str:
         place, probability = next(
             (place, p)
             for place, (verdict, names, p) in enumerate(row["ranking"], start=1)
-            if verdict == "named" and set(names) == told
+            if verdict == "named" and told in (set(names), *criteria.twins_of(row, names))
         )
         return f"the right one comes {_ORDINALS[place]}, with {probability:.2f}{_against(row)}"
     if told & set(row["names"]):
