@@ -87,7 +87,8 @@ def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Mem
     ]  # fmt: skip
     numbers(said)
     rule = "" if same else f"; below, the difference to gains {usual_settings(case.machine)[1].replace(': ', ', ')}"
-    st.caption(f"The least of each over the {len(members)} loops{rule}.")
+    over = "Of the one loop" if len(members) == 1 else f"The least of each over the {len(members)} loops"
+    st.caption(f"{over}{rule}.")
 
 
 def _bode_and_nyquist(members: Sequence[Member], asked: Question) -> None:

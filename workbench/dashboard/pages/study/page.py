@@ -16,7 +16,7 @@ from workbench.dashboard.pages.study.address import KEY, from_address, in_addres
 from workbench.dashboard.pages.study.answer import decision, numbers_of, say, take_away, window
 from workbench.dashboard.pages.study.axis.desk import AxisDesk, axis_scenario
 from workbench.dashboard.pages.study.axis.form import axis_controls
-from workbench.dashboard.pages.study.axis.page import axis_answer, axis_head, axis_names, check_references
+from workbench.dashboard.pages.study.axis.page import axis_answer, axis_head, axis_names
 from workbench.dashboard.pages.study.controls import Desk, scenario_of
 from workbench.dashboard.pages.study.forces import forces
 from workbench.dashboard.pages.study.form import DESK, controls, file_fields, named
@@ -86,7 +86,6 @@ def _axis(desk: AxisDesk, machine: Axis, bad: Sequence[InputError], head: DeltaG
         if bad:
             raise bad[0]
         scenario = axis_scenario(desk, machine)
-        check_references(scenario, machine)
         with told():
             good = (scenario, machine, results(scenario, machine))
     except InputError as error:

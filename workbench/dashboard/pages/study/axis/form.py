@@ -35,7 +35,7 @@ def axis_controls(machine: Axis, bad: list[InputError], file: Callable[[str], st
         desk = replace(desk, base=desk.base.model_copy(update={"name": name}))
     kind = kind_of(machine)
     with above:
-        desk = replace(desk, references=_references(desk, machine))
+        desk = replace(desk, references=_references(desk))
         with st.expander("Motion", expanded=True, icon=":material/swap_horiz:"):
             desk = _motion(desk, kind.moved.unit)
             desk = _limits(desk, kind.moved.unit, kind.looped.top_speed(machine).speed)
@@ -61,16 +61,11 @@ def _desk(machine: Axis) -> AxisDesk:
     return usual_desk(machine)
 
 
-def _references(desk: AxisDesk, machine: Axis) -> tuple[str, ...]:
-    """Those that need a load on a wire are not for an axis."""
-    others = {
-        name: kind
-        for name, kind in planned_kinds().items()
-        if name != BASELINE and not (kind.needs_load and kind_of(machine).load is None)
-    }
+def _references(desk: AxisDesk) -> tuple[str, ...]:
+    others = {name: kind for name, kind in planned_kinds().items() if name != BASELINE}
     chosen = st.pills(
         f"Against the {BASELINE}", list(others), selection_mode="multi",
-        key=kept("axis.references", [name for name in desk.references if name in others]), format_func=label,
+        key=kept("axis.references", list(desk.references)), format_func=label,
         help="\n".join(f"- {kind.label}: {kind.definition}" for kind in others.values()),
     )  # fmt: skip
     return tuple(name for name in others if name in chosen)

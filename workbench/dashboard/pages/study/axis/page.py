@@ -8,12 +8,10 @@ import streamlit as st
 
 from workbench.dashboard.pages.study.answer import decision, numbers_of, take_away, window
 from workbench.dashboard.widgets import chart, plain
-from workbench.errors import InputError
 from workbench.figures.study_axis import axis_overview
 from workbench.kinds import kind_of
 from workbench.machine import SHIPPED, Axis, shipped
 from workbench.machine.files import machine_text
-from workbench.references import planned_kinds
 from workbench.study.execute.run import StudyResult, peak_limit
 from workbench.study.scenario.record import Scenario
 from workbench.yaml_strict import dumps
@@ -77,11 +75,3 @@ def axis_answer(scenario: Scenario, machine: Axis, result: StudyResult) -> None:
         alt = f"Position, tracking error, speed and {kind.drive.quantity} over time"
         chart(figure, "study over time", alt)
     take_away(result)
-
-
-def check_references(scenario: Scenario, machine: Axis) -> None:
-    """InputError for a reference that asks for a load on a wire."""
-    kinds = planned_kinds()
-    for name in scenario.planned_kinds:
-        if kinds[name].needs_load and kind_of(machine).load is None:
-            raise InputError(f"'{name}' is for a load on a wire, which an axis has not", place="references")
