@@ -275,15 +275,20 @@ def test_the_three_files_are_offered_and_the_corrected_machine_can_be_kept_for_s
     assert not study.exception and errors(study) == []
 
 
-def test_a_kept_axis_is_not_offered_where_a_hoist_is_wanted(server, monkeypatch, spring):
+def test_a_kept_axis_is_offered_where_axes_are_studied_and_not_where_a_hoist_is_wanted(server, monkeypatch, spring):
     number, _ = finished(server, monkeypatch, spring, "axis")
     app = shown(number)
     app.button(key="gap keep").click().run()
     study = page("Study")
     study.session_state["machines kept"] = app.session_state["machines kept"]
+    hoists = ["default hoist", "lightly damped hoist"]
+    (kept,) = app.session_state["machines kept"]
     assert study.run().selectbox(key="study machine").options == [
-        "default hoist", "lightly damped hoist", "upload a machine.yaml",
+        *hoists, "ball-screw axis", kept, "upload a machine.yaml",
     ]  # fmt: skip
+    drawing = page("Machine")
+    drawing.session_state["machines kept"] = app.session_state["machines kept"]
+    assert drawing.run().selectbox(key="machine machine").options == [*hoists, "upload a machine.yaml"]
 
 
 def test_after_a_reload_the_newest_is_shown_and_only_to_who_knows_the_address(server, monkeypatch, spring):

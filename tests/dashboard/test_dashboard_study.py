@@ -30,8 +30,8 @@ from workbench.dashboard.pages.compare import kept
 from workbench.dashboard.pages.compare.page import difference, machine_told_apart
 from workbench.dashboard.pages.loop.controls import KI, KP
 from workbench.dashboard.pages.study.address import from_address, in_address
+from workbench.dashboard.pages.study.answer import OWN
 from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
-from workbench.dashboard.pages.study.page import OWN
 from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
 from workbench.dashboard.serve import SCRIPT
 from workbench.errors import InputError
@@ -176,7 +176,8 @@ def test_gains_are_carried_from_loop_to_study_and_back():
 
 @pytest.mark.parametrize("name", ["references_at_their_best", "hoist_lower_limits", "jerk_pareto"])
 def test_scenarios_that_ship_stand_on_the_page_with_what_they_extend(name: str):
-    desk = shipped_desk(name, default_hoist())
+    desk, other = shipped_desk(name, default_hoist())
+    assert isinstance(desk, Desk) and not other
     result = plan_study(scenario_of(desk, default_hoist()), default_hoist())
     assert result.specs and desk.controls.name == name
 

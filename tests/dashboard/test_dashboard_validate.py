@@ -256,7 +256,7 @@ def test_machines_that_are_kept_here_are_offered_elsewhere(offered):
     other.session_state["machines kept"] = app.session_state["machines kept"]
     other.run()
     assert other.selectbox(key="loop machine").options == [
-        machines.DEFAULT, machines.RINGING, "identified from spring", machines.UPLOADED,
+        machines.DEFAULT, machines.RINGING, machines.AXIS, "identified from spring", machines.UPLOADED,
     ]  # fmt: skip
 
 

@@ -2,6 +2,8 @@
 
 session_machine(key)        a select box and the drive's times: the session's one machine, the same on every page
                             that asks; an uploaded machine.yaml that is good joins the list and is chosen
+hoist_of_session(key)       the same for a page that is for hoists only: it says so where the session's is another
+choose_machine(name)        the session's machine from the next run of a page on
 chosen_machine(key)         a machine for this page alone. Call inside `guarded()`.
 keep_machine(name, machine) makes a machine choosable on every page of this session
 kept_machines()             name -> machine
@@ -9,16 +11,19 @@ kept_machines()             name -> machine
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import streamlit as st
 
 from workbench.dashboard import session
-from workbench.dashboard.widgets import problem
+from workbench.dashboard.widgets import plain, problem
 from workbench.effects import check
 from workbench.errors import InputError
-from workbench.kinds import STUDIED, of_kind, studied
-from workbench.machine import Axis, Hoist, default_hoist, load_machine, shipped_hoist, with_values
+from workbench.kinds import LOOPED, STUDIED, looped, of_kind, studied
+from workbench.machine import Axis, Hoist, default_hoist, load_machine, shipped, shipped_hoist, with_values
 
-DEFAULT, RINGING, UPLOADED = "default hoist", "lightly damped hoist", "upload a machine.yaml"
+DEFAULT, RINGING, AXIS = "default hoist", "lightly damped hoist", "ball-screw axis"
+UPLOADED = "upload a machine.yaml"
 DRIVE_TIMES = (
     ("Torque lag (ms)", "torque_lag_s"),
     ("Speed filter (ms)", "speed_filter_s"),
@@ -26,6 +31,7 @@ DRIVE_TIMES = (
 )
 _KEPT, _CHOSEN, _ARRIVED, _DRIVE = "machines kept", "machine chosen", "machine arrived", "machine drive"
 Kept = dict[str, Hoist | Axis]
+AnyMachine = TypeVar("AnyMachine", Hoist, Hoist | Axis)
 
 
 def kept_machines() -> Kept:
@@ -36,7 +42,7 @@ def kept_machines() -> Kept:
 def keep_machine(name: str, machine: Hoist | Axis) -> str:
     """Keeps a machine for this session; returns the name it is listed under (a taken one is numbered)."""
     kept = kept_machines()
-    taken = {DEFAULT, RINGING, UPLOADED, *(known for known, other in kept.items() if other != machine)}
+    taken = {DEFAULT, RINGING, AXIS, UPLOADED, *(known for known, other in kept.items() if other != machine)}
     free, number = name, 2
     while free in taken:
         free, number = f"{name} ({number})", number + 1
@@ -44,21 +50,45 @@ def keep_machine(name: str, machine: Hoist | Axis) -> str:
     return free
 
 
-def _offered() -> dict[str, Hoist]:
-    """The machines that a study can run on, by name."""
+def _hoists() -> dict[str, Hoist]:
+    """The hoists that the session knows, by name."""
     kept = {name: machine for name, any_kind in kept_machines().items() if (machine := studied(any_kind)) is not None}
     return {DEFAULT: default_hoist(), RINGING: shipped_hoist("lightly_damped"), **kept}
 
 
-def session_machine(key: str) -> Hoist:
+def _all_looped() -> Kept:
+    """The machines that a study can run on, by name."""
+    kept = {name: machine for name, any_kind in kept_machines().items() if (machine := looped(any_kind)) is not None}
+    return {DEFAULT: default_hoist(), RINGING: shipped_hoist("lightly_damped"), AXIS: shipped("emps_axis"), **kept}
+
+
+def choose_machine(name: str) -> None:
+    session.put(_ARRIVED, name)
+
+
+def session_machine(key: str) -> Hoist | Axis:
     """The machine that this session works on, with the drive's times that it has set.
 
     A file that is no machine is an error under its field and changes nothing.
     """
-    offered = _offered()
+    return _with_drive(*_chosen(key, _all_looped()), key)
+
+
+def hoist_of_session(key: str) -> Hoist:
+    """The same on a page that is for hoists only; where the session's machine is another, one of this page's own."""
+    offered = _hoists()
+    chosen, name = _chosen(key, dict(offered))
+    hoist = offered[name]
+    assert chosen is hoist
+    return _with_drive(hoist, name, key)
+
+
+def _chosen(key: str, offered: Kept) -> tuple[Hoist | Axis, str]:
+    """The machine that the select box names, which all pages then work on."""
     options = [*offered, UPLOADED]
     arrived = session.get(_ARRIVED, str, "")
     last = session.get(_CHOSEN, str, DEFAULT)
+    other = last if last not in offered and last in _all_looped() else ""  # of a kind that this page is not for
     last = last if last in offered else DEFAULT
     if arrived in offered:
         st.session_state[key] = arrived
@@ -67,16 +97,19 @@ def session_machine(key: str) -> Hoist:
         st.session_state[key] = last
     choice = st.selectbox("Machine", options, key=key)
     if choice == UPLOADED:
-        _take(key)
+        _take(key, hoists_only=AXIS not in offered)
         choice = last
-    session.put(_CHOSEN, choice)
-    return _with_drive(offered[choice], choice, key)
+    if other and choice == DEFAULT:
+        st.info(f"This page is for hoists only; {plain(other)} stays chosen on Study and Loop.")
+    else:
+        session.put(_CHOSEN, choice)
+    return offered[choice], choice
 
 
-def _take(key: str) -> None:
+def _take(key: str, hoists_only: bool) -> None:
     """An uploaded machine, once it is there, is the one chosen."""
     try:
-        machine = _uploaded(key)
+        machine = _uploaded(key, hoists_only)
     except InputError as error:
         problem(error)
         return
@@ -85,7 +118,7 @@ def _take(key: str) -> None:
         st.rerun()
 
 
-def _with_drive(machine: Hoist, name: str, key: str) -> Hoist:
+def _with_drive(machine: AnyMachine, name: str, key: str) -> AnyMachine:
     """The machine behind the drive's times that are set here; its own to begin with."""
     own = {field: getattr(machine.drive, field) for _, field in DRIVE_TIMES}
     of, values = session.get(_DRIVE, tuple, (name, own))
@@ -100,26 +133,27 @@ def _with_drive(machine: Hoist, name: str, key: str) -> Hoist:
     return machine if values == own else with_values(machine, {f"drive.{field}": values[field] for field in values})
 
 
-def _uploaded(key: str) -> Hoist | None:
+def _uploaded(key: str, hoists_only: bool) -> Hoist | Axis | None:
     """The uploaded machine; None before there is one. InputError for a file that is not one."""
     upload = st.file_uploader("machine.yaml", type=["yaml", "yml"], key=f"{key} file", max_upload_size=1)
     if upload is None:
         st.info("Choose a machine.yaml.", icon=":material/upload:")
         return None
     read = load_machine(session.stored(upload, "machine.yaml"), check_effects=check)
-    machine = studied(read)
+    machine = studied(read) if hoists_only else looped(read)
     if machine is None:
-        raise InputError(f"is {of_kind(read)}; expected {STUDIED}", file="machine.yaml", place="kind")
+        expected = STUDIED if hoists_only else LOOPED
+        raise InputError(f"is {of_kind(read)}; expected {expected}", file="machine.yaml", place="kind")
     return machine
 
 
-def chosen_machine(key: str) -> Hoist:
-    """The hoist that the select box `key` names. InputError for a file that is not one."""
-    offered = _offered()
+def chosen_machine(key: str) -> Hoist | Axis:
+    """The machine that the select box `key` names. InputError for a file that is not one."""
+    offered = _all_looped()
     choice = st.selectbox("Machine", [*offered, UPLOADED], key=key)
     if choice != UPLOADED:
         return offered[choice]
-    machine = _uploaded(key)
+    machine = _uploaded(key, hoists_only=False)
     if machine is None:
         st.stop()
     return machine

@@ -7,15 +7,18 @@ from collections.abc import Sequence
 import streamlit as st
 
 from workbench.analysis.family import Member, weakest
-from workbench.dashboard.pages.loop.controls import Question, gains, question
+from workbench.analysis.usual import usual_settings
+from workbench.control import Cascade
+from workbench.dashboard.pages.loop.controls import Question, gains, question, rule_settings
 from workbench.dashboard.pages.loop.family import loops
 from workbench.dashboard.pages.loop.tuning import tuned_before, tuning, wanted
 from workbench.dashboard.pages.study.controls import Desk
 from workbench.dashboard.pages.study.form import DESK
 from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain, table
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
+from workbench.kinds import kind_of
 from workbench.reports.loop import report
-from workbench.reports.loop.case import LoopCaseFile, usual_controller
+from workbench.reports.loop.case import LoopCaseFile
 
 
 def show() -> None:
@@ -25,7 +28,8 @@ def show() -> None:
         settings = gains(asked)
         goal = wanted(asked.ms_limit)
     case = LoopCaseFile(asked.machine, settings, "on this page", asked.payloads_kg, asked.heights_m, None)
-    st.markdown(f"#### Speed loop · {plain(case.machine.name)}")
+    cascade = kind_of(case.machine).looped.position_loop
+    st.markdown(f"#### {'Position and speed loop' if cascade else 'Speed loop'} · {plain(case.machine.name)}")
     top = st.container()
     tuning(case, asked, goal)
     with guarded():
@@ -36,7 +40,7 @@ def show() -> None:
     _bode_and_nyquist(members, asked)
     tuned_before(case)
     st.markdown(plain(" ".join(report.sentences(case, members))))
-    if _on_rigid_bodies():
+    if kind_of(case.machine).payload and _on_rigid_bodies():
         st.caption("Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised.")
     _others(members, asked)
     _table(members)
@@ -50,8 +54,8 @@ def _on_rigid_bodies() -> bool:
 
 def _by_rule(case: LoopCaseFile) -> LoopCaseFile:
     """The same loop under the gains that a rule of thumb gives: the baseline of the numbers."""
-    rule = usual_controller(case.machine)
-    gains_ = {"kp_nm_s_per_rad": rule.kp_nm_s_per_rad, "ki_nm_per_rad": rule.ki_nm_per_rad}
+    rule = rule_settings(case.machine)
+    gains_ = {name: getattr(rule, name) for name in (*rule.GAINS, *(["kv_per_s"] if isinstance(rule, Cascade) else []))}
     settings = case.settings.model_copy(update=gains_)
     return LoopCaseFile(case.machine, settings, "by rule", case.payloads_kg, case.heights_m, None)
 
@@ -82,8 +86,9 @@ def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Mem
         Number("Slowest bandwidth", slow, "Hz", delta(slow, slow_before), "higher"),
     ]  # fmt: skip
     numbers(said)
-    rule = "" if same else "; below, the difference to gains by rule, crossover about 2.5 Hz"
-    st.caption(f"The least of each over the {len(members)} loops{rule}.")
+    rule = "" if same else f"; below, the difference to gains {usual_settings(case.machine)[1].replace(': ', ', ')}"
+    over = "Of the one loop" if len(members) == 1 else f"The least of each over the {len(members)} loops"
+    st.caption(f"{over}{rule}.")
 
 
 def _bode_and_nyquist(members: Sequence[Member], asked: Question) -> None:

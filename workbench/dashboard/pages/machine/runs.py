@@ -9,7 +9,7 @@ import streamlit as st
 from workbench.control import PiSettings
 from workbench.dashboard import controller
 from workbench.dashboard.campaigns import last_campaign
-from workbench.dashboard.machines import session_machine
+from workbench.dashboard.machines import hoist_of_session
 from workbench.dashboard.pages.compare.kept import kept
 from workbench.errors import InputError
 from workbench.figures.style import label
@@ -76,7 +76,7 @@ def _of_study() -> list[Shown]:
 
 
 def _quick() -> list[Shown]:
-    machine = session_machine("machine machine")
+    machine = hoist_of_session("machine machine")
     payload = st.slider("Payload (kg)", 0, 12000, 4500, 250, key="machine payload")
     kinds = list(planned_kinds())
     reference = st.selectbox("Reference", kinds, key="machine reference", format_func=label)

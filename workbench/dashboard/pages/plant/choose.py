@@ -8,7 +8,7 @@ from typing import Any
 import streamlit as st
 
 from workbench.dashboard import session
-from workbench.dashboard.machines import session_machine
+from workbench.dashboard.machines import hoist_of_session
 from workbench.dashboard.plant.process import PlantProcess
 from workbench.dashboard.widgets import problem
 from workbench.errors import InputError
@@ -51,7 +51,7 @@ def side_bar() -> Hoist:
         )  # fmt: skip
         served: Hoist = started_as()["machine"]
         return served
-    machine = session_machine("plant machine")
+    machine = hoist_of_session("plant machine")
     way = st.segmented_control(
         "Plant", (OWN, ATTACHED), default=OWN, key="plant way", required=True, width="stretch",
         label_visibility="collapsed",

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, cast
+from typing import cast
 
 import streamlit as st
 
 from workbench.control.rigid import bandwidth_and_damping, shaft_inertia_kg_m2
 from workbench.dashboard import controller, session
+from workbench.dashboard.machines import choose_machine
+from workbench.dashboard.pages.study.axis.desk import AxisDesk, axis_desk_of
+from workbench.dashboard.pages.study.axis.form import DESK as AXIS_DESK
 from workbench.dashboard.pages.study.controls import (
     BANDWIDTH,
     FED,
@@ -24,11 +27,13 @@ from workbench.dashboard.pages.study.controls import (
     with_controller,
     within,
 )
+from workbench.dashboard.pages.study.fields import forget_widgets, kept, slider
 from workbench.dashboard.pages.study.shipped import SHIPPED_NONE, shipped_desk, shipped_files, shipped_names
 from workbench.dashboard.widgets import problem, text
 from workbench.errors import InputError
 from workbench.figures.style import label
-from workbench.machine import Hoist
+from workbench.kinds import studied
+from workbench.machine import Axis, Hoist, shipped
 from workbench.references import BASELINE, allowed_carriage_speed_m_s, planned_kinds
 from workbench.study.scenario.standalone import read_standalone
 from workbench.yaml_strict import Document, load
@@ -57,10 +62,10 @@ CONTROLS = {
 }
 
 
-def named(error: InputError) -> InputError:
+def named(error: InputError, called: Mapping[str, str] = CONTROLS) -> InputError:
     """The error under the name of the control that set the value."""
     parts = [part.partition("[")[0] for part in (error.place or "").split(".")]
-    name = next((CONTROLS[part] for part in reversed(parts) if part in CONTROLS), error.place)
+    name = next((called[part] for part in reversed(parts) if part in called), error.place)
     return InputError(error.problem, file=error.file, line=error.line, place=name)
 
 
@@ -72,10 +77,11 @@ def controls(machine: Hoist, bad: list[InputError]) -> Desk:
     desk = session.get(DESK, Desk, Desk())
     if (elsewhere := controller.taken_over("study")) is not None:
         desk = with_controller(desk, elsewhere, machine)
-        _forget_widgets(("by", "kp", "ki", "bandwidth", "damping", "weight", *(f"ff {what}" for what in FED)))
+        forget_widgets(("by", "kp", "ki", "bandwidth", "damping", "weight", *(f"ff {what}" for what in FED)))
     above, below = st.container(), st.container()
     with below:
-        desk = _file(desk, machine)
+        name = file_fields(desk.controls.name, machine)
+        desk = replace(desk, controls=replace(desk.controls, name=name))
     fastest = _fastest_m_s(machine)
     c = within(desk.controls, machine, fastest)
     with above:
@@ -86,7 +92,7 @@ def controls(machine: Hoist, bad: list[InputError]) -> Desk:
         with st.expander("Speed controller", expanded=True, icon=":material/tune:"):
             c = _controller(c, machine)
         plant = st.selectbox(
-            "Model", list(PLANTS), key=_kept("plant", c.plant), format_func=lambda name: PLANTS[name],
+            "Model", list(PLANTS), key=kept("plant", c.plant), format_func=lambda name: PLANTS[name],
             help="The multi-body machine has rigid bodies, joints, rollers and wire; a run of it takes some seconds. "
             "The curves beside the study stay on the lumped model.",
         )  # fmt: skip
@@ -96,17 +102,17 @@ def controls(machine: Hoist, bad: list[InputError]) -> Desk:
     return desk
 
 
-def _file(desk: Desk, machine: Hoist) -> Desk:
-    """A scenario file that is chosen anew sets the controls; one that cannot be read leaves them."""
+def file_fields(name: str, machine: Hoist | Axis) -> str:
+    """The study's name. A scenario file that is chosen anew sets the controls; one that cannot be read leaves them."""
     with st.expander("Scenario file", icon=":material/description:"):
-        name = st.text_input("Name of the study", key=_kept("name", desk.controls.name), max_chars=64)
+        name = st.text_input("Name of the study", key=kept("name", name), max_chars=64)
         ships = st.selectbox(
             "One that ships", [SHIPPED_NONE, *shipped_names()], key="study ships", on_change=_ask_shipped
         )
         if session.get(SHIPS_ASKED, str, "") == ships != SHIPPED_NONE:
             session.put(SHIPS_ASKED, "")
             try:
-                _set(shipped_desk(ships, machine))
+                _set(*shipped_desk(ships, machine), machine)
             except InputError as refused:
                 problem(refused)
         upload = st.file_uploader("Load a scenario", type=["yaml", "yml"], key="study upload", max_upload_size=1)
@@ -118,17 +124,25 @@ def _file(desk: Desk, machine: Hoist) -> Desk:
                 error = refused
             session.put(LOADED, (upload.file_id, error))
             if error is None:
-                _set(read)
+                _set(read, "", machine)
         if upload is not None and error is not None:
             problem(error)
-    return replace(desk, controls=replace(desk.controls, name=name))
+    return name
 
 
-def _set(desk: Desk) -> None:
-    """The controls stand as a file says from the next run of the page on, which begins at once."""
-    _forget_widgets()
-    session.put(DESK, desk)
-    controller.said("study", desk.base.controller)
+def _set(desk: Desk | AxisDesk, other: str, machine: Hoist | Axis) -> None:
+    """The controls stand as a file says from the next run of the page on, which begins at once; other: the machine to
+    go over to."""
+    forget_widgets()
+    if other:
+        choose_machine(other)
+    if isinstance(desk, AxisDesk):
+        session.put(AXIS_DESK, desk)
+        whose = shipped("emps_axis") if other else machine
+        controller.said("study", desk.controller, controller.owner(whose))
+    else:
+        session.put(DESK, desk)
+        controller.said("study", desk.base.controller)
     st.rerun()  # the name stands above and is drawn already
 
 
@@ -136,70 +150,22 @@ def _ask_shipped() -> None:
     session.put(SHIPS_ASKED, st.session_state["study ships"])
 
 
-def _read(document: Document, machine: Hoist) -> Desk:
+def _read(document: Document, machine: Hoist | Axis) -> Desk | AxisDesk:
     """The controls as a file sets them. A machine that it names by file is the one chosen above."""
+    if (hoist := studied(machine)) is None:
+        assert isinstance(machine, Axis)
+        return axis_desk_of(read_standalone(document, machine, shipped_files()), machine)
+    machine = hoist
     from workbench.machine import default_hoist
 
     chosen = None if machine == default_hoist() else machine
     return desk_of(read_standalone(document, chosen, shipped_files()), machine)
 
 
-def _kept(name: str, value: Any) -> str:
-    """The key of a widget that starts, and after another page starts again, at this value."""
-    key = f"study.{name}"
-    if key not in st.session_state:
-        st.session_state[key] = value
-    return key
-
-
-def _forget_widgets(names: Sequence[str] = ()) -> None:
-    """Of all controls, or of some."""
-    keys = [f"study.{name}" for name in names] or [str(k) for k in st.session_state if str(k).startswith("study.")]
-    for key in keys:
-        st.session_state.pop(key, None)
-
-
-def _slider(
-    words: str,
-    name: str,
-    value: float,
-    low: float,
-    high: float,
-    step: float,
-    form: str = "%.2f",
-    tip: str | None = None,
-    most: float | None = None,
-) -> float:
-    """A slider whose range takes in the value it is given, with a field beside it in which others may be typed.
-
-    most: what may be typed at most; the slider's end where nothing is said.
-    """
-    key = _kept(name, value)
-    now = float(st.session_state[key])
-    typed, end = f"{key} typed", high if most is None else most
-    reached = (value, now) if most is not None else (value,)
-    low, high = min(low, *reached), max(high, *reached)
-    st.session_state[key] = st.session_state[typed] = min(max(now, low), high)
-    if low == high:  # nothing to slide
-        return low
-
-    def take() -> None:
-        st.session_state[key] = float(st.session_state[typed])
-
-    left, right = st.columns([1.7, 1.0], vertical_alignment="bottom")
-    with right:
-        st.number_input(
-            f"{words}, typed", 0.0 if most is not None else low, max(end, high), key=typed, step=None, format="%.4g",
-            on_change=take, label_visibility="collapsed",
-        )  # fmt: skip
-    with left:
-        return float(st.slider(words, low, high, step=step, format=form, key=key, help=tip or None))
-
-
 def _payloads(c: Controls, bad: list[InputError]) -> tuple[float, ...]:
     options = sorted({*PAYLOADS, *c.payloads_kg})
     chosen = st.multiselect(
-        "Payloads (kg)", options, key=_kept("payloads", list(c.payloads_kg)), format_func=_kg, accept_new_options=True,
+        "Payloads (kg)", options, key=kept("payloads", list(c.payloads_kg)), format_func=_kg, accept_new_options=True,
         help="Type any other payload and press Enter.",
     )  # fmt: skip
     payloads = []
@@ -218,7 +184,7 @@ def _kg(payload: float | str) -> str:
 def _references(c: Controls) -> tuple[str, ...]:
     others = {name: kind for name, kind in planned_kinds().items() if name != BASELINE}
     chosen = st.pills(
-        f"Against the {BASELINE}", list(others), selection_mode="multi", key=_kept("references", list(c.references)),
+        f"Against the {BASELINE}", list(others), selection_mode="multi", key=kept("references", list(c.references)),
         format_func=label, help="\n".join(f"- {kind.label}: {kind.definition}" for kind in others.values()),
     )  # fmt: skip
     return tuple(name for name in others if name in chosen)
@@ -226,28 +192,28 @@ def _references(c: Controls) -> tuple[str, ...]:
 
 def _motion(c: Controls, machine: Hoist) -> Controls:
     low, high = machine.rail.lowest_position_m, machine.highest_position_m
-    start = _slider("Start height (m)", "start", c.start_position_m, low, high - ROOM_M, 0.5)
+    start = slider("Start height (m)", "start", c.start_position_m, low, high - ROOM_M, 0.5)
     if c.own_moves:
-        own = st.toggle("Moves as in the file", key=_kept("own", True))
+        own = st.toggle("Moves as in the file", key=kept("own", True))
         c = replace(c, own_moves=own)
         if own:
             return replace(c, start_position_m=start)
     most = highest_move_m(machine, start)
-    height = _slider("Up and down by (m)", "height", min(c.height_m, most), LEAST_MOVE_M, most, 0.5)
+    height = slider("Up and down by (m)", "height", min(c.height_m, most), LEAST_MOVE_M, most, 0.5)
     return replace(c, start_position_m=start, height_m=height)
 
 
 def _limits(c: Controls, fastest: float) -> Controls:
     hoisting = _three("" if not c.split else "hoisting ", "up", c.hoisting, fastest)
-    split = st.toggle("Lower under other limits", key=_kept("split", c.split))
+    split = st.toggle("Lower under other limits", key=kept("split", c.split))
     lowering = _three("lowering ", "down", c.lowering if c.split else hoisting, fastest) if split else hoisting
     return replace(c, hoisting=hoisting, split=split, lowering=lowering)
 
 
 def _three(way: str, key: str, at: Three, fastest: float) -> Three:
-    speed = _slider(f"Limit {way}speed (m/s)", f"{key}.speed", min(at[0], fastest), 0.1, fastest, 0.01)
-    acceleration = _slider(f"Limit {way}acceleration (m/s²)", f"{key}.acceleration", at[1], 0.1, 1.5, 0.05, most=20.0)
-    jerk = _slider(
+    speed = slider(f"Limit {way}speed (m/s)", f"{key}.speed", min(at[0], fastest), 0.1, fastest, 0.01)
+    acceleration = slider(f"Limit {way}acceleration (m/s²)", f"{key}.acceleration", at[1], 0.1, 1.5, 0.05, most=20.0)
+    jerk = slider(
         f"Limit {way}jerk (m/s³)", f"{key}.jerk", at[2], 0.1, 5.0, 0.1, tip="The trapezoid has none.", most=1e3
     )
     return speed, acceleration, jerk
@@ -264,7 +230,7 @@ def _controller(c: Controls, machine: Hoist) -> Controls:
     by = st.segmented_control(
         "Set by",
         (BANDWIDTH, GAINS),
-        key=_kept("by", c.by),
+        key=kept("by", c.by),
         label_visibility="collapsed",
         required=True,
         width="stretch",
@@ -272,20 +238,20 @@ def _controller(c: Controls, machine: Hoist) -> Controls:
     c = replace(c, by=by or c.by)
     inertia = shaft_inertia_kg_m2(machine)
     if c.by == BANDWIDTH:
-        bandwidth = _slider("Bandwidth (Hz)", "bandwidth", c.bandwidth_hz, 0.5, 6.0, 0.1, most=500.0)
-        damping = _slider("Damping (–)", "damping", c.damping, 0.4, 2.0, 0.05, tip="1 is ki = kp·ω/4.")
+        bandwidth = slider("Bandwidth (Hz)", "bandwidth", c.bandwidth_hz, 0.5, 6.0, 0.1, most=500.0)
+        damping = slider("Damping (–)", "damping", c.damping, 0.4, 2.0, 0.05, tip="1 is ki = kp·ω/4.")
         c = replace(c, bandwidth_hz=bandwidth, damping=damping)
         kp, ki = gains(c, machine)
         st.caption(f"kp {text(kp)} N m s/rad, ki {text(ki)} N m/rad: empty gripper, rigid drive.")
     else:
-        kp = _slider("kp (N m s/rad)", "kp", c.kp_nm_s_per_rad, 2.0, 80.0, 0.5, "%.4g", most=1e6)
-        ki = _slider("ki (N m/rad)", "ki", c.ki_nm_per_rad, 0.0, 600.0, 1.0, "%.4g", most=1e6)
+        kp = slider("kp (N m s/rad)", "kp", c.kp_nm_s_per_rad, 2.0, 80.0, 0.5, "%.4g", most=1e6)
+        ki = slider("ki (N m/rad)", "ki", c.ki_nm_per_rad, 0.0, 600.0, 1.0, "%.4g", most=1e6)
         hz, damping = bandwidth_and_damping(inertia, kp, ki)
         st.caption(f"Bandwidth {text(hz, 2)} Hz, damping {text(damping, 2)}: empty gripper, rigid drive.")
         c = replace(c, kp_nm_s_per_rad=kp, ki_nm_per_rad=ki)
-    weight = _slider("Set-point weight (–)", "weight", c.set_point_weight, 0.0, 1.0, 0.05)
+    weight = slider("Set-point weight (–)", "weight", c.set_point_weight, 0.0, 1.0, 0.05)
     ff = tuple(
-        _slider(words, f"ff {what}", value, 0.0, 1.0, 0.05)
+        slider(words, f"ff {what}", value, 0.0, 1.0, 0.05)
         for what, words, value in zip(FED, _FED_WORDS, c.feed_forward, strict=True)
     )
     return replace(c, set_point_weight=weight, feed_forward=cast(Four, ff))

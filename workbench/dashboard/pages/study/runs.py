@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import streamlit as st
 
-from workbench.machine import Hoist
+from workbench.machine import Axis, Hoist
 from workbench.machine.files import machine_text
 from workbench.metrics import columns
 from workbench.study.conclude.damping import damping_sentence
@@ -30,7 +30,7 @@ STEP_S = 1.5e-4  # of compute, for a step of the multi-body model
 LUMPED = {"plant": "lumped"}  # of the curves beside a study: dozens of runs
 
 
-def results(scenario: Scenario, machine: Hoist) -> StudyResult:
+def results(scenario: Scenario, machine: Hoist | Axis) -> StudyResult:
     """The scenario's runs. InputError for what cannot be run."""
     study = plan_study(scenario, machine)
     if scenario.plant == "multibody":

@@ -1,0 +1,170 @@
+"""The pages Study and Loop for an axis: its units, its controller, its uploads; pages for hoists say what they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("streamlit")
+
+from tests.support.dashboard_app import errors, page
+from workbench.control import LinearCascade
+from workbench.dashboard import controller, machines
+from workbench.dashboard.pages.study.axis.desk import AxisDesk, axis_desk_of, axis_scenario, usual_desk, with_gains
+from workbench.dashboard.pages.study.axis.page import axis_text
+from workbench.dashboard.pages.study.controls import Desk
+from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
+from workbench.errors import InputError
+from workbench.machine import default_hoist, shipped, with_values
+from workbench.machine.axis import LinearAxis, RotaryAxis
+from workbench.machine.files import machine_text
+from workbench.study.execute.run import run_study
+from workbench.study.scenario.load import load_study, plan_study
+
+EMPS = shipped("emps_axis")
+assert isinstance(EMPS, LinearAxis)
+ROTARY = RotaryAxis.model_validate(
+    {
+        "name": "turning arm",
+        "inertia_kg_m2": 0.4,
+        "gravity": {"sine_nm": 2.0},
+        "friction": {"coulomb_forward_nm": 0.5, "coulomb_backward_nm": 0.5, "viscous_nm_s_per_rad": 0.05},
+        "drive": {"torque_limit_nm": 30.0, "nominal_torque_nm": 10.0, "top_speed_rad_s": 4.0},
+    }
+)
+
+
+def shipped_axis_desk() -> AxisDesk:
+    desk, machine = shipped_desk("axis", default_hoist())
+    assert isinstance(desk, AxisDesk) and machine == machines.AXIS
+    return desk
+
+
+def labels(app: Any) -> set[str]:
+    return {field.label for field in (*app.slider, *app.select_slider, *app.number_input, *app.text_input)}
+
+
+@pytest.fixture(scope="module")
+def study() -> Any:
+    """The page with the scenario of an axis that ships, chosen on the axis."""
+    app = page("Study")
+    app.session_state["machine arrived"] = machines.AXIS
+    app.session_state["study axis desk"] = shipped_axis_desk()
+    return app.run()
+
+
+def test_an_axis_is_studied_in_its_own_units(study):
+    assert not study.exception and errors(study) == []
+    assert {"Limit speed (m/s)", "kv (1/s)", "kp (N s/m)", "ki (N/m)", "Start position (m)"} <= labels(study)
+    assert not any("ayload" in name or "height" in name for name in labels(study))
+    assert [metric.label for metric in study.metric] == ["Force peak", "Largest tracking error", "Move time"]
+    assert len(study.get("plotly_chart")) == 1
+
+
+def test_its_table_and_verdict_are_those_of_the_library(study):
+    result = run_study(plan_study(axis_scenario(shipped_axis_desk(), EMPS), EMPS))
+    table = study.dataframe[0].value
+    assert [cell.removeprefix("★ ") for cell in table["peak N"]] == [
+        f"{row['peak_force_n']:.4g}" for row in result.rows
+    ]
+    assert study.info[0].value.startswith("Take ")
+
+
+def test_its_lights_are_those_of_the_drive(study):
+    said = " ".join(shown.value for shown in study.markdown)
+    assert "force peak" in said and "rms force" in said and "wire" not in said
+
+
+def test_a_reached_limit_of_the_drive_is_an_alarm_and_keeps_the_page():
+    app = page("Study")
+    weak = with_values(EMPS, {"drive.force_limit_n": 200.0})
+    app.session_state["machines kept"] = {"weak": weak}
+    app.session_state["machine arrived"] = "weak"
+    app.session_state["study axis desk"] = shipped_axis_desk()
+    app.run()
+    assert not app.exception
+    (alarmed,) = errors(app)
+    assert alarmed.startswith("Overload: force peak 100 % of the limit of 200 N")
+
+
+def test_an_uploaded_rotary_axis_is_studied_in_radians():
+    app = page("Study")
+    app.session_state["machine arrived"] = machines.AXIS
+    app.run()
+    app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
+    app.file_uploader(key="study machine file").upload("m.yaml", machine_text(ROTARY).encode(), "application/yaml")
+    app.run()
+    assert not app.exception and errors(app) == []
+    assert app.selectbox(key="study machine").value == "turning arm"
+    assert {"Limit speed (rad/s)", "kp (N m s/rad)", "Start position (rad)"} <= labels(app)
+    assert app.metric[0].label == "Torque peak"
+
+
+def test_an_axis_gains_go_from_loop_to_study_and_leave_the_hoists_alone():
+    loop = page("Loop")
+    loop.session_state["machine arrived"] = machines.AXIS
+    loop.run()
+    assert not loop.exception and errors(loop) == []
+    assert {"kv (1/s)", "kp (N s/m)", "Positions (m)"} <= labels(loop)
+    assert "Payloads (kg)" not in labels(loop)
+    loop.number_input(key="loop kp typed").set_value(5000.0).run()
+    whose = controller.owner(EMPS)
+    (settings,) = loop.session_state[f"controller now{whose}"]
+    assert isinstance(settings, LinearCascade) and settings.kp_n_s_per_m == 5000.0
+    assert "controller now" not in loop.session_state
+    study = page("Study")
+    study.session_state["machine arrived"] = machines.AXIS
+    study.session_state[f"controller now{whose}"] = (settings,)
+    study.run()
+    assert study.slider(key="study.axis.kp").value == 5000.0 and not study.exception
+
+
+def test_a_page_for_hoists_says_so_and_leaves_the_axis_chosen():
+    app = page("Machine")
+    app.session_state["machine chosen"] = machines.AXIS
+    app.run()
+    assert not app.exception and app.selectbox(key="machine machine").value == machines.DEFAULT
+    assert app.info[0].value.startswith("This page is for hoists only; ball-screw axis stays")
+    assert app.session_state["machine chosen"] == machines.AXIS
+
+
+def test_the_usual_study_of_any_axis_runs_within_its_drive():
+    for machine in (EMPS, ROTARY):
+        rows = run_study(plan_study(axis_scenario(usual_desk(machine), machine), machine)).rows
+        assert rows and all(row.ok for row in rows)
+        peak = max(row.metrics.get("peak_force_n") or row.metrics["peak_torque_nm"] for row in rows)
+        assert peak < machine.drive.limit
+
+
+def test_a_saved_study_of_an_axis_is_read_by_the_study_command(tmp_path):
+    heavier = with_values(EMPS, {"mass_kg": 110.0})
+    scenario = axis_scenario(shipped_axis_desk(), heavier)
+    (tmp_path / "own.yaml").write_text(machine_text(heavier), encoding="utf-8")
+    (tmp_path / "saved.yaml").write_text(axis_text(scenario, "own.yaml"), encoding="utf-8")
+    study = load_study(tmp_path / "saved.yaml")
+    assert study.machine == heavier
+    assert axis_desk_of(study.scenario, heavier).controller == scenario.controller
+    assert study.scenario.limits == scenario.limits and study.scenario.moves == scenario.moves
+
+
+def test_what_is_set_for_one_axis_goes_over_to_its_corrected_twin_and_to_no_other():
+    desk = shipped_axis_desk()
+    assert desk.suits(with_values(EMPS, {"mass_kg": 105.0}))
+    assert not desk.suits(with_values(EMPS, {"mass_kg": 300.0})) and not desk.suits(ROTARY)
+
+
+def test_what_no_axis_can_be_asked_is_one_clear_error():
+    desk = shipped_axis_desk()
+    with pytest.raises(InputError, match="nothing asks the axis to move"):
+        with_gains(desk.controller, {"kv_per_s": 0.0, "feed_forward": {"speed": 0.0}})
+    with pytest.raises(InputError, match="letters, digits"):
+        axis_scenario(replace(desk, base=desk.base.model_copy(update={"name": "../x"})), EMPS)
+    with pytest.raises(InputError, match="sweep"):
+        axis_desk_of(load_study(shipped_files()["axis.yaml"]).scenario, EMPS)
+
+
+def test_a_hoists_scenario_chosen_on_an_axis_goes_back_to_a_hoist():
+    desk, machine = shipped_desk("payloads", EMPS)
+    assert isinstance(desk, Desk) and machine == machines.DEFAULT

@@ -1,0 +1,1 @@
+"""The page Study for an axis: a cascade, no payload, no wire."""
