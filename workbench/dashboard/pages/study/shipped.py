@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 from workbench.dashboard.machines import AXIS, DEFAULT
 from workbench.dashboard.pages.batches.choose import shipped
@@ -37,9 +38,9 @@ def shipped_desk(name: str, machine: Hoist | Axis) -> tuple[Desk | AxisDesk, str
     scenario = study.scenario
     if (hoist := studied(study.machine)) is None:
         axis = shipped_machine(scenario.machine) if scenario.machine in SHIPPED else None
-        if not isinstance(axis, Axis):
+        if axis is None or studied(axis) is not None:
             raise InputError(f"is a study of {of_kind(study.machine)} in a file of its own; run it as a batch")
-        return axis_desk_of(changed(scenario, {"sweep": None, "sample": None}), axis), AXIS
+        return axis_desk_of(changed(scenario, {"sweep": None, "sample": None}), cast(Axis, axis)), AXIS
     other = "" if studied(machine) is not None else DEFAULT
     machine = studied(machine) or default_hoist()
     if scenario.machine != "default":  # its values as overrides: the page's machine is another choice
