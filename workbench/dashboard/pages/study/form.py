@@ -153,8 +153,8 @@ def _ask_shipped() -> None:
 def _read(document: Document, machine: Hoist | Axis) -> Desk | AxisDesk:
     """The controls as a file sets them. A machine that it names by file is the one chosen above."""
     if (hoist := studied(machine)) is None:
-        assert isinstance(machine, Axis)
-        return axis_desk_of(read_standalone(document, machine, shipped_files()), machine)
+        axis = cast(Axis, machine)
+        return axis_desk_of(read_standalone(document, axis, shipped_files()), axis)
     machine = hoist
     from workbench.machine import default_hoist
 
