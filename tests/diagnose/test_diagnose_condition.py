@@ -11,10 +11,17 @@ import pytest
 
 from tests.identify.test_emps import RUNS as EMPS_RUNS
 from tests.support.simulated_campaign import SPEED_NOISE_RAD_S, TORQUE_NOISE_NM, simulated_campaign
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.readiness.condition import clipped_share, condition, outliers
 from workbench.diagnose.readiness.lateness import lateness
-from workbench.diagnose.readiness.motion_noise import motion_noise, noisier, resolution, white_noise
+from workbench.diagnose.readiness.motion_noise import (
+    channel_noise,
+    jitter_s,
+    motion_noise,
+    noisier,
+    resolution,
+    white_noise,
+)
 from workbench.logs import Campaign, read_campaign
 from workbench.run import Array
 
@@ -131,13 +138,27 @@ def test_a_rounded_channel_is_as_noisy_as_its_rounding():
 
 
 def test_the_motions_noise_is_small_on_a_hoist_and_grows_with_the_sensor(campaign: Campaign, problem: Problem):
-    noise = motion_noise(problem, 1)
-    assert noise == motion_noise(problem, 1)
+    rows = motion_noise(problem, 1)
+    noise = rms(rows)
+    assert np.array_equal(rows, motion_noise(problem, 1)) and np.ptp(rows) == 0.0
     assert 0.0 < noise < 0.3 * problem.noise
     random, loud = np.random.default_rng(9), campaign.runs
     for _ in range(3):  # each time doubles the variance
         loud = tuple(noisier(run, ("speed_motor_rad_s",), random) for run in loud)
-    assert motion_noise(Problem(campaign.machine, loud), 1) == pytest.approx(math.sqrt(8.0) * noise, rel=0.2)
+    assert rms(motion_noise(Problem(campaign.machine, loud), 1)) == pytest.approx(math.sqrt(8.0) * noise, rel=0.2)
+
+
+def test_the_jitter_of_time_stamps_is_found_where_a_channel_changes_and_nowhere_else():
+    random = np.random.default_rng(5)
+    sampled = np.arange(4000) * 0.004
+    position = np.where(sampled % 4.0 < 2.0, 1.0 - np.cos(np.pi * sampled), 0.0) + random.normal(scale=1e-6, size=4000)
+    stamped = sampled + random.normal(scale=2e-4, size=4000)
+    assert jitter_s(position, sampled) == 0.0
+    assert jitter_s(position, stamped) == pytest.approx(2e-4, rel=0.1)
+    noise = channel_noise(position, stamped)
+    still, fast = sampled % 4.0 > 2.1, np.abs(np.sin(np.pi * sampled)) > 0.9
+    assert np.max(noise[still][:-9]) < 0.1 * np.min(noise[fast & (sampled % 4.0 < 2.0)])
+    assert np.max(noise) == pytest.approx(2e-4 * np.pi, rel=0.15)
 
 
 def test_the_motion_of_a_real_axis_is_noisier_than_its_force(shared_data: Path, tmp_path: Path):
@@ -146,7 +167,7 @@ def test_the_motion_of_a_real_axis_is_noisier_than_its_force(shared_data: Path, 
     (tmp_path / "runs").symlink_to(shared_data / "emps")
     axis = read_campaign(tmp_path)
     problem = Problem(axis.machine, axis.runs)
-    moving = motion_noise(problem, 0)
+    moving = rms(motion_noise(problem, 0))
     assert problem.noise < moving < 3.0 * problem.noise  # 0.06 and 0.11 N; the published model leaves 2.3 N
     delays = [run.delay_s for run in condition(axis, problem, moving).runs]
     # The loop's own lag: the drive's position gain is 160 1/s.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from workbench.consequences import Consequences, consequences_of
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import SearchResult, searched
 from workbench.diagnose.isolation.isolability import isolability
@@ -66,7 +66,7 @@ def diagnose(
             problem = Problem(campaign.machine, campaign.runs, band)
     shaking = motion_noise(problem, seed)
     problem = problem.noisier(shaking)
-    state = condition(campaign, problem, shaking)
+    state = condition(campaign, problem, rms(shaking))
 
     others = [effect for effect in effects_for(problem.active.kind).values() if not effect.listed]
     rivals = others if candidates is None else []

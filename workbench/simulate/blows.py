@@ -20,6 +20,7 @@ OF_NOISE, OF_SPEED = 20.0, 0.01  # a blow's jump: of the noise of jumps (robust)
 PLAIN_OF_NOISE, PLAIN_OF_SPEED, SHARP = 25.0, 0.03, 0.8  # a plain blow's; its jump over that in the wider window
 AGAIN, IN_RUNS = 4, 2  # plain blows of a campaign whose blows come again, and the runs that have some
 APART_S = 0.04
+NEAR_S = 0.5  # of log, in which the noise of jumps is judged: that of jittery time stamps grows with the speed
 BRIDGED_S = 0.012
 
 
@@ -46,7 +47,7 @@ def repeated_blows(runs: Sequence[Run], inertia: float, position: str, speed: st
         worth = np.abs(jumps)
         struck = _peaks(times, worth, (worth > OF_NOISE * noise) & (worth > OF_SPEED * inertia * fastest))
         blows.append(times[struck])
-        heavy = (worth[struck] > PLAIN_OF_NOISE * noise) & (worth[struck] > PLAIN_OF_SPEED * inertia * fastest)
+        heavy = (worth[struck] > PLAIN_OF_NOISE * noise[struck]) & (worth[struck] > PLAIN_OF_SPEED * inertia * fastest)
         wide_at, wide, _ = _jumps(run, inertia * v, run[driven], WIDER)
         beside_it = [np.abs(wide[np.abs(wide_at - at) < 2.0 * WINDOW_S]) for at in times[struck]]
         sharp = [w > SHARP * np.max(near, initial=0.0) for w, near in zip(worth[struck], beside_it, strict=True)]
@@ -72,21 +73,24 @@ def beside(time_s: Array, blows: Array, guard_s: float) -> np.ndarray:
     return near
 
 
-def _jumps(run: Run, momentum: Array, force: Array, wider: int) -> tuple[Array, Array, float]:
-    """Times (m,), at each the jump of the momentum beyond what the input and the trend beside it make, its noise."""
+def _jumps(run: Run, momentum: Array, force: Array, wider: int) -> tuple[Array, Array, Array]:
+    """(m,) each: times, the jump of the momentum there beyond what the input and the trend beside it make, its noise
+    thereabouts."""
     t = run.time_s
     defect = momentum - np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(t))])
     gap = wider * max(round(WINDOW_S / run.sample_time_s), 1)
     w = 2 * gap
     if len(t) < 5 * w + gap or run.sample_time_s > WINDOW_S:  # too coarse to tell a blow from a kink
-        return np.zeros(0), np.zeros(0), 0.0
+        return np.zeros(0), np.zeros(0), np.zeros(0)
     c = np.cumsum(np.concatenate([[0.0], defect]))
     i = np.arange(2 * w, len(t) - 2 * w - gap)
     before, earlier = (c[i] - c[i - w]) / w, (c[i - w] - c[i - 2 * w]) / w
     after, later = (c[i + gap + w] - c[i + gap]) / w, (c[i + gap + 2 * w] - c[i + gap + w]) / w
     jump = (after - before) - 0.5 * ((before - earlier) + (later - after)) * (w + gap) / w
-    noise = 1.4826 * float(np.median(np.abs(jump - np.median(jump))))
-    return t[i + gap // 2], jump, noise
+    off = np.abs(jump - np.median(jump))
+    parts = np.array_split(off, max(1, round((t[-1] - t[0]) / NEAR_S)))
+    near = np.concatenate([np.full(len(part), np.median(part)) for part in parts])
+    return t[i + gap // 2], jump, 1.4826 * np.maximum(near, np.median(off))
 
 
 def _peaks(times: Array, worth: Array, candidates: np.ndarray) -> np.ndarray:

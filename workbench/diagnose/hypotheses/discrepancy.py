@@ -55,15 +55,20 @@ def carries(bench: Bench, rows: list[np.ndarray]) -> Array:
     return np.concatenate(parts)
 
 
-def error_model(bench: Bench, rows: list[np.ndarray], noise: float, share: float, tension: float | None) -> ErrorModel:
-    """noise: rms in the band. share: how many independent values one row of it stands for.
+def error_model(
+    bench: Bench, rows: list[np.ndarray], row_noise: Array, share: float, noise: float, tension: float | None
+) -> ErrorModel:
+    """row_noise: (rows of the input,), rms in the band. share: how many independent values one row stands for.
 
-    tension: None, or the discrepancy of the dead line's tension in the unit of its rows, which follow the input's.
+    tension: None, or the discrepancy of the dead line's tension in the unit of its rows, which follow the input's;
+    noise: that of these rows.
     """
+    white = row_noise
     moving, standstill = discrepancy_of(bench, rows)
     rho = carries(bench, rows)
     if tension is not None:
         moving = np.concatenate([moving, np.full(len(moving), tension)])
         standstill = np.concatenate([standstill, np.zeros(len(standstill))])
+        white = np.concatenate([white, np.full(len(rho), noise)])
         rho = np.concatenate([rho, rho])
-    return ErrorModel(np.full(len(rho), noise / math.sqrt(share)), moving, standstill, rho)
+    return ErrorModel(white / math.sqrt(share), moving, standstill, rho)

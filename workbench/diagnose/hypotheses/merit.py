@@ -15,6 +15,7 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.score import Score, explained
 from workbench.effects import find
+from workbench.kinds import kind_of
 from workbench.run import Array
 
 PLAY = "backlash"  # the effect whose blows are found in the logs (`simulate/blows.py`)
@@ -30,8 +31,13 @@ def of_blows(problem: Problem, effects: Collection[str], merit: float) -> float:
     return max(merit, 0.0) + BLOWS if PLAY in effects else min(merit, 0.0)
 
 
-def like_rebounds(problem: Problem, effect: str) -> bool:
-    """Whether an effect beside a play takes what its rebounds leave: a lag of a sensor does."""
+def only_mends(problem: Problem, effect: str) -> bool:
+    """Whether a further effect only mends what a first one leaves, whatever it explains. A lag of a sensor beside a
+    play takes what its rebounds leave. A play without blows, which frees inertia and friction after each reversal,
+    takes what any other law leaves there.
+    """
+    if effect == PLAY:
+        return kind_of(problem.machine).bridged_blows and not problem.struck
     declared = find(effect, problem.active.kind)
     lag = declared.regime == "acceleration" and declared.subsystem(problem.active.kind).endswith("sensor")
     return problem.struck and lag

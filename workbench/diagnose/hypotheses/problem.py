@@ -35,13 +35,18 @@ TENSION_TRUST = 0.0015  # of the mean tension: a load cell's linearity, beside i
 SENSOR_KEYS = (GAIN, OFFSET, TENSION_GAIN)
 
 
+def rms(values: float | Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else 0.0
+
+
 class Problem:
     """Measured minus predicted input of all runs while the machine moves, thinned to nearly independent samples.
 
     Where blows of a play come again, the motion is bridged across them and the samples beside them are left out.
 
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
-    independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit.
+    independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit;
+    row_noise: (inputs,) that of each sample.
     errors: noise and discrepancy, as the data are weighed (`ErrorModel`).
     Where every run of a hoist logs the dead line's tension, its residual follows behind
     that of the torque, on the torque's scale: `inputs` is how many rows are the torque's.
@@ -72,6 +77,7 @@ class Problem:
         self.share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
         self.late = ranges_of(find("speed_delay", self.active.kind), machine, self.runs)[0].symbol
         self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
+        self.row_noise = np.full(self.inputs, self.noise)
         self.evaluations = 0
         if self.line is not None:
             name = self.line.signal
@@ -83,12 +89,14 @@ class Problem:
 
     def _errors(self) -> ErrorModel:
         tension = 0.5 * self.noise if self.has_tension else None
-        return error_model(self.bench, self.rows, self.noise, self.share, tension)
+        return error_model(self.bench, self.rows, self.row_noise, self.share, self.noise, tension)
 
-    def noisier(self, noise: float) -> Problem:
-        """The same campaign with further noise, rms in the band, independent of its own."""
+    def noisier(self, noise: float | Array) -> Problem:
+        """The same campaign with further noise, rms in the band, of all samples or of each one, (inputs,), independent
+        of its own."""
         beside = copy(self)
-        beside.noise = math.hypot(self.noise, noise)
+        beside.row_noise = np.hypot(self.row_noise, noise)
+        beside.noise = math.hypot(self.noise, rms(noise))
         beside.errors = beside._errors().sized(self.errors.sizes)
         return beside
 

@@ -19,32 +19,80 @@ ORDER = 4  # of the differences: what is smooth over five samples leaves no trac
 MANY = 5  # steps between values, to judge by
 ROUNDED = 0.95  # of the steps are whole multiples of the smallest one
 DRAWS = 2
+SWIFT, SLOW = (
+    0.6,
+    0.2,
+)  # of a channel's fastest change: where the jitter of its time stamps shows, and where it does not
+JITTERS = 2.0  # noise of swift samples over that of slow ones, at least
+ENOUGH = 50  # samples of each
+STEADY = 9  # samples, over which a channel's change is averaged
+SPEED_BINS = 8
 
 
-def motion_noise(problem: Problem, seed: int) -> float:
-    """rms on the moving rows in the band, in the input's unit, at the base values, by Monte Carlo.
+def motion_noise(problem: Problem, seed: int) -> Array:
+    """(inputs,) rms of each moving row in the band, in the input's unit, at the base values, by Monte Carlo.
 
     Noise as large as the logged motion's is added to it once more; what that changes in the
-    prediction is what the noise already there has changed. Deterministic for one seed.
+    prediction is what the noise already there has changed. The same for all rows, unless time stamps jitter: then it
+    grows with the speed. Deterministic for one seed.
     """
     random = np.random.default_rng(seed)
-    before = _predicted(problem, problem.runs)
-    total, count = 0.0, 0
+    before = np.concatenate(_predicted(problem, problem.runs))
+    square = np.zeros_like(before)
     for _ in range(DRAWS):
         noisy = [noisier(run, logged_motion(problem.bench, run), random) for run in problem.runs]
-        for a, b in zip(before, _predicted(problem, noisy), strict=True):
-            total += float(np.sum((a - b) ** 2))
-            count += len(a)
-    return float(np.sqrt(total / max(count, 1)))
+        square += (before - np.concatenate(_predicted(problem, noisy))) ** 2 / DRAWS
+    jittery = any(
+        jitter_s(run[name], run.time_s) > 0.0 for run in problem.runs for name in logged_motion(problem.bench, run)
+    )
+    speed = [np.abs(motion.speed[rows]) for motion, rows in zip(problem.bench.motions, problem.rows, strict=True)]
+    return _by_speed(np.sqrt(square), np.concatenate(speed), SPEED_BINS if jittery else 1)
+
+
+def _by_speed(sizes: Array, speed: Array, bins: int) -> Array:
+    """(n,) rms of the sizes over the samples of about each one's speed; bins: of as many samples each."""
+    if not len(sizes):
+        return sizes
+    levels = np.empty_like(sizes)
+    for alike in np.array_split(np.argsort(speed, kind="stable"), bins):
+        levels[alike] = np.sqrt(np.mean(sizes[alike] ** 2)) if len(alike) else 0.0
+    return levels
 
 
 def noisier(run: Run, channels: tuple[str, ...], random: np.random.Generator) -> Run:
-    """The run with as much white noise once more on its channels."""
+    """The run with as much noise once more on its channels."""
     added = {
-        name: run[name] + random.normal(scale=white_noise(run[name], run.time_s), size=len(run.time_s))
+        name: run[name] + random.normal(scale=channel_noise(run[name], run.time_s), size=len(run.time_s))
         for name in channels
     }
     return replace(run, signals={**run.signals, **added})
+
+
+def channel_noise(values: Array, time_s: Array) -> Array:
+    """(n,) Standard deviation of each sample's noise: the white one, and the change of the channel within the jitter
+    of its time stamps, sigma^2 = sigma_0^2 + (jitter dy/dt)^2."""
+    jitter = jitter_s(values, time_s)
+    if not jitter:
+        return np.full(len(values), white_noise(values, time_s))
+    change = _change(values, time_s)
+    return np.hypot(_typical(_off(values, time_s), _inner(change) < SLOW * _fastest(change), values), jitter * change)
+
+
+def jitter_s(values: Array, time_s: Array) -> float:
+    """Standard deviation of the time stamps about the moments at which a channel was sampled, from how much noisier it
+    is where it changes swiftly; 0 where that is less than twice as noisy, or hardly ever so."""
+    if len(values) <= ORDER:
+        return 0.0
+    change = _change(values, time_s)
+    inner, fastest = _inner(change), _fastest(change)
+    swift, slow = inner > SWIFT * fastest, inner < SLOW * fastest
+    if min(np.count_nonzero(swift), np.count_nonzero(slow)) < ENOUGH:
+        return 0.0
+    off = _off(values, time_s)
+    loud, quiet = (_typical(off, which, values) for which in (swift, slow))
+    if loud < JITTERS * quiet:
+        return 0.0
+    return float(np.sqrt((loud**2 - quiet**2) / np.mean(inner[swift] ** 2)))
 
 
 def white_noise(values: Array, time_s: Array) -> float:
@@ -53,16 +101,40 @@ def white_noise(values: Array, time_s: Array) -> float:
     sigma = 1.4826 median of what each sample is off the cubic through its four neighbours, over what white noise
     of size 1 makes of that; exact for uneven steps. A step of q rounds by q/sqrt(12).
     """
-    n = ORDER + 1
-    if len(values) < n:
+    if len(values) <= ORDER:
         return resolution(values) / np.sqrt(12.0)
+    return _typical(_off(values, time_s), np.ones(len(values) - ORDER, dtype=bool), values)
+
+
+def _off(values: Array, time_s: Array) -> Array:
+    """(n - ORDER,) What each sample is off its neighbours, white noise of size 1 making it of size 1."""
+    n = ORDER + 1
     t = np.lib.stride_tricks.sliding_window_view(time_s, n)
     y = np.lib.stride_tricks.sliding_window_view(values, n)
     apart = t[:, :, None] - t[:, None, :] + np.eye(n)
     weights = 1.0 / np.prod(apart, axis=2)  # of the divided difference
     weights /= np.linalg.norm(weights, axis=1)[:, None]
-    off = np.abs(np.sum(weights * (y - y[:, :1]), axis=1))
-    return max(1.4826 * float(np.median(off)), resolution(values) / np.sqrt(12.0))
+    return np.abs(np.sum(weights * (y - y[:, :1]), axis=1))
+
+
+def _typical(off: Array, which: np.ndarray, values: Array) -> float:
+    """Standard deviation of some samples' noise, by its median; of the rounding, where that is larger."""
+    return max(1.4826 * float(np.median(off[which])), resolution(values) / np.sqrt(12.0))
+
+
+def _change(values: Array, time_s: Array) -> Array:
+    """(n,) |dy/dt|, averaged over a few samples."""
+    box = np.ones(STEADY) / STEADY
+    return np.abs(np.convolve(np.gradient(values, time_s), box, mode="same"))
+
+
+def _inner(change: Array) -> Array:
+    """Of the samples in the middle of `_off`."""
+    return change[ORDER // 2 : len(change) - ORDER // 2]
+
+
+def _fastest(change: Array) -> float:
+    return float(np.quantile(change, 0.98))
 
 
 def resolution(values: Array) -> float:

@@ -24,6 +24,7 @@ TURNS_OVER = 0.005  # of the speed scale: where friction takes on its full value
 SURE = 5.0  # standard errors
 SHOWN = 0.05  # of the input, rms: beside a lag of friction or load, less of it says nothing of the inertia
 MOST = 0.5  # of the input
+UNLIKE = 0.2  # of the input's variance: a run of which a rigid machine leaves more says nothing of its inertia
 AS_WELL = 0.4  # of what the inertia takes in the run that shows it best: an axis' slower runs show friction's lag
 
 
@@ -31,9 +32,9 @@ AS_WELL = 0.4  # of what the inertia takes in the run that shows it best: an axi
 class Rigid:
     """Ratios of a run's fitted values to those of the nominal machine, with standard errors.
 
-    inertia: None where the run does not accelerate enough to tell. hold: mean load, None on an axis or where
-    friction hides it. friction: in the input's unit, against the motion positive. shown: what the nominal inertia
-    takes of the input, rms.
+    inertia: None where the run does not accelerate enough to tell, or is not like a rigid machine at all. hold: mean
+    load, None on an axis or where friction hides it. friction: in the input's unit, against the motion positive.
+    shown: what the nominal inertia takes of the input, rms.
     """
 
     run: str
@@ -67,7 +68,8 @@ def rigid_of(bench: Bench, j: int) -> Rigid:
     values, std = _least_squares(x, y, independent)
     size = max(float(np.std(y)), 1e-300)
     shown = float(np.sqrt(np.mean(x[:, 0] ** 2))) / size
-    told = std[0] < np.inf and abs(values[0]) > SURE * std[0] and abs(values[0]) * shown > SHOWN
+    like = float(np.var(y - x @ values)) < UNLIKE * size**2
+    told = like and std[0] < np.inf and abs(values[0]) > SURE * std[0] and abs(values[0]) * shown > SHOWN
     hold = float(values[1]) / body.hold if body.hold and std[1] < 0.1 * body.hold else None
     return Rigid(run.name, float(values[0]) if told else None, float(std[0]), hold, float(values[2]), shown)
 

@@ -23,8 +23,8 @@ from workbench.diagnose.hypotheses.merit import (
     beyond_discrepancy,
     discrepancy_rms,
     inexact,
-    like_rebounds,
     of_blows,
+    only_mends,
 )
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
@@ -142,7 +142,7 @@ def _added(search: SearchResult, first: Weighed, names: Names, score: Score) -> 
     prior = first.fit.prior - fit.prior
     (last,) = set(names) - set(first.names)
     data = beyond(gain - prior, inexact(problem, search.within_tolerances, first.fit, first.score))
-    if like_rebounds(problem, last):
+    if only_mends(problem, last):
         data = min(data, 0.0)
     merit = prior + data - cost(problem, len(fit.z) - len(first.fit.z))
     return beyond_trace(problem, fit, last, merit) - calibration()["pair"]

@@ -124,7 +124,7 @@ def friction_stribeck(s: Any, e: Any, p: Any) -> Scalar:
     place=GUIDE, subsystem=OF, regime="load",
     parameters=[
         Parameter(
-            "a", "friction_fraction", "friction per unit of load", "1", 0.0, 0.5, 0.02, 0.03,
+            "a", "friction_fraction", "friction per unit of load", "1", 0.0, 0.95, 0.02, 0.03,
             vanishes_at=0.0, domain="not_negative",
         ),
     ],
