@@ -18,7 +18,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
 
 from workbench.blind.answer import load, save
 from workbench.blind.criteria import Row, right, right_or_alike
@@ -28,6 +29,10 @@ from workbench.blind.score import open_all, sheet_of
 from workbench.blind.seal import CAMPAIGNS
 from workbench.blind.share import Share
 from workbench.tables import Column, Table, words
+
+if TYPE_CHECKING:
+    from workbench.diagnose.hypotheses.records import Names
+    from workbench.diagnose.hypotheses.search import SearchResult
 
 ROOT = Path(__file__).resolve().parents[1]
 PLACES = ("workbench/diagnose/verdict", "workbench/diagnose/hypotheses/merit.py")
@@ -158,20 +163,30 @@ def changed(number: Number, factor: float) -> Iterator[None]:
 
 
 def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[str, Any]:
-    """The search of one campaign judged with the numbers as they are, and with each one changed: key -> answers."""
-    from workbench.diagnose.diagnose import diagnose
-    from workbench.diagnose.verdict.judge import alike, judge
+    """The search of one campaign judged with the numbers as they are, and with each one changed: key -> answers. As in
+    a diagnosis, no cause is named whose correction makes held-out runs worse; what a cause does there is computed once.
+    """
+    from workbench.diagnose import diagnose as whole
+    from workbench.diagnose.verdict.judge import alike
     from workbench.errors import InputError
     from workbench.logs import read_campaign
 
     try:
-        diagnosis = diagnose(read_campaign(campaigns / name), study=False)
+        diagnosis = whole.diagnose(read_campaign(campaigns / name), study=False)
     except InputError:
         return {}
     search, kind = diagnosis.search, diagnosis.search.problem.active.kind
+    weigh = whole.harmful
+    harms: dict[Names, bool] = {}
+
+    def harmful(search: SearchResult, names: Names) -> bool:
+        if names not in harms:
+            harms[names] = weigh(search, names)
+        return harms[names]
 
     def said() -> dict[str, Any]:
-        judged = judge(search)
+        with patch.object(whole, "harmful", harmful):
+            judged = whole.judged_to_help(search)
         first = judged.ranking[0]
         return {
             "word": judged.word,

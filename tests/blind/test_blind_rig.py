@@ -18,16 +18,21 @@ from workbench.blind.answer import Answer
 from workbench.blind.ask import LARGEST, SMALLEST, Asked, ordered
 from workbench.blind.criteria import of_the_oracle
 from workbench.blind.make import content_of, made
+from workbench.blind.orders import Order
 from workbench.blind.power import LEAST, power_of, thresholds
 from workbench.blind.rig import Rig, rig_from
 from workbench.blind.rig_files import rig_of
 from workbench.blind.share import Share
+from workbench.blind.sources.simulator.axis.listed import LISTED as ON_AXES
+from workbench.blind.sources.simulator.axis.listed import OF_A_LOAD, OF_NO_LOAD
 from workbench.blind.sources.simulator.campaign import make_campaign
 from workbench.blind.sources.simulator.content import draw
 from workbench.blind.sources.simulator.hoist.listed import LISTED, scales_of
+from workbench.effects import find
 from workbench.errors import InputError
 from workbench.figures import blind as figures
 from workbench.logs import read_campaign
+from workbench.plants import plant_of
 from workbench.reports.blind import tables
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -91,6 +96,26 @@ def test_an_axis_gives_its_motion_and_plays_it_again(tmp_path: Path):
     (speed,) = {"velocity_m_s", "speed_rad_s"} & set(theirs.signals)
     seen = np.interp(theirs.time_s, ours.time_s, ours[speed])
     assert np.std(seen - theirs[speed]) < 0.1 * np.std(theirs[speed])
+
+
+@pytest.mark.parametrize("seed", [5, 8])
+def test_every_effect_of_an_axis_can_be_made_smaller(seed: int):
+    content = draw((seed, 1), "axis_std", "none")
+    sensors = {"input_noise": 0.0, "encoder": False, "jitter_s": 0.0}
+    rig = Rig("axis", content.drawn, content.runs, content.logging, sensors, (), "N")
+    plant = plant_of(content.drawn.machine).kind
+    seen = 0
+    for name in sorted({*ON_AXES} - {*(OF_NO_LOAD if content.drawn.loaded else OF_A_LOAD)}):
+        order = Order(1, (seed, 1), "simulator", "yours", "singles", (name,))
+        (whole,), (half,) = (content_of(replace(order, size=size), rig).causes for size in (1.0, 0.5))
+        for effect, numbers in whole.library.items():
+            for parameter in find(effect, plant).parameters:
+                key = parameter.named(plant)
+                if key in numbers and parameter.vanishes_at is not None:
+                    expected = parameter.vanishes_at + 0.5 * (numbers[key] - parameter.vanishes_at)
+                    assert half.library[effect][key] == pytest.approx(expected), (name, key)
+                    seen += numbers[key] != parameter.vanishes_at
+    assert seen > 10
 
 
 PLAN = """\

@@ -9,8 +9,8 @@ from workbench.blind.sources.simulator.causes import Cause
 from workbench.effects import find
 
 
-def scaled(cause: Cause, size: float, kind: str) -> Cause:
-    """The cause at `size` of its amounts. One that the library does not list stays as it is.
+def scaled(cause: Cause, size: float, plant: str) -> Cause:
+    """The cause at `size` of its amounts, on a plant of this kind. One that the library does not list stays as it is.
 
     An amount is a parameter of the library's effect that has a vanishing value; the simulator's own numbers are the
     library's under other names.
@@ -19,7 +19,7 @@ def scaled(cause: Cause, size: float, kind: str) -> Cause:
         return cause
     to: dict[float, float] = {}
     for name, numbers in cause.library.items():
-        vanishing = {p.named(kind): p.vanishes_at for p in find(name, kind).parameters}
+        vanishing = {p.named(plant): p.vanishes_at for p in find(name, plant).parameters}
         for key, value in numbers.items():
             zero = vanishing.get(key)
             if zero is not None:

@@ -24,6 +24,7 @@ from workbench.blind.sources.simulator.content import Content, draw
 from workbench.blind.sources.simulator.size import input_change
 from workbench.blind.sources.source import source_of
 from workbench.errors import InputError
+from workbench.plants import plant_of
 from workbench.whole_folder import check_free, whole_folder
 
 TRIES = 3  # seeds of a campaign whose engine gives up
@@ -87,7 +88,8 @@ def content_of(order: Order, rig: Rig | None = None, seed: Sequence[int] | None 
     seeds = order.seed if seed is None else seed
     source = source_of(order.source)
     plain = draw(seeds, order.family, order.case, order.names) if rig is None else rig.content(seeds, order)
-    causes = tuple(scaled(cause, order.size, plain.kind.name) for cause in plain.causes)
+    plant = plant_of(plain.drawn.machine).kind
+    causes = tuple(scaled(cause, order.size, plant) for cause in plain.causes)
     return source.content(replace(plain, causes=causes))
 
 

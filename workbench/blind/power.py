@@ -14,6 +14,7 @@ from workbench.blind.rig import rig_from
 from workbench.blind.score import Score
 from workbench.blind.share import Share
 from workbench.effects import find
+from workbench.plants import plant_of
 from workbench.run import Array
 
 ASKED = 0.9
@@ -70,9 +71,10 @@ def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str
     if not score.truth.rig:
         return None
     rig = rig_from(score.truth.rig)
+    plant = plant_of(rig.drawn.machine).kind
     cases: dict[str, list[tuple[Row, float, str, float]]] = {}
     for row in score.rows:
-        if criteria.single(row) and row["noise"] and (amount := first_amount(row, rig.kind)) is not None:
+        if criteria.single(row) and row["noise"] and (amount := first_amount(row, plant)) is not None:
             cases.setdefault(row["label"]["effects"][0], []).append((row, *amount))
     cases = {name: members for name, members in sorted(cases.items()) if len(members) >= LEAST}
     sizes = [[float(c[0]["label"]["torque_change_rms_nm"]) for c in members] for members in cases.values()]
@@ -131,13 +133,15 @@ def _effect(
     )
 
 
-def first_amount(row: Row, kind: str) -> tuple[float, str, float] | None:
-    """Of the label's effect: its first amount off the vanishing value, the parameter's name, the value itself."""
+def first_amount(row: Row, plant: str) -> tuple[float, str, float] | None:
+    """Of the label's effect: its first amount off the vanishing value, the parameter's name, the value itself.
+
+    plant: kind of plant that the effect is declared for."""
     if not row["label"].get("torque_change_rms_nm"):
         return None
     for effect, numbers in row["label"]["parameters"].items():
-        for parameter in find(effect, kind).parameters:
-            name = parameter.named(kind)
+        for parameter in find(effect, plant).parameters:
+            name = parameter.named(plant)
             if parameter.vanishes_at is not None and numbers.get(name) is not None:
                 off = abs(float(numbers[name]) - parameter.vanishes_at)
                 if off > 0.0:
