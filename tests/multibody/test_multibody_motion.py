@@ -14,7 +14,7 @@ import pytest
 
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.multibody import Driven, MotionResult, Outcome, Shaft, Switches, motion, move, sampled
-from workbench.run import Array
+from workbench.run import Array, Run
 
 MACHINE = default_hoist()
 SMOOTH = with_values(
@@ -187,6 +187,25 @@ def test_roller_friction_grows_with_payload_and_reach():
 def test_in_motion_the_guides_friction_is_its_coulomb_level(bristle: float):
     run = move(MACHINE, 4500.0, 6.0, regulated(60.0), 4.0, step_s=0.004, switches=Switches(bristle_m=bristle)).run
     assert run["force_guide_n"][-1] == pytest.approx(MACHINE.guide.coulomb_hoisting_n, rel=0.02)
+
+
+@pytest.mark.parametrize("bristle", [0.0, 3e-4])
+def test_friction_of_a_height_and_a_speed_acts_there_with_bristles_too(bristle: float):
+    """A bell whose middle is where the run ends, and a Stribeck peak at the speed that it ends with."""
+
+    def pulled(**more: float) -> Run:
+        switches = Switches(bristle_m=bristle, **more)
+        return move(MACHINE, 4500.0, 6.0, regulated(20.0), 4.0, step_s=0.004, switches=switches).run
+
+    plain = pulled()
+    x, v = (float(plain[name][-1]) for name in ("position_carriage_m", "speed_carriage_m_s"))
+    turned = 1.0 if bristle else 2.0 / math.pi * math.atan(MACHINE.guide.atan_slope_s_per_m * v)
+    bell = pulled(bell_n=900.0, bell_m=x, bell_width_m=0.1)["force_guide_n"] - plain["force_guide_n"]
+    assert bell[-1] == pytest.approx(900.0 * turned, rel=0.02)
+    early = np.interp(x - 0.2, plain["position_carriage_m"], bell)  # two widths before its middle
+    assert early == pytest.approx(900.0 * math.exp(-2.0) * turned, rel=0.1)
+    peak = pulled(peak_up_n=700.0, stribeck_m_s=v)["force_guide_n"] - plain["force_guide_n"]
+    assert peak[-1] == pytest.approx(700.0 * math.exp(-1.0) * turned, rel=0.02)
 
 
 @pytest.mark.parametrize(

@@ -278,16 +278,17 @@ class _Motion:
             self._keep(q, v)
         self.step += 1
 
-    def _bend(self, y: float, v: float, climbed: float, t: float) -> None:
+    def _bend(self, y: float, v: float, height: float, t: float) -> None:
         """Dahl's bristles: F = level z, dz/dy = (1 - z sign v)/δ, damped before they slide.
 
-        Over the coming step the engine has their tangent, so that it stays implicit; z follows what it found.
+        Over the coming step the engine has their tangent, so that it stays implicit; z follows what it found. The level
+        is that at this carriage height and speed, of the direction in which the bristles are bent.
         """
         s = self.s
         r = (y - self.bristle_y) / s.bristle_m
         z = (self.z + r) / (1.0 + abs(r))
         self.bristle_y, self.z = y, z
-        level = self.level(z, self.height + climbed, self.clock_s + t) + s.roller_friction * self._normal()
+        level = self.level(math.copysign(v, z), height, self.clock_s + t) + s.roller_friction * self._normal()
         k = level / s.bristle_m
         tangent = k * max(1.0 - math.copysign(z, z * v), 1e-4)
         damping = 2.0 * BRISTLE_DAMPING * math.sqrt(k * self.machine.carriage.mass_kg) * (1.0 - abs(z))
