@@ -21,9 +21,8 @@ from workbench.blind.make import content_of, mapped
 from workbench.blind.orders import Order
 from workbench.blind.power import Power, power_of
 from workbench.blind.rig import Rig, rig_from
-from workbench.blind.score import Score
+from workbench.blind.score import Score, named
 from workbench.blind.seal import CAMPAIGNS
-from workbench.blind.share import Share
 from workbench.blind.sources.simulator.campaign import make_campaign
 from workbench.blind.sources.simulator.content import Content
 from workbench.blind.sources.simulator.kind import RunPlan
@@ -69,23 +68,39 @@ def _held_out_of_truth(folder: Path, told: list[str]) -> list[tuple[list[str], f
     ]
 
 
-def with_next_runs(scores: Sequence[Score], most: int, processes: int, tell: Tell) -> Share:
-    """Of at most so many open cases of each folder, those whose recommended run, simulated and diagnosed with the
-    others, gives the right answer and leaves nothing open. What was answered at an earlier call is kept."""
-    counted = [_settled(score, most, processes, tell) for score in scores]
-    return Share(sum(share.count for share in counted), sum(share.of for share in counted))
+@dataclass(frozen=True)
+class WithNextRun:
+    """An open case: its answer, and the answer with the recommended run, which was simulated on the same machine."""
+
+    row: Row
+    then: Row
+
+    @property
+    def settled(self) -> bool:
+        """The answer is right then, and leaves nothing open."""
+        return right(self.then) and not self.then["next_run"]
 
 
-def _settled(score: Score, most: int, processes: int, tell: Tell) -> Share:
+def with_next_runs(scores: Sequence[Score], most: int, processes: int, tell: Tell) -> list[WithNextRun]:
+    """At most so many open cases of each folder, diagnosed again with their recommended run. What was answered at an
+    earlier call is kept. Campaigns are named as on the sheet of these folders."""
+    return [
+        WithNextRun(*(named(score, row, len(scores) > 1) for row in (before, then)))
+        for score in scores
+        for before, then in _with_their_next_run(score, most, processes, tell)
+    ]
+
+
+def _with_their_next_run(score: Score, most: int, processes: int, tell: Tell) -> list[tuple[Row, Row]]:
     open_cases = [row for row in score.rows if row.get("next_run") and row["label"]["effects"]][:most]
-    kept = score.folder / NEXT
-    passed = 0
+    anew: dict[str, Row] = {}
     with mapped(processes) as over:
-        for k, row in enumerate(over(partial(_answered_anew, score.truth.orders, score.truth.rig, kept), open_cases)):
-            passed += right(row) and not row["next_run"]
+        kept = score.folder / NEXT
+        for row in over(partial(_answered_anew, score.truth.orders, score.truth.rig, kept), open_cases):
+            anew[row["folder"]] = row
             said = "+".join(row["names"]) or row["word"]
-            tell(f"{k + 1}/{len(open_cases)} next run of campaign {row['folder']}: {said}")
-    return Share(passed, len(open_cases))
+            tell(f"{len(anew)}/{len(open_cases)} next run of campaign {row['folder']}: {said}")
+    return [(row, anew[row["folder"]]) for row in open_cases]
 
 
 def _answered_anew(

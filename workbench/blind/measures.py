@@ -107,6 +107,12 @@ def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
     return grouped
 
 
+def by_kind(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Kind of machine -> its rows."""
+    kinds = sorted({criteria.kind_of(row) for row in rows})
+    return {kind: [row for row in rows if criteria.kind_of(row) == kind] for kind in kinds}
+
+
 def by_size(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Size of the gap over the noise -> the rows with a cause of that size; those of unknown size last."""
     sized = [(criteria.size_over_noise(row), row) for row in rows if _cause(row)]
@@ -150,7 +156,17 @@ def numbers(rows: Sequence[Row]) -> Numbers:
 
 
 def median(values: Sequence[float]) -> float:
+    """values: in their order."""
     return values[len(values) // 2] if values else math.nan
+
+
+def median_interval(values: Sequence[float]) -> tuple[float, float] | None:
+    """The 95 % interval of the median of values in their order, between two of them whatever their distribution (W. R.
+    Thompson 1936): x_j to x_(n+1-j), j the largest with P(Binomial(n, 1/2) < j) <= 2.5 %. None for fewer than six."""
+    from scipy.stats import binom
+
+    j = int(binom.ppf(0.025, len(values), 0.5)) if values else 0
+    return (values[j - 1], values[len(values) - j]) if j > 0 else None
 
 
 @dataclass(frozen=True)

@@ -79,8 +79,13 @@ def sheet_of(scores: Sequence[Score]) -> Sheet:
             raise InputError(f"has the name of {known.folder}, expected folders of different names", file=score.folder)
     if len(scores) == 1:
         return Sheet(tuple(scores), scores[0].rows)
-    rows = [{**row, "folder": f"{score.folder.name}/{row['folder']}"} for score in scores for row in score.rows]
+    rows = [named(score, row, several=True) for score in scores for row in score.rows]
     return Sheet(tuple(scores), tuple(rows))
+
+
+def named(score: Score, row: Row, several: bool) -> Row:
+    """The row with its campaign's name as on a sheet: of several folders it begins with that of its folder."""
+    return {**row, "folder": f"{score.folder.name}/{row['folder']}"} if several else row
 
 
 def open_and_score(folder: Path, key: Path) -> Score:

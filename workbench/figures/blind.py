@@ -6,11 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 from workbench.figures.style import BLUE, FAINT, GREY, ORANGE, SKY, TEMPLATE, VERMILLION, heading
+from workbench.names import unit_of
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
+ROW = 36  # pixels of the power chart for each effect
+BUYS = 0.9  # of an amount: less with one more run is written beside it
 APART = 0.07  # of the distance of two sizes: measures stand side by side
 
 
@@ -41,6 +44,14 @@ class EffectPower(Protocol):
 
     @property
     def effect(self) -> str: ...
+    @property
+    def parameter(self) -> str: ...
+    @property
+    def amount(self) -> float | None: ...
+    @property
+    def one_more(self) -> float | None: ...
+    @property
+    def largest_tried(self) -> float: ...
     @property
     def change(self) -> float | None: ...
     @property
@@ -160,18 +171,27 @@ def reliability(bins: Sequence[Bin], height: int = 420) -> Figure:
 
 def power(effects: Sequence[EffectPower], unit: str) -> Figure:
     """The power chart: for each effect the smallest change of the input that is named in 9 of 10 cases, its interval,
-    and the same with one more run. An arrow: not within the sizes tried."""
+    and the same with one more run, each with the effect's own amount above it. An arrow: not within the sizes tried."""
     shown = sorted(effects, key=lambda e: (e.change is None, e.change or e.largest_change_tried), reverse=True)
-    height = 150 + 26 * len(shown)
+    height = 150 + ROW * len(shown)
     named = [effect for effect in shown if effect.change is not None]
     beyond = [effect for effect in shown if effect.change is None]
     more = [effect for effect in named if effect.change_one_more is not None]
 
-    def points(name: str, which: Sequence[EffectPower], x: Sequence[Any], marker: dict[str, Any]) -> dict[str, Any]:
-        look = {"type": "scatter", "mode": "markers", "name": name, "marker": {"size": 10, **marker}}
-        return {**look, "x": list(x), "y": [effect.effect for effect in which], "hovertemplate": f"%{{x:.3~g}} {unit}"}
+    def points(
+        name: str,
+        which: Sequence[EffectPower],
+        x: Sequence[Any],
+        amounts: Sequence[float | None],
+        marker: dict[str, Any],
+    ) -> dict[str, Any]:
+        own = [_amount(effect.parameter, amount) for effect, amount in zip(which, amounts, strict=True)]
+        look = {"type": "scatter", "mode": "markers+text", "name": name, "marker": {"size": 10, **marker}}
+        look |= {"text": own, "textposition": "top center", "textfont": {"size": 10, "color": marker["color"]}}
+        at = {"x": list(x), "y": [effect.effect for effect in which]}
+        return {**look, **at, "hovertemplate": f"%{{text}}, %{{x:.3~g}} {unit}", "cliponaxis": False}
 
-    data = [points("these runs", named, [effect.change for effect in named], {"color": BLUE})]
+    data = [points("these runs", named, [e.change for e in named], [e.amount for e in named], {"color": BLUE})]
     reach = [effect.change_interval or (effect.change, effect.change) for effect in named]
     data[0]["error_x"] = {
         "type": "data",
@@ -182,10 +202,13 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
     }
     if more:
         x = [effect.change_one_more for effect in more]
-        data.append(points("with one more run", more, x, {"color": ORANGE, "symbol": "diamond-open"}))
+        marker = {"color": ORANGE, "symbol": "diamond-open"}
+        buys = [e.one_more if e.one_more and e.amount and e.one_more < BUYS * e.amount else None for e in more]
+        data.append({**points("with one more run", more, x, buys, marker), "textposition": "bottom center"})
     if beyond:
         x = [effect.largest_change_tried for effect in beyond]
-        data.append(points("not within the sizes tried", beyond, x, {"color": VERMILLION, "symbol": "triangle-right"}))
+        marker = {"color": VERMILLION, "symbol": "triangle-right"}
+        data.append(points("not within the sizes tried", beyond, x, [e.largest_tried for e in beyond], marker))
     layout = {
         "title": heading("The smallest effect that these runs would have named in 9 of 10", height),
         "height": height,
@@ -195,3 +218,8 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
         "yaxis": {"categoryorder": "array", "categoryarray": [effect.effect for effect in shown], "gridcolor": FAINT},
     }
     return _figure(data, layout)
+
+
+def _amount(parameter: str, value: float | None) -> str:
+    """As 2150 N s/m; "" for none."""
+    return "" if value is None else f"{float(f'{value:.3g}'):.10g} {unit_of(parameter)}".strip()

@@ -54,13 +54,13 @@ def command(
     scores = open_all(folders, key)
     if oracle:
         scores = [with_oracle(score, processes, tell) for score in scores]
-    settled = with_next_runs(scores, next_runs, processes, tell) if next_runs else None
+    anew = with_next_runs(scores, next_runs, processes, tell) if next_runs else []
     sheet, power = sheet_of(scores), power_of_rig(scores)
     print_text(sentences(sheet))
     shown = [
         *(("", table) for table in tables.sheets(sheet.rows)),
         ("", tables.amounts(sheet.rows)),
-        ("By the size of the gap", tables.sizes(sheet.rows)),
+        *tables.sizes_by_kind(sheet.rows),
     ]
     if power is not None:
         shown.append((POWER, tables.power(power)))
@@ -72,8 +72,9 @@ def command(
             print_table(table)
     if missed := tables.miss_lines(sheet.rows, misses):
         print_text(["", "Misses", *missed])
-    if settled is not None:
-        print_text(["", tables.settled(settled)])
+    if anew:
+        print_text(["", tables.settled_text(anew)])
+        print_table(tables.next_runs(anew))
     if out is not None:
-        write_score(sheet, out, power, settled)
+        write_score(sheet, out, power, anew)
         click.echo(f"\nReport: {out / 'score.html'}\nNumbers: {out / 'score.json'}")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from workbench.blind import measures
+from workbench.blind.later import WithNextRun
 from workbench.blind.power import Power
 from workbench.blind.score import Sheet
-from workbench.blind.share import Share
 from workbench.figures import blind as figures
 from workbench.figures.save import Section, save_page
 from workbench.reports.blind import tables
@@ -18,29 +19,33 @@ from workbench.tables import Table
 from workbench.whole_folder import check_free, whole_folder, write_json
 
 
-def write_score(sheet: Sheet, folder: Path, power: Power | None = None, settled: Share | None = None) -> None:
+def write_score(sheet: Sheet, folder: Path, power: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> None:
     """Write the files into an empty folder, or none."""
     check_free(folder)
-    parts = sections(sheet, power, settled)
+    parts = sections(sheet, power, next_runs)
     with whole_folder(folder) as hidden:
-        write_json(hidden / "score.json", to_json(sheet, power, settled))
+        write_json(hidden / "score.json", to_json(sheet, power, next_runs))
         (hidden / "score.md").write_text(markdown(parts), encoding="utf-8")
         save_page(parts, hidden / "score.html", f"Blind test: {sheet.title}", answer(sheet))
 
 
-def sections(sheet: Sheet, power: Power | None = None, settled: Share | None = None) -> list[Section]:
+def sections(sheet: Sheet, power: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> list[Section]:
     """The sections of the page; those without rows are omitted."""
     rows = sheet.rows
-    more = [tables.settled(settled)] if settled is not None and settled.of else []
     parts = [
-        Section(sentences=more, tables=[*tables.sheets(rows), tables.amounts(rows)]),
+        Section(tables=[*tables.sheets(rows), tables.amounts(rows)]),
         Section("The seal", points=sentences(sheet)),
     ]
     if power is not None:
-        chart = [(figures.power(power.effects, power.unit), power.note)]
+        chart = [(figures.power(power.effects, power.unit), "")]
         heading = "The power of these runs"
         parts.append(Section(heading, sentences=power.sentences, tables=[tables.power(power)], figures=chart))
-    parts.append(Section("By the size of the gap", tables=[tables.sizes(rows)], figures=[(_by_size(sheet), "")]))
+    if next_runs:
+        said, table = tables.settled_text(next_runs), tables.next_runs(next_runs)
+        parts.append(Section("Open cases with the recommended next run", sentences=[said], tables=[table]))
+    for heading, table in tables.sizes_by_kind(rows):
+        parts.append(Section(heading, tables=[table]))
+    parts[-1] = replace(parts[-1], figures=[(_by_size(sheet), "")])
     curve = figures.reliability(measures.reliability(rows))
     parts.append(Section("Probabilities", tables=[tables.reliability(rows)], figures=[(curve, "")]))
     for heading, table in tables.methods_by_kind(rows):

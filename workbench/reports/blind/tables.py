@@ -6,15 +6,17 @@ import math
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from workbench.blind import criteria, measures
 from workbench.blind.baselines import baselines
 from workbench.blind.criteria import Row, right, right_word
+from workbench.blind.later import WithNextRun
 from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
 from workbench.blind.power import Power
 from workbench.blind.share import Share
 from workbench.diagnose.verdict.probability import calibration
+from workbench.names import unit_of, words_of
 from workbench.tables import Column, Table, words
 
 WILSON = "In brackets: 95 % Wilson interval, in per cent."
@@ -23,8 +25,7 @@ DIAGNOSIS = "workbench diagnose"
 
 def sheets(rows: Sequence[Row]) -> list[Table]:
     """A sheet for each kind of machine."""
-    kinds = sorted({criteria.kind_of(row) for row in rows})
-    return [sheet([row for row in rows if criteria.kind_of(row) == kind]) for kind in kinds]
+    return [sheet(of_kind) for of_kind in measures.by_kind(rows).values()]
 
 
 def sheet(rows: Sequence[Row]) -> Table:
@@ -53,24 +54,28 @@ def _says_something(line: Sequence[str]) -> bool:
 
 
 def sizes(rows: Sequence[Row]) -> Table:
-    """One row for each class of gap over noise."""
-    keys = ("named", "named_or_alike", "pair_both", "unknown_caught", "place")
-    chosen = [measures.measure(key) for key in keys]
+    """One row for each measure of cases with a cause, one column for each class of gap over noise."""
     groups = measures.by_size(rows)
-    columns = [words("gap over\nnoise"), *(Column(measure.name) for measure in chosen)]
-    lines = [[name, *(measure.share(which).text() for measure in chosen)] for name, which in groups.items()]
-    note = "The gap is what the cause changes in the input, rms while moving; the noise is that of the diagnosis' band."
-    return Table(_filled(columns, lines), _columns(lines), f"{note} {WILSON}")
+    lines = [[measure.line, *map(Share.text, map(measure.share, groups.values()))] for measure in MEASURES]
+    counted = [_amounts(which) for which in groups.values()]
+    lines += [[name, *(amounts[name].partition(" of ")[0] for amounts in counted)] for name in AMOUNTS[:-1]]
+    shown = [line for line in lines if any(cell != "–" for cell in line[1:])]
+    note = (
+        "Columns: gap over noise. The gap is what the cause changes in the input, rms while moving; the noise is that "
+        f"of the diagnosis' band. {WILSON}"
+    )
+    return Table([words("measured"), *(Column(name.replace(", ", ",\n")) for name in groups)], shown, note)
 
 
-def _filled(columns: Sequence[Column], lines: Sequence[Sequence[str]]) -> list[Column]:
-    return [column for k, column in enumerate(columns) if any(line[k] != "–" for line in lines)]
+def sizes_by_kind(rows: Sequence[Row]) -> list[tuple[str, Table]]:
+    """Heading and table of each kind of machine."""
+    return _by_kind("By the size of the gap", sizes, rows)
 
 
-def _columns(lines: Sequence[Sequence[str]]) -> list[list[str]]:
-    """The columns that contain values."""
-    kept = [k for k in range(len(lines[0])) if any(line[k] != "–" for line in lines)] if lines else []
-    return [[line[k] for k in kept] for line in lines]
+def _by_kind(head: str, table: Callable[[Sequence[Row]], Table], rows: Sequence[Row]) -> list[tuple[str, Table]]:
+    """One kind needs no name in its heading."""
+    kinds = measures.by_kind(rows)
+    return [(head if len(kinds) < 2 else f"{head}: {kind}", table(of_kind)) for kind, of_kind in kinds.items()]
 
 
 def methods(rows: Sequence[Row]) -> Table:
@@ -87,12 +92,8 @@ def methods(rows: Sequence[Row]) -> Table:
 
 
 def methods_by_kind(rows: Sequence[Row]) -> list[tuple[str, Table]]:
-    """Heading and table of each kind of machine; one kind needs no name."""
-    kinds = sorted({criteria.kind_of(row) for row in rows})
-    head = "Beside other methods"
-    if len(kinds) < 2:
-        return [(head, methods(rows))]
-    return [(f"{head}: {kind}", methods([row for row in rows if criteria.kind_of(row) == kind])) for kind in kinds]
+    """Heading and table of each kind of machine."""
+    return _by_kind("Beside other methods", methods, rows)
 
 
 def _parted(name: str) -> str:
@@ -100,18 +101,37 @@ def _parted(name: str) -> str:
     return "\n".join(textwrap.wrap(name, 14))
 
 
+AMOUNTS = ("parameter error %", "inside their 90 % interval", "shrink over oracle's", "calibration error", "CPU s")
+
+
+def _amounts(rows: Sequence[Row]) -> dict[str, str]:
+    """name of AMOUNTS -> text."""
+    n = numbers(rows)
+    calibration = "–"
+    if n.calibration_error is not None:
+        calibration = f"{n.calibration_error:.3f} ({n.calibration_by_chance:.3f})"
+    texts = (
+        _median([100.0 * error for error in n.parameter_errors], 1),
+        n.covered.text(),
+        f"{_median(n.of_oracle, 2)} of {len(n.of_oracle)}" if n.of_oracle else "–",
+        calibration,
+        f"{median(n.cpu_s):.0f}, {n.cpu_s[-1]:.0f}" if n.cpu_s else "–",
+    )
+    return dict(zip(AMOUNTS, texts, strict=True))
+
+
+def _median(values: Sequence[float], digits: int) -> str:
+    """As 3.9 (2.7–5.1)."""
+    if not values:
+        return "–"
+    interval = measures.median_interval(values)
+    shown = "" if interval is None else f" ({interval[0]:.{digits}f}–{interval[1]:.{digits}f})"
+    return f"{median(values):.{digits}f}{shown}"
+
+
 def amounts(rows: Sequence[Row]) -> Table:
     """Parameters, shrink, calibration and time, of each group."""
-    lines = []
-    for name, which in measures.groups(rows).items():
-        n = numbers(which)
-        error = f"{100.0 * median(n.parameter_errors):.1f}" if n.parameter_errors else "–"
-        oracle = f"{median(n.of_oracle):.2f} of {len(n.of_oracle)}" if n.of_oracle else "–"
-        calibration = "–"
-        if n.calibration_error is not None:
-            calibration = f"{n.calibration_error:.3f} ({n.calibration_by_chance:.3f})"
-        times = f"{median(n.cpu_s):.0f}, {n.cpu_s[-1]:.0f}" if n.cpu_s else "–"
-        lines.append([name, error, n.covered.text(), oracle, calibration, times])
+    lines = [[name, *_amounts(which).values()] for name, which in measures.groups(rows).items()]
     columns = [
         words("kind, source"),
         Column("parameter\nerror", "%"),
@@ -121,9 +141,10 @@ def amounts(rows: Sequence[Row]) -> Table:
         Column("CPU,\nlargest", "s"),
     ]
     note = (
-        "Medians, beside the largest CPU time. Asked: 85 to 95 % inside the interval, shrink at least 0.9 of the "
-        "oracle's, the true effect fitted to the same runs, calibration error at most 0.05; "
-        "in brackets that which answers would have that are right exactly as often as they say."
+        "Medians with their 95 % interval between two of the values; CPU time beside the largest. Asked: 85 to 95 % "
+        "inside the interval, shrink at least 0.9 of the oracle's, the true effect fitted to the same runs, "
+        "calibration error at most 0.05; in brackets that which answers would have that are right exactly as often as "
+        "they say."
     )
     missing = numbers(rows).without_oracle
     if missing:
@@ -292,7 +313,7 @@ def power(chart: Power) -> Table:
             [
                 effect.effect,
                 effect.share.text(),
-                effect.parameter,
+                ", ".join(filter(None, (words_of(effect.parameter), unit_of(effect.parameter)))),
                 f"> {_amount(effect.largest_tried)}" if effect.amount is None else _amount(effect.amount),
                 "–" if effect.interval is None else "–".join(map(_amount, effect.interval)),
                 more,
@@ -314,9 +335,42 @@ def _amount(value: float) -> str:
     return f"{float(f'{value:.3g}'):.10g}"
 
 
-def settled(share: Share) -> str:
+def settled(cases: Sequence[WithNextRun]) -> Share:
+    """Of open cases whose recommended run was simulated, those that it settled."""
+    return Share(sum(case.settled for case in cases), len(cases))
+
+
+def settled_text(cases: Sequence[WithNextRun]) -> str:
+    share = settled(cases)
     return (
         f"Of open cases whose recommended next run was simulated, {share.text()} were settled by it (asked: 80 %)."
         if share.of
         else ""
     )
+
+
+def next_runs(cases: Sequence[WithNextRun]) -> Table:
+    """One row for each open case that was diagnosed again with its recommended run."""
+    lines = []
+    for case in cases:
+        asked = case.row["next_run"]
+        load = f", {asked['payload_kg']:g} kg" if asked["payload_kg"] else ""
+        more = f", logging {', '.join(asked['signals'])}" if asked["signals"] else ""
+        lines.append(
+            [
+                case.row["folder"],
+                " + ".join(case.row["label"]["effects"]),
+                _answer(case.row),
+                f"{asked['profile']}{load}{more}",
+                _answer(case.then),
+                "yes" if case.settled else "open still" if right(case.then) else "no",
+            ]
+        )
+    columns = ("campaign", "in the machine", "answer", "recommended run", "answer with it", "settled")
+    return Table([words(name) for name in columns], lines, "Settled: the answer is right, and leaves nothing open.")
+
+
+def _answer(row: Row) -> str:
+    """As friction_viscous (0.93)."""
+    said = " + ".join(row["names"]) or row["word"].replace("_", " ")
+    return f"{said} ({row['ranking'][0][2]:.2f})" if row["ranking"] else said
