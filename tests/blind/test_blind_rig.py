@@ -292,6 +292,9 @@ def cut(run: Any, length_s: float) -> Any:
     return replace(run, reference=(run.reference or ())[: round(1000 * length_s)], duration_s=length_s)
 
 
+DECIDES = {"profile": "slow", "separation": 7.0, "now": 1.0}
+
+
 def open_score(folder: Path) -> Any:
     """Three cases of which two are open; the second one's label says friction_viscous."""
     rows = []
@@ -300,7 +303,7 @@ def open_score(folder: Path) -> Any:
         rows.append(
             {
                 "folder": f"{k:03d}", "label": label, "word": "unknown", "names": [], "alike": [], "noise": 0.5,
-                "after": 1.0, "held_out": [], "next_run": {"profile": "slow"} if k else None,
+                "after": 1.0, "held_out": [], "next_run": DECIDES if k else None,
             }
         )  # fmt: skip
     said = {"number": 1, "seed": [5, 1], "source": "simulator", "family": "hoist_small", "case": "singles", "names": []}
@@ -317,7 +320,7 @@ def test_a_next_run_settles_an_open_case_where_the_answer_becomes_right(
 
     def anew(order: Any, rig: Any, row: Any) -> Answer:
         asked.append(row["folder"])
-        open_still = {"profile": "slow"} if row["folder"] == "000" else None
+        open_still = DECIDES if row["folder"] == "000" else None
         return Answer("after", "named", names=("friction_viscous",), next_run=open_still)
 
     monkeypatch.setattr(later, "_with_next_run", anew)
@@ -332,8 +335,10 @@ def test_a_next_run_settles_an_open_case_where_the_answer_becomes_right(
     assert counted([score], 9) == Share(1, 2)
     assert asked == ["001", "002"]  # what was answered is kept
     assert counted([score], 1) == Share(1, 1)
-    score.rows[0].update(label=score.rows[1]["label"], next_run={"profile": "slow"})
+    score.rows[0].update(label=score.rows[1]["label"], next_run=DECIDES)
     assert counted([score, score], 2) == Share(2, 4)  # 000 is right, and open still
+    score.rows[0].update(next_run={**DECIDES, "separation": 1.5})  # no run on the menu decides
+    assert counted([score], 9) == Share(1, 2)
 
 
 def test_the_true_effect_is_fitted_where_the_diagnosis_has_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

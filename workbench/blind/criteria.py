@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from workbench.diagnose.isolation.next_run import APART, WORTH
+
 Row = Mapping[str, Any]
 LOOSE = ("heave", "torque_ripple")  # their residual may stay at twice the noise
 VISIBLE = 1.0  # of the noise: an effect that changes the torque by less, rms, is too small to see
@@ -145,6 +147,12 @@ def place_and_regime_right(row: Row) -> bool:
     return any(
         where["subsystem"] == row["subsystem"] and where["regime"] == row["regime"] for where in row["label"]["where"]
     )
+
+
+def next_run_decides(row: Row) -> bool:
+    """Whether the answer leaves hypotheses open and says that the run that it recommends tells them apart."""
+    run = row.get("next_run")
+    return bool(run) and bool(run["separation"] > APART and run["separation"] > run["now"] + WORTH)
 
 
 def has_event(row: Row) -> bool:

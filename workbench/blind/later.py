@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench.blind import criteria
 from workbench.blind.answer import answer, save, text_of
 from workbench.blind.criteria import Row, oracle_after, right, right_word, single
 from workbench.blind.identified import identify_first
@@ -82,8 +83,9 @@ class WithNextRun:
 
 
 def with_next_runs(scores: Sequence[Score], most: int, processes: int, tell: Tell) -> list[WithNextRun]:
-    """At most so many open cases of each folder, diagnosed again with their recommended run. What was answered at an
-    earlier call is kept. Campaigns are named as on the sheet of these folders."""
+    """At most so many open cases of each folder, diagnosed again with their recommended run, where the diagnosis says
+    that it decides. What was answered at an earlier call is kept. Campaigns are named as on the sheet of these
+    folders."""
     return [
         WithNextRun(*(named(score, row, len(scores) > 1) for row in (before, then)))
         for score in scores
@@ -92,7 +94,7 @@ def with_next_runs(scores: Sequence[Score], most: int, processes: int, tell: Tel
 
 
 def _with_their_next_run(score: Score, most: int, processes: int, tell: Tell) -> list[tuple[Row, Row]]:
-    open_cases = [row for row in score.rows if row.get("next_run") and row["label"]["effects"]][:most]
+    open_cases = [row for row in score.rows if criteria.next_run_decides(row) and row["label"]["effects"]][:most]
     anew: dict[str, Row] = {}
     with mapped(processes) as over:
         kept = score.folder / NEXT

@@ -22,7 +22,7 @@ POWER = "The power of these runs"
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="Number of undecided cases of a folder to diagnose again with the recommended run, which is simulated.",
+    help="Number of undecided cases of a folder to diagnose again with the run that would decide, which is simulated.",
 )
 @click.option("--processes", type=click.IntRange(1, 64), default=2, show_default=True, help="Diagnoses at a time.")
 def command(
@@ -73,7 +73,7 @@ def command(
     if missed := tables.miss_lines(sheet.rows, misses):
         print_text(["", "Misses", *missed])
     if anew:
-        print_text(["", tables.settled_text(anew)])
+        print_text(["", tables.settled_text(anew, sheet.rows)])
         print_table(tables.next_runs(anew))
     if out is not None:
         write_score(sheet, out, power, anew)

@@ -41,7 +41,7 @@ def sections(sheet: Sheet, power: Power | None = None, next_runs: Sequence[WithN
         heading = "The power of these runs"
         parts.append(Section(heading, sentences=power.sentences, tables=[tables.power(power)], figures=chart))
     if next_runs:
-        said, table = tables.settled_text(next_runs), tables.next_runs(next_runs)
+        said, table = tables.settled_text(next_runs, rows), tables.next_runs(next_runs)
         parts.append(Section("Open cases with the recommended next run", sentences=[said], tables=[table]))
     for heading, table in tables.sizes_by_kind(rows):
         parts.append(Section(heading, tables=[table]))

@@ -340,12 +340,14 @@ def settled(cases: Sequence[WithNextRun]) -> Share:
     return Share(sum(case.settled for case in cases), len(cases))
 
 
-def settled_text(cases: Sequence[WithNextRun]) -> str:
-    share = settled(cases)
+def settled_text(cases: Sequence[WithNextRun], rows: Sequence[Row]) -> str:
+    """rows: of the whole sheet."""
+    left_open = [row for row in rows if row.get("next_run") and row["label"]["effects"]]
+    decided = sum(map(criteria.next_run_decides, left_open))
     return (
-        f"Of open cases whose recommended next run was simulated, {share.text()} were settled by it (asked: 80 %)."
-        if share.of
-        else ""
+        f"{len(left_open)} cases with a cause are left open. Of {len(left_open) - decided} the diagnosis says that no "
+        f"run on its menu decides. Of those whose recommended run was simulated, {settled(cases).text()} were settled "
+        "by it (asked: 80 %)."
     )
 
 
