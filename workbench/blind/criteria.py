@@ -152,7 +152,7 @@ def place_and_regime_right(row: Row) -> bool:
 def next_run_decides(row: Row) -> bool:
     """Whether the answer leaves hypotheses open and says that the run that it recommends tells them apart."""
     run = row.get("next_run")
-    return bool(run) and bool(run["separation"] > APART and run["separation"] > run["now"] + WORTH)
+    return run is not None and bool(run["separation"] > APART and run["separation"] > run["now"] + WORTH)
 
 
 def has_event(row: Row) -> bool:

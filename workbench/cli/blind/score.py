@@ -73,8 +73,7 @@ def command(
     if missed := tables.miss_lines(sheet.rows, misses):
         print_text(["", "Misses", *missed])
     if anew:
-        print_text(["", tables.settled_text(anew, sheet.rows)])
-        print_table(tables.next_runs(anew))
+        print_text(["", tables.settled_text(anew, sheet.rows), *tables.next_run_lines(anew)])
     if out is not None:
         write_score(sheet, out, power, anew)
         click.echo(f"\nReport: {out / 'score.html'}\nNumbers: {out / 'score.json'}")

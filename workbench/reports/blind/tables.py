@@ -372,6 +372,14 @@ def next_runs(cases: Sequence[WithNextRun]) -> Table:
     return Table([words(name) for name in columns], lines, "Settled: the answer is right, and leaves nothing open.")
 
 
+def next_run_lines(cases: Sequence[WithNextRun]) -> list[str]:
+    """The same as sentences, for a terminal."""
+    return [
+        f"{name}: {told}, answered {said}; with a run {run}: {then}; settled: {settled}."
+        for name, told, said, run, then, settled in next_runs(cases).rows
+    ]
+
+
 def _answer(row: Row) -> str:
     """As friction_viscous (0.93)."""
     said = " + ".join(row["names"]) or row["word"].replace("_", " ")
