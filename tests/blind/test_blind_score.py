@@ -202,6 +202,23 @@ def test_intervals_are_wilsons(count: int, of: int, low: float, high: float):
     assert Share(count, of).interval() == pytest.approx((low, high), abs=5e-5)
 
 
+@pytest.mark.parametrize(("n", "interval"), [(5, None), (6, (1, 6)), (9, (2, 8)), (20, (6, 15)), (25, (8, 18))])
+def test_the_interval_of_a_median_lies_between_two_of_the_values(n: int, interval: tuple[int, int] | None):
+    """Of 20 values P(Binomial(20, 1/2) < 6) is 2.07 %, that of < 7 is 5.77 %."""
+    assert measures.median_interval([float(k) for k in range(1, n + 1)]) == interval
+
+
+def test_sizes_stand_by_kind_of_machine_with_every_measure_that_asks_of_a_cause():
+    rows = [*ANSWERS, made([OFFSET], "named", [OFFSET], family="axis_std")]
+    (_, axis), (heading, hoist) = tables.sizes_by_kind(rows)
+    assert heading == "By the size of the gap: hoist"
+    assert axis.by_column["10 and more"][axis.by_column["measured"].index("single effect named")].startswith("1/1")
+    assert {"pair: one or both", "correction harmful", "calibration error"} <= set(hoist.by_column["measured"])
+    assert "no gap, but named" not in hoist.by_column["measured"]
+    ((heading, _),) = tables.sizes_by_kind(ANSWERS)
+    assert heading == "By the size of the gap"
+
+
 UNLISTED = "unlisted: a fan"
 
 

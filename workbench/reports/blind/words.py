@@ -23,7 +23,7 @@ def sentences(sheet: Sheet) -> list[str]:
     said = [sentence for score in sheet.scores for sentence in _of_folder(score, f"{score.folder.name}: " * several)]
     broken = [row["folder"] for row in sheet.rows if row["word"] in ("refused", "failed")]
     if broken:
-        said.append(f"No diagnosis came of {', '.join(broken)}; they count as wrong.")
+        said.append(f"No diagnosis came of {', '.join(broken)}; counted as wrong.")
     if all(criteria.source_of(row) == "plant" for row in sheet.rows):
         said.append("All campaigns come from the plant's own equations: this is what the diagnosis can do at best.")
     return said
