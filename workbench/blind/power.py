@@ -97,14 +97,14 @@ def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str
     if one_more:
         least = min((one.ratio for one in effects if one.ratio is not None), default=1.0)
         bought = (
-            f"makes no effect show at a size that is smaller by more than {100.0 * LITTLE:g} %"
+            "No run of a few that were tried makes an effect show at a size that is smaller by more than "
+            f"{100.0 * LITTLE:g} %; {run} comes nearest."
             if least > 1.0 - LITTLE
-            else f"makes effects show at down to {100.0 * least:.0f} % of these sizes"
+            else f"One more run, {run}, makes effects show at down to {100.0 * least:.0f} % of these sizes; of a few "
+            "runs it is the one that buys most."
         )
-        sentences.append(
-            f"One more run, {run}, {bought}. That is computed from the effects' signatures in the simulated runs, and "
-            "not by further diagnoses; of a few runs it is the one that buys most."
-        )
+        how = "That is computed from the effects' signatures in the simulated runs, and not by further diagnoses."
+        sentences.append(f"{bought} {how}")
     return Power(effects, rig.unit, note, tuple(sentences))
 
 
