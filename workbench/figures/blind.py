@@ -208,7 +208,8 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
     if beyond:
         x = [effect.largest_change_tried for effect in beyond]
         marker = {"color": VERMILLION, "symbol": "triangle-right"}
-        data.append(points("not within the sizes tried", beyond, x, [e.largest_tried for e in beyond], marker))
+        tried = points("not within the sizes tried", beyond, x, [e.largest_tried for e in beyond], marker)
+        data.append({**tried, "text": [f"> {amount}" for amount in tried["text"]]})
     layout = {
         "title": heading("The smallest effect that these runs would have named in 9 of 10", height),
         "height": height,
