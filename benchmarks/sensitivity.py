@@ -214,13 +214,19 @@ def _kept(out: Path, listed: Sequence[Number], campaign: tuple[str, Path]) -> st
 
 def table(rows: Sequence[Row], answers: Mapping[str, Mapping[str, Any]], listed: Sequence[Number]) -> Table:
     """A line for each number: place, value, reason; with it 30 % smaller and larger the answers that are right, those
-    that are right or alike, and the calibration error."""
+    that are right or alike, and the calibration error; and the campaigns in which it changes anything."""
     those = [row for row in rows if answers.get(file_name(row))]
 
     def share(key: str, which: int) -> str:
         given = [{**row, **answers[file_name(row)][key][which]} for row in those if key in answers[file_name(row)]]
         exact, also = Share.counted(given, right), Share.counted(given, right_or_alike)
         return f"{exact.count}, {also.count} of {exact.of}; {calibration_error(given):.3f}" if exact.of else "–"
+
+    def counts(number: Number) -> str:
+        """In how many campaigns the answer or a probability is another one with it."""
+        judged = [kept for row in those if number.key in (kept := answers[file_name(row)])]
+        moved = sum(any(said != kept["as it is"][0] for said in kept[number.key]) for kept in judged)
+        return f"{moved} of {len(judged)}" if judged else "–"
 
     as_is = share("as it is", 0)
     lines = [
@@ -231,11 +237,12 @@ def table(rows: Sequence[Row], answers: Mapping[str, Mapping[str, Any]], listed:
             n.reason,
             share(n.key, 0),
             share(n.key, 1),
+            counts(n),
         ]
         for n in listed
     ]
     heads = [words("number"), words("where"), Column("value"), words("reason")]
-    columns = [*heads, Column("30 % smaller"), Column("30 % larger")]
+    columns = [*heads, Column("30 % smaller"), Column("30 % larger"), Column("counts in")]
     note = f"Right, right or alike, and calibration error with all numbers as they are: {as_is}."
     return Table(columns, lines, note)
 

@@ -76,7 +76,7 @@ def test_the_table_counts_what_other_numbers_would_have_answered(tmp_path: Path)
         "set_002": {},  # was refused
     }
     made = sensitivity.table(rows, answers, [number])
-    assert made.rows[0] == ["UNDONE", "verdict.judge", "0.15", "why", "0, 0 of 2; 0.800", "1, 2 of 2; 0.400"]
+    assert made.rows[0] == ["UNDONE", "verdict.judge", "0.15", "why", "0, 0 of 2; 0.800", "1, 2 of 2; 0.400", "2 of 2"]
     assert "2, 2 of 2; 0.100" in made.note
     page = tmp_path / "page.md"
     page.write_text(f"# Numbers\n\n{sensitivity.BEGIN}\nold\n")
