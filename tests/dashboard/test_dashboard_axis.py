@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from tests.support.dashboard_app import errors, page
+from tests.support.dashboard_app import errors, figures, page
 from workbench.control import LinearCascade
 from workbench.dashboard import controller, machines
 from workbench.dashboard.pages.study.axis.desk import AxisDesk, axis_desk_of, axis_scenario, usual_desk, with_gains
@@ -66,7 +66,7 @@ def test_an_axis_is_studied_in_its_own_units(study):
     assert {"Limit speed (m/s)", "kv (1/s)", "kp (N s/m)", "ki (N/m)", "Start position (m)"} <= labels(study)
     assert not any("ayload" in name or "height" in name for name in labels(study))
     assert [metric.label for metric in study.metric] == ["Force peak", "Largest tracking error", "Move time"]
-    assert len(study.get("plotly_chart")) == 1
+    assert len(figures(study)) == 1
 
 
 def test_its_table_and_verdict_are_those_of_the_library(study):
