@@ -153,7 +153,9 @@ def test_a_link_that_was_cut_is_one_error(cut: float):
 def test_a_link_of_another_machine_gives_its_runs():
     machine = with_values(default_hoist(), {"wire.damping_time_s": 0.0025, "drive.torque_lag_s": 0.004})
     scenario = scenario_of(Desk(), machine)
-    again = scenario_of(from_address(in_address(scenario, machine) or ""), default_hoist())
+    desk, _ = from_address(in_address(scenario, machine) or "")
+    assert isinstance(desk, Desk)
+    again = scenario_of(desk, default_hoist())
     assert plan_study(again, default_hoist()).machine == machine
 
 

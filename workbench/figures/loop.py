@@ -225,7 +225,7 @@ def gang_of_four(
 
 
 STEPS = (
-    ("speed_reference", "speed_motor_rad_s", "motor speed (rad/s)<br>reference step 1 rad/s", 1.0, "rad/s"),
+    ("speed_reference", "speed_motor_rad_s", "motor speed (rad/s)<br>step of 1 rad/s", 1.0, "rad/s"),
     ("speed_reference", "speed_carriage_m_s", "carriage speed (mm/s)<br>the same step", 1000.0, "mm/s"),
     ("speed_reference", "tension_drum_n", "wire tension (N)<br>the same step", 1.0, "N"),
     ("load_torque", "speed_motor_rad_s", "motor speed (mrad/s)<br>1 N m on the shaft", 1000.0, "mrad/s"),
@@ -243,10 +243,10 @@ def steps_of(member: Member) -> tuple[Step, ...]:
     way, speed, unit = kind.moved.unit, _SPEEDS[kind.moved.unit], kind.drive.unit
     fine = f"m{way}"
     # One thousandth of a metre or radian: a step that no drive could follow if it were whole.
-    moved = (("position_reference", loop.position, f"position ({fine})<br>reference step 1 {fine}", 1.0, fine),)
+    moved = (("position_reference", loop.position, f"position ({fine})<br>step of 1 {fine}", 1.0, fine),)
     return (
         *(moved if _has_position_loop(member) else ()),
-        ("speed_reference", loop.speed, f"speed ({speed})<br>speed reference step 1 {speed}", 1.0, speed),
+        ("speed_reference", loop.speed, f"speed ({speed})<br>step of 1 {speed}", 1.0, speed),
         ("load_torque", loop.speed, f"speed (m{speed})<br>1 {unit} on the axis", 1000.0, f"m{speed}"),
         *(
             (("load_torque", loop.position, f"position ({fine})<br>1 {unit} on the axis", 1000.0, fine),)

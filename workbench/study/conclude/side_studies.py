@@ -27,12 +27,13 @@ def over_ramps(
 
     accelerations, jerks: in m/s² and m/s³, of a rotary axis in rad/s² and rad/s³.
     """
-    unit = kind_of(machine).moved.unit
+    kind = kind_of(machine)
+    unit = kind.moved.unit
     sweep = {
         f"limits.{key_in(unit, name)}": [float(value) for value in values]
         for name, values in (("acceleration_m_s2", accelerations), ("jerk_m_s3", jerks))
     }
     changes = {**_ONLY_METRICS, "sweep": sweep}
-    if scenario.payloads_kg:
-        changes["payloads_kg"] = (max(scenario.payloads_kg),)
+    if kind.payload:
+        changes["payloads_kg"] = (max(scenario.payloads_kg or (0.0,)),)
     return plan_study(changed(scenario, changes), machine)
