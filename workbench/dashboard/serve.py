@@ -9,6 +9,7 @@ from workbench.dashboard.ahead import LoadAhead
 from workbench.dashboard.options import OPTIONS, hosts_allowed
 from workbench.dashboard.warm import warm
 
+SWITCH_S = 2e-4
 SCRIPT = Path(__file__).parent / "script" / "main.py"
 
 
@@ -18,6 +19,8 @@ def main(port: str, address: str, *hosts: str) -> None:
     from streamlit.components.v2.component_manager import BidiComponentManager
     from streamlit.starlette import App
 
+    # Python's 5 ms would pass between a browser's request and its answer while the first study's imports run beside it.
+    sys.setswitchinterval(SWITCH_S)
     warm()
     # It would read what every installed package says of itself, half a second of the first page; ours it is told of.
     BidiComponentManager.discover_and_register_components = _nothing  # type: ignore[method-assign]
