@@ -107,7 +107,8 @@ def _draw_margins(
         x = per_hz * m.crossover_hz
         _bar(panels, 1, x, foot, at, dark)
         _note(panels, 1, x, foot, f"phase margin {m.phase_deg:.0f}° at {x:.3g} {name_of}<br>{name}")
-        _note(panels, 0, x, 0.0, f"crossover {x:.3g} {name_of}", up=True)
+        late = math.log(m.crossover_hz / f[0]) > 0.6 * math.log(f[-1] / f[0])  # no room on its right
+        _note(panels, 0, x, 0.0, f"crossover {x:.3g} {name_of}", (-40, -44) if late else (50, -30))
     if member is worst.member["gain_up"] and math.isfinite(m.gain_up):
         gain = -20.0 * math.log10(m.gain_up)
         x = per_hz * m.gain_up_hz
@@ -121,13 +122,14 @@ def _bar(panels: Panels, row: int, x: float, y0: float, y1: float, look: dict[st
     panels.shapes[-1]["line"] = {"color": look["color"], "width": look["width"]}
 
 
-def _note(panels: Panels, row: int, x: float, y: float, text: str, up: bool = False) -> None:
+def _note(panels: Panels, row: int, x: float, y: float, text: str, away: tuple[int, int] | None = None) -> None:
+    """away: px right and down from the point."""
     n = panels._number(row, 0)
     # Where the curves are not: the phase's note stands below its foot, left of the crossover.
-    ax, ay = (50, -30) if up else (-70, 22) if row == 0 else (-4, 34)
+    ax, ay = away or ((-70, 22) if row == 0 else (-4, 34))
     panels.annotations.append(
         {"text": text, "x": math.log10(x), "y": y, "xref": f"x{n}", "yref": f"y{n}", "align": "right"}
-        | {"showarrow": True, "arrowhead": 0, "ax": ax, "ay": ay, "xanchor": "left" if up else "right"}
+        | {"showarrow": True, "arrowhead": 0, "ax": ax, "ay": ay, "xanchor": "left" if ax > 0 else "right"}
         | {"font": {"size": 12}, "bgcolor": "rgba(255,255,255,0.8)", "borderpad": 2}
     )
 
