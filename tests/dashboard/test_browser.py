@@ -57,6 +57,7 @@ def test_a_visitor_walks_the_whole_story(chromium: Browser, shots: Path, tmp_pat
         measured["first_page_s"] = first_page(visit)
         measured["slider_to_figures_s"] = moves = sliders(visit)
         measured["slider_to_figures_median_s"] = statistics.median(moves)
+        zoom(visit)
         compare(visit)
         validate(visit, simulated_campaign(tmp_path / "campaign"), tmp_path)
         gap(visit, tmp_path)
@@ -84,6 +85,19 @@ def sliders(visit: Visit) -> list[float]:
     visit.shot("2 study after sliders")
     assert statistics.median(taken) < FIGURES_WITHIN_S
     return taken
+
+
+def zoom(visit: Visit) -> None:
+    """A stretch of time that the mouse has drawn out stays when a slider moves; a double click gives all back."""
+    whole = visit.x_range()
+    visit.zoom(0.2, 0.6)
+    zoomed = visit.x_range()
+    assert whole[0] < zoomed[0] < zoomed[1] < whole[1]
+    visit.moved_ms(visit.page.get_by_test_id("stSlider").filter(has_text="Limit jerk"), 0.05)
+    assert visit.x_range() == zoomed
+    visit.shot("2 study zoomed")
+    visit.page.locator(".nsewdrag").first.dblclick()
+    visit.page.wait_for_function(f"window.bench.xRange()[1] > {zoomed[1]}")
 
 
 def compare(visit: Visit) -> None:

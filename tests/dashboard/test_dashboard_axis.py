@@ -9,17 +9,23 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from tests.support.dashboard_app import errors, page
+from tests.support import axes
+from tests.support.dashboard_app import errors, figures, page
 from workbench.control import LinearCascade
 from workbench.dashboard import controller, machines
+from workbench.dashboard.pages.compare.kept import Kept
+from workbench.dashboard.pages.study.address import axis_address, from_address
 from workbench.dashboard.pages.study.axis.desk import AxisDesk, axis_desk_of, axis_scenario, usual_desk, with_gains
 from workbench.dashboard.pages.study.axis.page import axis_text
 from workbench.dashboard.pages.study.controls import Desk
+from workbench.dashboard.pages.study.runs import beside_ramps
 from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
 from workbench.errors import InputError
+from workbench.kinds import kind_of
 from workbench.machine import default_hoist, shipped, with_values
 from workbench.machine.axis import LinearAxis, RotaryAxis
 from workbench.machine.files import machine_text
+from workbench.study.conclude.decide import verdict
 from workbench.study.execute.run import run_study
 from workbench.study.scenario.load import load_study, plan_study
 
@@ -66,7 +72,7 @@ def test_an_axis_is_studied_in_its_own_units(study):
     assert {"Limit speed (m/s)", "kv (1/s)", "kp (N s/m)", "ki (N/m)", "Start position (m)"} <= labels(study)
     assert not any("ayload" in name or "height" in name for name in labels(study))
     assert [metric.label for metric in study.metric] == ["Force peak", "Largest tracking error", "Move time"]
-    assert len(study.get("plotly_chart")) == 1
+    assert len(figures(study)) == 2
 
 
 def test_its_table_and_verdict_are_those_of_the_library(study):
@@ -125,6 +131,80 @@ def test_an_axis_gains_go_from_loop_to_study_and_leave_the_hoists_alone():
     study.session_state[f"controller now{whose}"] = (settings,)
     study.run()
     assert study.slider(key="study.axis.kp").value == 5000.0 and not study.exception
+
+
+def test_a_tuning_of_an_axis_fills_its_sliders_and_keeps_its_position_loop():
+    loop = page("Loop")
+    loop.session_state["machine arrived"] = machines.AXIS
+    loop.run()
+    kv, kp = (loop.number_input(key=f"loop {name} typed").value for name in ("kv", "kp"))
+    loop.button(key="loop tune").click().run()
+    assert not loop.exception and errors(loop) == []
+    asked = loop.number_input(key=f"loop hertz {kind_of(EMPS).name}").value
+    slowest = next(metric.value for metric in loop.metric if metric.label == "Slowest bandwidth")
+    assert float(slowest.split()[0]) == pytest.approx(asked, rel=0.05)
+    assert loop.number_input(key="loop kv typed").value == kv
+    assert loop.number_input(key="loop kp typed").value != kp
+
+
+@pytest.mark.parametrize("machine", [EMPS, ROTARY, axes.two_inertia()], ids=lambda machine: machine.name)
+def test_a_link_shows_an_axis_study_on_its_own_machine(machine):
+    desk = usual_desk(machine)
+    scenario = axis_scenario(replace(desk, limits=(0.7 * desk.limits[0], *desk.limits[1:])), machine)
+    text = axis_address(scenario, machine)
+    assert text is not None
+    read, own = from_address(text)
+    assert isinstance(read, AxisDesk) and own == machine
+    assert axis_scenario(read, machine).limits == scenario.limits
+
+
+def test_a_link_of_an_axis_sets_machine_and_controls_and_the_page_writes_the_same_link():
+    text = axis_address(axis_scenario(usual_desk(ROTARY), ROTARY), ROTARY)
+    app = page("Study")
+    app.query_params["study"] = text
+    app.run()
+    assert not app.exception and errors(app) == []
+    assert app.selectbox(key="study machine").value == "turning arm"
+    assert "".join(app.query_params["study"]) == text
+
+
+def test_the_verdict_of_an_axis_is_that_of_its_front(study):
+    """What beats a choice under other limits is said in the verdict and drawn as the front."""
+    scenario = axis_scenario(shipped_axis_desk(), EMPS)
+    rows = run_study(plan_study(scenario, EMPS)).rows
+    said = verdict(rows, beside_ramps(scenario, EMPS))
+    assert said is not None and study.info[0].value.replace("\\", "").startswith(said)
+    (front,) = (drawn for drawn in figures(study) if "against force peak" in drawn["layout"]["title"]["text"])
+    names = {line["name"] for line in front["data"]}
+    assert {"front: beaten by no run", "chosen: trapezoid", "chosen: ruckig, same limits"} <= names
+
+
+def test_kept_studies_of_an_axis_stand_side_by_side_in_its_units():
+    app = page("Compare")
+    kept: dict[str, Kept] = {}
+    for name, limits in (("first", (0.3, 1.2, 7.6)), ("quicker", (0.4, 1.6, 9.0))):
+        scenario = axis_scenario(replace(usual_desk(EMPS), limits=limits), EMPS)
+        kept[name] = Kept(name, scenario, EMPS, run_study(plan_study(scenario, EMPS)))
+    app.session_state["runs kept"] = kept
+    app.run()
+    assert not app.exception and errors(app) == []
+    table = app.table[0].value
+    rows = dict(zip(table[""], table["quicker"], strict=True))
+    assert rows["limits"].replace("\\", "") == "0.4 m/s, 1.6 m/s², 9 m/s³" and "Force peak \\(N\\)" in rows
+    assert len(figures(app)) == 1 and "kg" not in str([caption.value for caption in app.caption])
+
+
+def test_studies_of_other_kinds_are_not_compared():
+    app = page("Compare")
+    both = {}
+    for name, machine in (("slide", EMPS), ("turn", ROTARY)):
+        scenario = axis_scenario(usual_desk(machine), machine)
+        both[name] = Kept(name, scenario, machine, run_study(plan_study(scenario, machine)))
+    app.session_state["runs kept"] = both
+    app.run()
+    assert not app.exception
+    assert app.info[0].value == "Of another kind of machine than slide, and left out: turn."
+    assert "turn" not in app.table[0].value
 
 
 def test_a_page_for_hoists_says_so_and_leaves_the_axis_chosen():

@@ -10,7 +10,7 @@ import pytest
 from streamlit.testing.v1 import AppTest
 
 from tests.support.batches import SCENARIO
-from tests.support.dashboard_app import errors, page
+from tests.support.dashboard_app import errors, figures, page
 from tests.support.scenario_text import GOOD, write
 from workbench.dashboard import session
 from workbench.dashboard.jobs import job as jobs
@@ -108,7 +108,7 @@ def test_a_batch_is_started_watched_and_opened(server: Path):
         "Shortest move time": "s",
     }
     assert [tab.label for tab in app.tabs] == ["Conclusions", "Figures", "Runs", "What was run"]
-    assert len(app.get("plotly_chart")) >= 3
+    assert len(figures(app)) >= 3
     assert [element.proto.label for element in app.get("download_button")] == [
         "Report", "Index (CSV)", "Index (Parquet)", "Scenario",
     ]  # fmt: skip

@@ -14,7 +14,7 @@ pytest.importorskip("streamlit")
 
 from streamlit.testing.v1 import AppTest
 
-from tests.support.dashboard_app import errors, page
+from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import hoist_columns, write_campaign
 from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
@@ -99,7 +99,7 @@ def turned(app: AppTest, job: jobs.Job, tab: str) -> AppTest:
 
 
 def titles(app: AppTest) -> list[str]:
-    return [json.loads(chart.proto.spec)["layout"]["title"].get("text", "") for chart in app.get("plotly_chart")]
+    return [figure["layout"]["title"].get("text", "") for figure in figures(app)]
 
 
 def words(app: AppTest) -> str:
@@ -162,7 +162,7 @@ def test_a_diagnosis_is_run_in_a_process_of_its_own_and_its_answer_shown(server,
     said = json.loads((job.file("result") / "diagnosis.json").read_text())
     assert f"#### {said['sentence']}" in words(app).replace("\u00a0", " ")
     assert "one effect at most · 1 candidate" in words(app)
-    ranked = json.loads(app.get("plotly_chart")[0].proto.spec)["data"][0]
+    ranked = figures(app)[0]["data"][0]
     assert set(ranked["y"]) >= {"no gap", "unknown cause"}
 
 

@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[2]
 # Drawn in a process of its own, as a first visit does; what pandas costs is a third of the imports before it.
 _DRAWN = """
 import sys
-from tests.support.dashboard_app import page
+from tests.support.dashboard_app import figures, page
 app = page("Study").run()
-assert not app.exception and len(app.get("plotly_chart")) == 4
+assert not app.exception and len(figures(app)) == 4
 print([name for name in ("pandas", "matplotlib", "control", "exudyn", "pymodbus", "asyncua") if name in sys.modules])
 """
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from tests.support.dashboard_app import errors, page
+from tests.support.dashboard_app import errors, figures, page
 from workbench.analysis.family import family, operating_points
 from workbench.analysis.loop import INPUTS, SHOWN
 from workbench.analysis.step import step_response
@@ -24,10 +23,6 @@ from workbench.machine import default_hoist, with_values
 from workbench.reports.loop.case import usual_controller
 
 OWN = {"torque_lag_s": "2", "speed_filter_s": "3", "speed_delay_s": "1"}  # the default drive's, in ms, in its keys
-
-
-def figures(app: Any) -> list[dict[str, Any]]:
-    return [json.loads(chart.proto.spec) for chart in app.get("plotly_chart")]
 
 
 def number(app: Any, label: str) -> str:

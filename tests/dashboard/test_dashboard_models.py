@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -13,7 +12,7 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from tests.support.dashboard_app import errors, page
+from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.dashboard import campaigns, session
 from workbench.dashboard.jobs import job as jobs
@@ -76,7 +75,7 @@ def test_both_models_are_compared_by_a_job_and_shown(server, tmp_path):
     expected = compare_models(campaign.machine, campaign.runs)
     line = app.dataframe[-1].value.iloc[0]
     assert float(line.iloc[3]) == pytest.approx(expected.runs[0].apart_percent, abs=2e-3)
-    titles = [json.loads(chart.proto.spec)["layout"]["title"].get("text", "") for chart in app.get("plotly_chart")]
+    titles = [figure["layout"]["title"].get("text", "") for figure in figures(app)]
     assert titles[-3:] == ["Motor speed of both models", "Difference of both models", "Forces of rollers and cylinders"]
     assert "The paper's models took 3.46 s and 91.53 s" in words(app)
     assert [button.proto.label for button in app.get("download_button")][-2:] == ["Report", "models.json"]

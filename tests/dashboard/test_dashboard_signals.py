@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from tests.support.dashboard_app import errors, page
+from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.dashboard import campaigns
 from workbench.dashboard.pages.signals.page import RAMP, _part, _runs_table
@@ -113,7 +112,7 @@ def offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def spec(app: Any) -> dict[str, Any]:
-    read: dict[str, Any] = json.loads(app.get("plotly_chart")[0].proto.spec)
+    read: dict[str, Any] = figures(app)[0]
     return read
 
 

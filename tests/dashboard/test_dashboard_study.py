@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import os
 import signal
 import socket
@@ -21,7 +20,7 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from tests.support.dashboard_app import errors, page
+from tests.support.dashboard_app import errors, figures, page
 from workbench.cli import cli
 from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2
 from workbench.dashboard import machines, session, shell, widgets
@@ -81,7 +80,7 @@ def test_the_study_page_runs_and_leads_with_the_deciding_numbers(drawn):
     assert list(metrics(drawn)) == [
         "Torque peak per motor", "Largest speed error", "Smallest wire tension", "Move time",
     ]  # fmt: skip
-    assert len(drawn.get("plotly_chart")) == 4
+    assert len(figures(drawn)) == 4
 
 
 def test_the_numbers_are_those_of_the_library(drawn):
@@ -121,7 +120,7 @@ def test_another_payload_may_be_typed_and_a_word_is_one_clear_error():
     assert not app.exception and not app.error
     app.multiselect(key="study.payloads").set_value([0.0, "heavy"]).run()
     assert errors(app) == ["Payloads (kg): 'heavy', expected a number in kg"]
-    assert len(app.get("plotly_chart")) == 4  # of the last settings that could be run
+    assert len(figures(app)) == 4  # of the last settings that could be run
 
 
 def test_without_a_payload_the_page_asks_for_one():
@@ -154,7 +153,9 @@ def test_a_link_that_was_cut_is_one_error(cut: float):
 def test_a_link_of_another_machine_gives_its_runs():
     machine = with_values(default_hoist(), {"wire.damping_time_s": 0.0025, "drive.torque_lag_s": 0.004})
     scenario = scenario_of(Desk(), machine)
-    again = scenario_of(from_address(in_address(scenario, machine) or ""), default_hoist())
+    desk, _ = from_address(in_address(scenario, machine) or "")
+    assert isinstance(desk, Desk)
+    again = scenario_of(desk, default_hoist())
     assert plan_study(again, default_hoist()).machine == machine
 
 
@@ -210,7 +211,7 @@ def test_signals_are_the_runs_own_in_every_form(tmp_path: Path):
 
 
 def test_one_cursor_goes_over_all_rows_of_a_column(drawn):
-    spec = json.loads(drawn.get("plotly_chart")[0].proto.spec)
+    spec = figures(drawn)[0]
     assert spec["layout"]["hoversubplots"] == "axis"
     assert {trace["xaxis"] for trace in spec["data"]} == {"x10", "x11", "x12"}  # three columns of four rows
 
@@ -230,7 +231,7 @@ def test_a_stretch_of_time_stays_while_sliders_move_and_a_bad_one_is_said():
     app.number_input(key="study from (s)").set_value(17.0)
     app.number_input(key="study to (s)").set_value(21.0).run()
     for _ in range(2):
-        times = json.loads(app.get("plotly_chart")[0].proto.spec)["data"][0]["x"]
+        times = figures(app)[0]["data"][0]["x"]
         drawn = np.frombuffer(base64.b64decode(times["bdata"]), times["dtype"]) if isinstance(times, dict) else times
         assert min(drawn) > 16.9 and max(drawn) < 21.1
         app.slider(key="study.up.jerk").set_value(1.2).run()
@@ -243,7 +244,7 @@ def test_runs_that_fail_are_said_and_the_others_shown():
     app.multiselect(key="study.payloads").set_value([0.0, "30000"]).run()
     assert not app.exception
     assert app.warning[0].value.startswith("2 of 4 runs failed") and "30000 kg, trapezoid" in app.warning[0].value
-    assert metrics(app)["Torque peak per motor"][0].endswith(" N m") and len(app.get("plotly_chart")) == 3
+    assert metrics(app)["Torque peak per motor"][0].endswith(" N m") and len(figures(app)) == 3
 
 
 def test_a_payload_that_one_reference_cannot_carry_is_said_to_be_left_out_of_the_table():
@@ -346,7 +347,7 @@ def test_an_uploaded_machine_is_what_is_run(drawn):
     app = trapezoid_and_ruckig(page("Study").run())
     app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
     assert not app.exception and "Choose a machine.yaml." in [info.value for info in app.info]
-    assert len(app.get("plotly_chart")) == 4  # of the machine chosen before
+    assert len(figures(app)) == 4  # of the machine chosen before
     from workbench.machine.files import machine_text
 
     heavier = with_values(default_hoist(), {"carriage.mass_kg": 12000.0})

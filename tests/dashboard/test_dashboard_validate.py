@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from tests.support.dashboard_app import errors, page
+from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from tests.support.simulated_campaign import TRUTH, simulated_campaign
 from workbench.dashboard import campaigns, machines
@@ -54,7 +53,7 @@ def zipped(folder: Path) -> bytes:
 
 
 def titles(app: Any) -> list[str]:
-    return [json.loads(chart.proto.spec)["layout"]["title"].get("text", "") for chart in app.get("plotly_chart")]
+    return [figure["layout"]["title"].get("text", "") for figure in figures(app)]
 
 
 def number(app: Any, label: str) -> float:
@@ -233,7 +232,7 @@ def test_an_axis_is_replayed_and_identified_too(monkeypatch, tmp_path):
     assert not app.exception and errors(app) == []
     app.button(key="validate identify").click().run()
     assert not app.exception and errors(app) == []
-    axis = json.loads(app.get("plotly_chart")[0].proto.spec)["layout"]["xaxis"]["title"]["text"]
+    axis = figures(app)[0]["layout"]["xaxis"]["title"]["text"]
     assert axis == "distance from nominal (% of nominal)"
 
 

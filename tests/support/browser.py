@@ -34,7 +34,7 @@ DRAWN_WITHIN_MS = 240_000.0  # a first page may compile kernels, on a computer t
 QUIET_MS = 400
 
 # Runs in the page: when a pointer was let go, when anything last changed, whether the script has ended.
-_INSTRUMENTS = """
+_INSTRUMENTS = r"""
 window.bench = {released: 0, changed: 0};
 addEventListener("pointerup", () => { window.bench.released = performance.now(); }, true);
 new MutationObserver(() => { window.bench.changed = performance.now(); }).observe(
@@ -42,10 +42,15 @@ new MutationObserver(() => { window.bench.changed = performance.now(); }).observ
 window.bench.ended = () => {
   const app = document.querySelector('[data-testid="stApp"]');
   return !!app && app.getAttribute("data-test-script-state") === "notRunning"
-    && !document.querySelector('[data-stale="true"]') && !document.querySelector('[data-testid="stSkeleton"]');
+    && !document.querySelector('[data-stale="true"]') && !document.querySelector('[data-testid="stSkeleton"]')
+    && !document.querySelector("[data-drawing]");
 };
 window.bench.still = quiet => window.bench.ended() && performance.now() - window.bench.changed > quiet;
 window.bench.figures = () => [...document.querySelectorAll(".js-plotly-plot")].filter(f => f.data && f.calcdata);
+window.bench.xRange = () => {
+  const layout = window.bench.figures()[0]._fullLayout;
+  return layout[Object.keys(layout).find(name => /^xaxis\d*$/.test(name))].range;
+};
 window.bench.said = () => window.bench.figures().map(f => JSON.stringify(f.data)).join("|");
 """
 
@@ -208,6 +213,24 @@ class Visit:
         path = self.shots / f"{name}.png"
         self.page.screenshot(path=path, full_page=whole)
         return path
+
+    def x_range(self) -> list[float]:
+        """What the first figure shows of its first axis."""
+        shown: list[float] = self.page.evaluate("window.bench.xRange()")
+        return shown
+
+    def zoom(self, start: float, end: float) -> None:
+        """Draws a box in the first figure from one share of its width to another."""
+        drawing = self.page.locator(".nsewdrag").first
+        drawing.scroll_into_view_if_needed()
+        box = drawing.bounding_box()
+        assert box
+        y = box["y"] + 0.5 * box["height"]
+        self.page.mouse.move(box["x"] + start * box["width"], y)
+        self.page.mouse.down()
+        self.page.mouse.move(box["x"] + end * box["width"], y, steps=4)
+        self.page.mouse.up()
+        self.drawn()
 
     def moved_ms(self, slider: Locator, by: float) -> float:
         """Drags a slider by a share of its width; from the release of the mouse to all figures new and drawn."""

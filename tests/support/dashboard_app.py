@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from streamlit.testing.v1 import AppTest
 
+CHART = "workbench.chart"
 SLOWEST_S = 60.0  # a first run may compile kernels
 
 
@@ -22,3 +24,9 @@ def page(title: str) -> AppTest:
 def errors(app: AppTest) -> list[str]:
     """The errors that the page shows, as sentences."""
     return [shown.value.replace("\\", "") for shown in app.error]
+
+
+def figures(app: AppTest) -> list[dict[str, Any]]:
+    """The figures that the page shows, as Plotly reads them: data and layout."""
+    drawn = [chart.proto.bytes for chart in app.get("bidi_component") if chart.proto.component_name == CHART]
+    return [json.loads(said)["figure"] for said in drawn if said]

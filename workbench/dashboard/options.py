@@ -11,6 +11,7 @@ OPTIONS: dict[str, Value] = {
     # A page from elsewhere whose name is made to mean this computer (DNS rebinding) is refused.
     "server.allowedHosts": ["localhost", "127.0.0.1", "::1"],
     "server.headless": True,  # the command opens the browser itself; streamlit would ask for an e-mail address
+    "server.fileWatcherType": "none",  # the sources do not change under a server
     "server.maxUploadSize": 64,
     "server.enableXsrfProtection": True,
     "browser.gatherUsageStats": False,

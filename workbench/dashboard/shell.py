@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import streamlit as st
 
+from workbench.dashboard.charts import load_ahead
 from workbench.dashboard.jobs.place import jobs_workspace
 from workbench.dashboard.warm import whole_pandas
 from workbench.dashboard.widgets import is_dark
@@ -77,6 +78,7 @@ def run() -> None:
     whole_pandas()
     st.set_page_config(page_title="workbench", page_icon=_ICON, layout="wide")
     st.html(_STYLE_DARK + _STYLE if is_dark() else _STYLE)
+    load_ahead()
     jobs_workspace()  # a page's link drops what names this session's jobs from the address; here it comes back
     pages: list[StreamlitPage] = []
     for title in present():

@@ -1,4 +1,4 @@
-"""Makes the first page quick: imports modules and compiles kernels while the browser still starts."""
+"""Makes the first page quick: imports, kernels and the first study's runs while the browser still starts."""
 
 from __future__ import annotations
 
@@ -49,20 +49,17 @@ def _load(later_s: float = LATER_S) -> None:
 
 
 def _study() -> None:
-    """Imports and kernels."""
+    """The first page's imports, kernels and runs, in the page's order; who visits meanwhile waits for each but once."""
     from workbench.dashboard.pages.compare import page as compare  # noqa: F401
     from workbench.dashboard.pages.study import page as study  # noqa: F401
     from workbench.dashboard.pages.study.controls import Desk, scenario_of
-    from workbench.figures.study_page import study_figures
+    from workbench.dashboard.pages.study.runs import beside_payloads, beside_ramps, on_damping, results
     from workbench.machine import default_hoist
-    from workbench.study.conclude.side_studies import over_ramps
-    from workbench.study.execute.run import run_study
-    from workbench.study.scenario.load import plan_study
 
     machine = default_hoist()
     scenario = scenario_of(Desk(), machine)
-    study_figures(run_study(plan_study(scenario, machine)))
-    run_study(over_ramps(scenario, machine, [0.5], [0.8]))  # keeps no signals, which is a kernel of its own
+    for runs in (results, beside_payloads, beside_ramps, on_damping):
+        runs(scenario, machine)
 
 
 def _loop() -> None:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import streamlit as st
 
+from workbench.dashboard import charts
 from workbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -87,11 +88,7 @@ def is_dark() -> bool:
 
 
 def chart(figure: Figure, key: str, alt: str | None = None) -> None:
-    """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG.
-
-    Streamlit draws a figure that has changed anew, and a zoom made with the mouse goes with it: what is to stay is set
-    by a control of the page.
-    """
+    """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG."""
     from workbench.figures.style import for_dark
 
     config = {
@@ -101,7 +98,7 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
         "toImageButtonOptions": {"format": "png", "filename": key, "scale": 2},
     }
     shown = for_dark(figure) if is_dark() else figure
-    st.plotly_chart(shown, width="stretch", theme=None, key=key, config=config, alt=alt)
+    charts.draw(shown, key, config, alt)
 
 
 def table(shown: Table) -> None:

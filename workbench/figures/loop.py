@@ -107,7 +107,8 @@ def _draw_margins(
         x = per_hz * m.crossover_hz
         _bar(panels, 1, x, foot, at, dark)
         _note(panels, 1, x, foot, f"phase margin {m.phase_deg:.0f}° at {x:.3g} {name_of}<br>{name}")
-        _note(panels, 0, x, 0.0, f"crossover {x:.3g} {name_of}", up=True)
+        late = math.log(m.crossover_hz / f[0]) > 0.6 * math.log(f[-1] / f[0])  # no room on its right
+        _note(panels, 0, x, 0.0, f"crossover {x:.3g} {name_of}", (-40, -44) if late else (50, -30))
     if member is worst.member["gain_up"] and math.isfinite(m.gain_up):
         gain = -20.0 * math.log10(m.gain_up)
         x = per_hz * m.gain_up_hz
@@ -121,13 +122,14 @@ def _bar(panels: Panels, row: int, x: float, y0: float, y1: float, look: dict[st
     panels.shapes[-1]["line"] = {"color": look["color"], "width": look["width"]}
 
 
-def _note(panels: Panels, row: int, x: float, y: float, text: str, up: bool = False) -> None:
+def _note(panels: Panels, row: int, x: float, y: float, text: str, away: tuple[int, int] | None = None) -> None:
+    """away: px right and down from the point."""
     n = panels._number(row, 0)
     # Where the curves are not: the phase's note stands below its foot, left of the crossover.
-    ax, ay = (50, -30) if up else (-70, 22) if row == 0 else (-4, 34)
+    ax, ay = away or ((-70, 22) if row == 0 else (-4, 34))
     panels.annotations.append(
         {"text": text, "x": math.log10(x), "y": y, "xref": f"x{n}", "yref": f"y{n}", "align": "right"}
-        | {"showarrow": True, "arrowhead": 0, "ax": ax, "ay": ay, "xanchor": "left" if up else "right"}
+        | {"showarrow": True, "arrowhead": 0, "ax": ax, "ay": ay, "xanchor": "left" if ax > 0 else "right"}
         | {"font": {"size": 12}, "bgcolor": "rgba(255,255,255,0.8)", "borderpad": 2}
     )
 
@@ -225,7 +227,7 @@ def gang_of_four(
 
 
 STEPS = (
-    ("speed_reference", "speed_motor_rad_s", "motor speed (rad/s)<br>reference step 1 rad/s", 1.0, "rad/s"),
+    ("speed_reference", "speed_motor_rad_s", "motor speed (rad/s)<br>step of 1 rad/s", 1.0, "rad/s"),
     ("speed_reference", "speed_carriage_m_s", "carriage speed (mm/s)<br>the same step", 1000.0, "mm/s"),
     ("speed_reference", "tension_drum_n", "wire tension (N)<br>the same step", 1.0, "N"),
     ("load_torque", "speed_motor_rad_s", "motor speed (mrad/s)<br>1 N m on the shaft", 1000.0, "mrad/s"),
@@ -243,10 +245,10 @@ def steps_of(member: Member) -> tuple[Step, ...]:
     way, speed, unit = kind.moved.unit, _SPEEDS[kind.moved.unit], kind.drive.unit
     fine = f"m{way}"
     # One thousandth of a metre or radian: a step that no drive could follow if it were whole.
-    moved = (("position_reference", loop.position, f"position ({fine})<br>reference step 1 {fine}", 1.0, fine),)
+    moved = (("position_reference", loop.position, f"position ({fine})<br>step of 1 {fine}", 1.0, fine),)
     return (
         *(moved if _has_position_loop(member) else ()),
-        ("speed_reference", loop.speed, f"speed ({speed})<br>speed reference step 1 {speed}", 1.0, speed),
+        ("speed_reference", loop.speed, f"speed ({speed})<br>step of 1 {speed}", 1.0, speed),
         ("load_torque", loop.speed, f"speed (m{speed})<br>1 {unit} on the axis", 1000.0, f"m{speed}"),
         *(
             (("load_torque", loop.position, f"position ({fine})<br>1 {unit} on the axis", 1000.0, fine),)

@@ -102,7 +102,7 @@ def _front(panels: Panels, column: int, front: Front, axes: Sequence[SweptAxis])
     setting = set_in(front.knee).replace(", ", "<br>")
     where = {"x": float(at[0][0]), "y": float(at[1][0]), "xref": f"x{number}", "yref": f"y{number}"}
     panels.annotations.append(
-        {"text": f"<b>knee</b>: {front.knee.reference}<br>{setting}", "align": "left", **where}
+        {"text": f"<b>knee</b>: {label(front.knee.reference)}<br>{setting}", "align": "left", **where}
         | {"showarrow": True, "arrowhead": 0, "arrowcolor": SPARE[0][0], "ax": 60, "ay": -64, "xanchor": "left"}
         | {"font": {"size": 12}, "bgcolor": "rgba(255,255,255,0.85)", "borderpad": 2}
     )

@@ -128,13 +128,18 @@ def _better_beside(taken: Sequence[Choice], rows: Sequence[Row], beside: Sequenc
         row, mine = min(rivals, key=lambda pair: pair[0][choice.judged.peak])
         of, unit = choice.judged.peak, choice.judged.input_unit
         where = f"at {row.payload_kg:g} kg " if choice.judged.payload else ""
-        quicker, lower = mine[TIME] - row[TIME], mine[of] - row[of]
         other = "" if row.reference == choice.reference else f" than {name_of(choice)}"
-        said.append(
-            f"; {where}{name_of(_values(row))} would do better{other} at {set_in(row)}: "
-            f"{quicker:{_seconds(choice)}} s quicker, {lower:.0f} {unit} lower"
-        )
+        quicker, lower = mine[TIME] - row[TIME], mine[of] - row[of]
+        time = f"{quicker:{_seconds(choice)}} s quicker" if quicker > SAME_TIME_S else "as quick"
+        peak = f"{_lower(lower)} {unit} lower" if lower > SAME_PEAK * mine[of] else "as low"
+        what = f"{name_of(_values(row))} would do better{other} at {set_in(row)}"
+        said.append(f"; {where}{what}: {time}, {peak}")
     return "".join(said)
+
+
+def _lower(by: float) -> str:
+    """Whole newtons or newton metres; two digits where that would say little."""
+    return f"{by:.0f}" if by >= 10.0 else f"{by:.2g}"
 
 
 def _values(row: Row) -> Choice:

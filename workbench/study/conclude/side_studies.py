@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from workbench.machine import Hoist
+from workbench.kinds import kind_of
+from workbench.machine import Axis, Hoist
 from workbench.study.scenario.load import Study, plan_study
-from workbench.study.scenario.record import Scenario
+from workbench.study.scenario.record import Scenario, key_in
 from workbench.study.scenario.standalone import changed
 
 _ONLY_METRICS: dict[str, Any] = {"outputs": {"signals": "none"}, "sweep": None, "sample": None}
@@ -20,12 +21,19 @@ def over_payload(scenario: Scenario, machine: Hoist, payloads_kg: Sequence[float
 
 
 def over_ramps(
-    scenario: Scenario, machine: Hoist, accelerations_m_s2: Sequence[float], jerks_m_s3: Sequence[float]
+    scenario: Scenario, machine: Hoist | Axis, accelerations: Sequence[float], jerks: Sequence[float]
 ) -> Study:
-    """The scenario's references at its heaviest payload, each acceleration with each jerk, both ways alike."""
+    """The scenario's references at its heaviest payload, each acceleration with each jerk, both ways alike.
+
+    accelerations, jerks: in m/s² and m/s³, of a rotary axis in rad/s² and rad/s³.
+    """
+    kind = kind_of(machine)
+    unit = kind.moved.unit
     sweep = {
-        "limits.acceleration_m_s2": [float(value) for value in accelerations_m_s2],
-        "limits.jerk_m_s3": [float(value) for value in jerks_m_s3],
+        f"limits.{key_in(unit, name)}": [float(value) for value in values]
+        for name, values in (("acceleration_m_s2", accelerations), ("jerk_m_s3", jerks))
     }
-    heaviest = (max(scenario.payloads_kg or (0.0,)),)
-    return plan_study(changed(scenario, {"payloads_kg": heaviest, **_ONLY_METRICS, "sweep": sweep}), machine)
+    changes = {**_ONLY_METRICS, "sweep": sweep}
+    if kind.payload:
+        changes["payloads_kg"] = (max(scenario.payloads_kg or (0.0,)),)
+    return plan_study(changed(scenario, changes), machine)

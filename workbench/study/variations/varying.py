@@ -49,7 +49,8 @@ def set_in(row: Row) -> str:
     """What a run was set to, in words: `acceleration 0.42 m/s², jerk 2 m/s³`; without what its reference ignores."""
     kind = planned_kinds().get(row.reference)
     ignored = kind is not None and not kind.needs_jerk
-    said = {name: value for name, value in row.assigned.items() if not (ignored and name.endswith("jerk_m_s3"))}
+    jerks = ("jerk_m_s3", "jerk_rad_s3") if ignored else ()
+    said = {name: value for name, value in row.assigned.items() if not name.endswith(jerks)}
     return ", ".join(field_label(name).of(value) for name, value in said.items())
 
 

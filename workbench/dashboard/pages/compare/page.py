@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import streamlit as st
 
-from workbench.control import PiSettings
+from workbench.control import Cascade
 from workbench.dashboard.pages.compare.kept import Kept, forget, kept
+from workbench.dashboard.pages.study.axis.page import axis_text, shipped_as
 from workbench.dashboard.widgets import SAME, chart, plain, text
 from workbench.figures.study import MOST_COLUMNS, overview
+from workbench.figures.study_axis import axis_overview
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.style import label
-from workbench.machine import Hoist
+from workbench.kinds import Kind, kind_of, studied
+from workbench.machine import Axis, Hoist
 from workbench.metrics import Metric, View, shown_in
 from workbench.run import Run
-from workbench.study.execute.run import motor_torque_limit_nm
-from workbench.study.results.row import Row
+from workbench.study.execute.run import motor_torque_limit_nm, peak_limit
+from workbench.study.results.row import Row, metrics_of
 from workbench.study.scenario.standalone import standalone_text
 
 MOST_SAID = 3  # values by which a machine is told from another of its name
@@ -35,9 +38,14 @@ def show() -> None:
     if not chosen:
         st.info("Choose at least one of the kept studies.")
         return
+    others = [study.name for study in chosen if _kind(study).name != _kind(baseline).name]
+    if others:
+        st.info(f"Of another kind of machine than {plain(baseline.name)}, and left out: {plain(', '.join(others))}.")
+    chosen = [study for study in chosen if study.name not in others]
     payloads = _payloads(chosen, kind)
     if not payloads:
-        st.info("These studies have no payload in common for this reference.")
+        common = "payload in common for" if _kind(baseline).payload else "run in common of"
+        st.info(f"These studies have no {common} this reference.")
         return
     _table(chosen, baseline, kind, payloads)
     _figures(chosen, kind, payloads)
@@ -63,7 +71,7 @@ def _list(runs: Mapping[str, Kept]) -> None:
             words, saving, removing = st.columns([6, 1.2, 1.2], vertical_alignment="center")
             words.markdown(f"**{plain(name)}** · {plain(_settings(study))}")
             saving.download_button(
-                "Save", standalone_text(study.scenario, study.machine), file_name=f"{study.scenario.name}.yaml",
+                "Save", _saved(study), file_name=f"{study.scenario.name}.yaml",
                 mime="application/yaml", key=f"compare save {name}", on_click="ignore", width="stretch",
             )  # fmt: skip
             if removing.button("Remove", key=f"compare remove {name}", width="stretch"):
@@ -71,16 +79,36 @@ def _list(runs: Mapping[str, Kept]) -> None:
                 st.rerun()
 
 
+def _saved(study: Kept) -> str:
+    """The scenario as a file; of an axis it names the machine's, which Study saves."""
+    hoist = studied(study.machine)
+    if hoist is not None:
+        return standalone_text(study.scenario, hoist)
+    axis = cast(Axis, study.machine)
+    return axis_text(study.scenario, shipped_as(axis) or f"{study.scenario.name}_machine.yaml")
+
+
+def _kind(study: Kept) -> Kind:
+    return kind_of(study.machine)
+
+
+def _gains(study: Kept) -> list[tuple[str, float, str]]:
+    """Each gain with its unit, as the machine ran with it."""
+    loop = study.result.study.scenario.controller
+    outer = [("kv", loop.kv_per_s, "1/s")] if isinstance(loop, Cascade) else []
+    return [*outer, ("kp", loop.kp, loop.UNITS[0]), ("ki", loop.ki, loop.UNITS[1])]
+
+
 def _settings(study: Kept) -> str:
-    loop = study.scenario.controller
-    gains = f"kp {loop.kp_nm_s_per_rad:g} N m s/rad, ki {loop.ki_nm_per_rad:g} N m/rad"
+    gains = ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in _gains(study))
     return f"{study.machine.name}: {', '.join(said for said in (limits_text(study), gains) if said)}"
 
 
 def limits_text(study: Kept) -> str:
-    limits = study.scenario.limits
-    said = [f"{limits.speed_m_s:g} m/s", f"{limits.acceleration_m_s2:g} m/s²"] if limits.speed_m_s else []
-    return ", ".join([*said, f"{limits.jerk_m_s3:g} m/s³"] if limits.jerk_m_s3 else said)
+    """Speed, acceleration and jerk, in the unit of the machine's way."""
+    limits, unit = study.scenario.limits.given(), kind_of(study.machine).moved.unit
+    each = (("speed_m_s", "/s"), ("acceleration_m_s2", "/s²"), ("jerk_m_s3", "/s³"))
+    return ", ".join(f"{limits[name]:g} {unit}{per}" for name, per in each if name in limits)
 
 
 def _settings_rows(columns: Sequence[Kept]) -> list[tuple[str, list[str]]]:
@@ -89,7 +117,10 @@ def _settings_rows(columns: Sequence[Kept]) -> list[tuple[str, list[str]]]:
     rows = [("machine", machines)]
     for what, say in (
         ("limits", lambda study: limits_text(study)),
-        ("kp, ki", lambda study: f"{_loop(study).kp_nm_s_per_rad:g}, {_loop(study).ki_nm_per_rad:g}"),
+        (
+            ", ".join(name for name, _, _ in _gains(columns[0])),
+            lambda study: ", ".join(f"{value:.4g}" for _, value, _ in _gains(study)),
+        ),
         ("model", lambda study: study.scenario.plant),
     ):
         said = [say(study) for study in columns]
@@ -110,7 +141,7 @@ def machine_told_apart(study: Kept, columns: Sequence[Kept]) -> str:
     return f"{own.name}: {said}"
 
 
-def values_of(machine: Hoist) -> dict[str, float]:
+def values_of(machine: Hoist | Axis) -> dict[str, float]:
     """Dotted name -> number, of all but what the machine is identified by."""
     values: dict[str, float] = {}
 
@@ -123,10 +154,6 @@ def values_of(machine: Hoist) -> dict[str, float]:
 
     walk(machine.model_dump(exclude={"effects", "identified"}), "")
     return values
-
-
-def _loop(study: Kept) -> PiSettings:
-    return study.result.study.scenario.controller
 
 
 def _payloads(chosen: Sequence[Kept], kind: str) -> list[float]:
@@ -154,7 +181,7 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
         table[""].append(what)
         for study, words in zip(columns, said, strict=True):
             table[plain(study.name)].append(plain(words))
-    for metric in shown_in(View.COMPARE):
+    for metric in shown_in(View.COMPARE, metrics_of(rows)):
         if not all(row.metrics.get(metric.name) is not None for row in rows):
             continue
         values = [metric.scale * row[metric.name] for row in rows]
@@ -166,7 +193,8 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
                 cell += difference(value, values[0], metric)
             table[plain(study.name)].append(cell)
     st.table(table, hide_index=True)
-    st.caption(f"{label(kind).capitalize()}, {payload:g} kg. In brackets the difference to {plain(baseline.name)}.")
+    load = f", {payload:g} kg" if _kind(baseline).payload else ""
+    st.caption(f"{label(kind).capitalize()}{load}. In brackets the difference to {plain(baseline.name)}.")
 
 
 def difference(value: float, base: float, metric: Metric) -> str:
@@ -192,8 +220,22 @@ def _figures(chosen: Sequence[Kept], kind: str, payloads: Sequence[float]) -> No
                 runs.append((study.name, study.result.runs[row.run_id]))
     if not runs:
         return
+    hoists = [hoist for study in chosen if (hoist := studied(study.result.study.machine)) is not None]
+    if hoists:
+        _of_hoists(runs, hoists)
+    else:
+        _of_axes(runs, [cast(Axis, study.result.study.machine) for study in chosen])
+
+
+def _of_axes(runs: Sequence[tuple[str, Run]], machines: Sequence[Axis]) -> None:
+    strictest = min(machines, key=peak_limit)
+    kind, limit = kind_of(strictest), peak_limit(strictest)
+    alt = f"Position, tracking error, speed and {kind.drive.quantity} of the kept studies over time"
+    chart(axis_overview(runs, kind, limit, strictest.drive.nominal, "", height=740), "compare over time", alt)
+
+
+def _of_hoists(runs: Sequence[tuple[str, Run]], machines: Sequence[Hoist]) -> None:
     # The strictest of the machines' limits: a line that holds for all of them.
-    machines = [study.result.study.machine for study in chosen]
     strictest = min(machines, key=motor_torque_limit_nm)
     motor, limit = strictest.motor, motor_torque_limit_nm(strictest)
     chart(

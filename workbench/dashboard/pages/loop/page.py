@@ -26,7 +26,7 @@ def show() -> None:
     with st.sidebar, guarded():
         asked = question()
         settings = gains(asked)
-        goal = wanted(asked.ms_limit)
+        goal = wanted(asked.machine, asked.ms_limit)
     case = LoopCaseFile(asked.machine, settings, "on this page", asked.payloads_kg, asked.heights_m, None)
     cascade = kind_of(case.machine).looped.position_loop
     st.markdown(f"#### {'Position and speed loop' if cascade else 'Speed loop'} · {plain(case.machine.name)}")

@@ -13,6 +13,8 @@ from workbench.dashboard import session
 from workbench.dashboard.pages.loop.controls import Question, put_gains
 from workbench.dashboard.widgets import plain, problem, table
 from workbench.errors import InputError
+from workbench.kinds import kind_of
+from workbench.machine import Axis, Hoist
 from workbench.machine.files import machine_text
 from workbench.reports.loop import tuning as report
 from workbench.reports.loop.case import LoopCaseFile
@@ -30,12 +32,17 @@ class TunedCase:
     machine: str
 
 
-def wanted(ms_limit: float) -> Goal | None:
+def wanted(machine: Hoist | Axis, ms_limit: float) -> Goal | None:
     """The side bar's goal, once its button is pressed."""
-    kind = st.radio("Tune for", [BANDWIDTH, REJECTION], key="loop goal")
-    hertz = st.number_input("Bandwidth (Hz)", 0.2, 500.0, 4.0, 0.5, key="loop hertz", disabled=kind != BANDWIDTH)
+    kind = kind_of(machine)
+    # A position loop under its kv needs a speed loop that is wider than it: an axis begins with a wider one.
+    usual, own = (8.0, f" {kind.name}") if kind.looped.position_loop else (4.0, "")
+    goal = st.radio("Tune for", [BANDWIDTH, REJECTION], key="loop goal")
+    hertz = st.number_input(
+        "Bandwidth (Hz)", 0.2, 500.0, usual, 0.5, key=f"loop hertz{own}", disabled=goal != BANDWIDTH
+    )
     pressed = st.button("Tune", type="primary", width="stretch", icon=":material/tune:", key="loop tune")
-    return Goal(hertz if kind == BANDWIDTH else None, ms_limit) if pressed else None
+    return Goal(hertz if goal == BANDWIDTH else None, ms_limit) if pressed else None
 
 
 def tuning(case: LoopCaseFile, asked: Question, goal: Goal | None) -> None:

@@ -10,7 +10,7 @@ from workbench.control import PiSettings
 from workbench.dashboard import controller
 from workbench.dashboard.campaigns import last_campaign
 from workbench.dashboard.machines import hoist_of_session
-from workbench.dashboard.pages.compare.kept import kept
+from workbench.dashboard.pages.compare.kept import Kept, kept
 from workbench.errors import InputError
 from workbench.figures.style import label
 from workbench.kinds import STUDIED, load_of, of_kind, studied
@@ -44,7 +44,7 @@ class Shown:
 def chosen_runs() -> list[Shown]:
     """The side bar's choice: one run, or two of one machine beside each other. InputError for what cannot be shown."""
     campaign = last_campaign()
-    there = [QUICK, *([STUDY] if kept() else []), *([MEASURED] if campaign is not None else [])]
+    there = [QUICK, *([STUDY] if _of_hoists() else []), *([MEASURED] if campaign is not None else [])]
     what = st.radio("Run", there, key="machine source")
     if what == STUDY:
         return _of_study()
@@ -58,9 +58,15 @@ def chosen_runs() -> list[Shown]:
     return _quick()
 
 
+def _of_hoists() -> dict[str, Kept]:
+    """The studies kept that this drawing can show."""
+    return {name: study for name, study in kept().items() if studied(study.machine) is not None}
+
+
 def _of_study() -> list[Shown]:
-    study = st.selectbox("Study", list(kept()), key="machine study")
-    result = kept()[study].result
+    there = _of_hoists()
+    study = st.selectbox("Study", list(there), key="machine study")
+    result = there[study].result
     names = {f"{row.reference}, {row.payload_kg:g} kg": row.run_id for row in result.rows if row.run_id in result.runs}
     if not names:
         raise InputError("no run of it has come to its end; there is nothing to show", place=study)

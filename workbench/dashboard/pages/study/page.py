@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -10,13 +11,14 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from workbench.dashboard import controller, session
-from workbench.dashboard.machines import session_machine
-from workbench.dashboard.pages.compare.kept import is_kept, keep
-from workbench.dashboard.pages.study.address import KEY, from_address, in_address
+from workbench.dashboard.machines import AXIS, choose_machine, keep_machine, session_machine
+from workbench.dashboard.pages.compare.kept import head as study_head
+from workbench.dashboard.pages.study.address import KEY, axis_address, from_address, in_address
 from workbench.dashboard.pages.study.answer import decision, numbers_of, say, take_away, window
 from workbench.dashboard.pages.study.axis.desk import AxisDesk, axis_scenario
+from workbench.dashboard.pages.study.axis.form import DESK as AXIS_DESK
 from workbench.dashboard.pages.study.axis.form import axis_controls
-from workbench.dashboard.pages.study.axis.page import axis_answer, axis_head, axis_names
+from workbench.dashboard.pages.study.axis.page import axis_answer, axis_files, axis_names
 from workbench.dashboard.pages.study.controls import Desk, scenario_of
 from workbench.dashboard.pages.study.forces import forces
 from workbench.dashboard.pages.study.form import DESK, controls, file_fields, named
@@ -27,11 +29,11 @@ from workbench.figures.pareto import pareto
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.kinds import studied
-from workbench.machine import Axis, Hoist
+from workbench.machine import Axis, Hoist, shipped
 from workbench.study.conclude.decide import verdict
 from workbench.study.conclude.pareto import fronts
 from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
-from workbench.study.results.row import Row
+from workbench.study.results.row import Row, metrics_of
 from workbench.study.scenario.record import Scenario
 from workbench.study.scenario.standalone import standalone_text
 from workbench.study.variations.varying import swept_axes
@@ -59,7 +61,8 @@ def show() -> None:
     with top:
         scenario, machine, result = _run(desk, hoist, bad)
     with head:
-        _head(scenario, machine, result)
+        files = {"Save scenario": (f"{scenario.name}.yaml", standalone_text(scenario, machine))}
+        study_head(scenario, machine, result, files)
     with top:
         sentence = st.empty()
         decision(result, sentence)
@@ -71,17 +74,13 @@ def show() -> None:
     _plane(result)
     with guarded():
         _over_payload(beside_payloads(scenario, machine))
-        said = _ramps(scenario, machine, result)
-        # The ramps' runs are the lumped model's: a verdict over both would lay two models side by side.
-        if scenario.plant == "lumped" and (better := verdict(result.rows, said)) is not None:
-            say(sentence, better, result.rows)
+        _ramps(scenario, machine, result, sentence)
         if (hangs := on_damping(scenario, machine)) is not None:
             st.caption(plain(hangs))
 
 
 def _axis(desk: AxisDesk, machine: Axis, bad: Sequence[InputError], head: DeltaGenerator) -> None:
     """The page below its head for an axis."""
-    st.query_params.pop(KEY, None)  # a link holds a hoist's study
     try:
         if bad:
             raise bad[0]
@@ -98,20 +97,29 @@ def _axis(desk: AxisDesk, machine: Axis, bad: Sequence[InputError], head: DeltaG
     else:
         session.put(AXIS_GOOD, good)
         controller.said("study", desk.controller, controller.owner(machine))
+        _say_address(axis_address(scenario, machine))
     with head:
-        axis_head(*good)
-    axis_answer(*good)
+        study_head(*good, axis_files(scenario, machine))
+    sentence = axis_answer(*good)
+    with guarded():
+        _ramps(*good, sentence)
 
 
 def _from_link() -> None:
     """A session that has set nothing yet begins as its address says."""
     text = st.query_params.get(KEY)
-    if not text or DESK in st.session_state:
+    if not text or DESK in st.session_state or AXIS_DESK in st.session_state:
         return
     try:
-        session.put(DESK, from_address(text))
+        desk, machine = from_address(text)
     except InputError as error:
         problem(error)
+        return
+    if isinstance(desk, Desk):
+        session.put(DESK, desk)
+    else:
+        session.put(AXIS_DESK, desk)
+        choose_machine(AXIS if machine == shipped("emps_axis") else keep_machine(machine.name, machine))
 
 
 def _run(desk: Desk, machine: Hoist, bad: Sequence[InputError]) -> tuple[Scenario, Hoist, StudyResult]:
@@ -132,29 +140,16 @@ def _run(desk: Desk, machine: Hoist, bad: Sequence[InputError]) -> tuple[Scenari
         return scenario, machine, result
     session.put(GOOD, good)
     controller.said("study", scenario.controller)
-    text = in_address(scenario, machine)
-    if text != st.query_params.get(KEY):
-        if text is None:
-            st.query_params.pop(KEY, None)
-        else:
-            st.query_params[KEY] = text
+    _say_address(in_address(scenario, machine))
     return good
 
 
-def _head(scenario: Scenario, machine: Hoist, result: StudyResult) -> None:
-    title, keeping, saving = st.columns([5, 1.5, 1.5], vertical_alignment="center")
-    title.markdown(f"##### {plain(scenario.name)} · {plain(result.study.machine.name)}")
-    known = is_kept(scenario, machine)
-    if keeping.button(
-        "Kept" if known else "Keep for Compare", disabled=known, width="stretch", key="study keep",
-        icon=":material/check:" if known else ":material/compare_arrows:",
-    ):  # fmt: skip
-        keep(scenario.name, scenario, machine, result)
-        st.rerun()
-    saving.download_button(
-        "Save scenario", standalone_text(scenario, machine), file_name=f"{scenario.name}.yaml", mime="application/yaml",
-        icon=":material/download:", on_click="ignore", width="stretch", key="study save",
-    )  # fmt: skip
+def _say_address(text: str | None) -> None:
+    """What the page's address holds of the study."""
+    if text is None:
+        st.query_params.pop(KEY, None)
+    elif text != st.query_params.get(KEY):
+        st.query_params[KEY] = text
 
 
 def _good(result: StudyResult) -> list[tuple[str, Row]]:
@@ -201,15 +196,22 @@ def _over_payload(result: StudyResult) -> None:
     chart(figure, "study payload", "Torque peak over payload for each reference")
 
 
-def _ramps(scenario: Scenario, machine: Hoist, result: StudyResult) -> Sequence[Row]:
-    """The front of move time and peak over other limits; the runs that it is of."""
+def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, sentence: DeltaGenerator) -> None:
+    """The front of move time and peak over other limits, and the verdict anew where one of its runs does better."""
     rows = [row for row in beside_ramps(scenario, machine) if row.ok]
     if not rows:
-        return []
+        return
+    judged = metrics_of(rows)
     heaviest = max(row.payload_kg for row in result.rows)
-    chosen = [row for row in result.rows if row.ok and row.payload_kg == heaviest]
-    axes = swept_axes(rows)
-    figure = pareto(rows, fronts(rows), axes, PEAK, height=480, chosen=chosen)
-    figure.update_layout(title_text=f"Move time against torque peak, {heaviest:g} kg")
-    chart(figure, "study pareto", "Move time against torque peak over accelerations and jerks")
-    return rows
+    axes, limits = swept_axes(rows), scenario.limits.model_dump()
+    own = {name: limits[name.rpartition(".")[2]] for axis in axes for name in axis.columns}
+    chosen = [replace(r, assigned=own) for r in result.rows if r.ok and r.payload_kg == heaviest]
+    # The ramps' runs are the lumped model's: front and verdict would else lay two models side by side.
+    lumped = scenario.plant == "lumped"
+    front = fronts([*rows, *chosen] if lumped else rows)
+    figure = pareto(rows, front, axes, judged.peak, height=480, chosen=chosen)
+    what = f"Move time against {judged.input_words} peak"
+    figure.update_layout(title_text=f"{what}, {heaviest:g} kg" if judged.payload else what)
+    chart(figure, "study pareto", f"{what} over accelerations and jerks")
+    if lumped and (better := verdict(result.rows, rows)) is not None:
+        say(sentence, better, result.rows)

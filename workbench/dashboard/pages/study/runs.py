@@ -46,16 +46,22 @@ def beside_payloads(scenario: Scenario, machine: Hoist) -> StudyResult:
     return _run(*_values(study), study)
 
 
-def beside_ramps(scenario: Scenario, machine: Hoist) -> Sequence[Row]:
+def beside_ramps(scenario: Scenario, machine: Hoist | Axis) -> Sequence[Row]:
     """Other accelerations and jerks at the heaviest payload; the trapezoid has accelerations only."""
-    limits = scenario.limits
-    accelerations = [round(limits.acceleration_m_s2 * k, 4) for k in RAMPS if limits.acceleration_m_s2]
-    jerks = [round(limits.jerk_m_s3 * k, 4) for k in JERKS if limits.jerk_m_s3]
+    limits = scenario.limits.given()
+    acceleration, jerk = (limits.get(name, 0.0) for name in ("acceleration_m_s2", "jerk_m_s3"))
+    accelerations = [_short(acceleration * k) for k in RAMPS if acceleration]
+    jerks = [_short(jerk * k) for k in JERKS if jerk]
     rows: list[Row] = []
     for kinds, other in ((("trapezoid",), jerks[3:4]), (("ruckig",), jerks)):
         study = over_ramps(changed(scenario, {"references": kinds} | LUMPED), machine, accelerations, other)
         rows += _run(*_values(study), study).rows
     return rows
+
+
+def _short(value: float) -> float:
+    """As a sentence can say it."""
+    return float(f"{value:.3g}")
 
 
 def on_damping(scenario: Scenario, machine: Hoist) -> str | None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from workbench.dashboard.pages.study.answer import decision, numbers_of, take_away, window
-from workbench.dashboard.widgets import chart, plain
+from workbench.dashboard.widgets import chart
 from workbench.figures.study_axis import axis_overview
 from workbench.kinds import kind_of
 from workbench.machine import SHIPPED, Axis, shipped
@@ -36,22 +37,16 @@ def axis_names(machine: Axis) -> dict[str, str]:
     }
 
 
-def axis_head(scenario: Scenario, machine: Axis, result: StudyResult) -> None:
-    """The study's name, and its two files: the scenario names the machine's by its file name."""
-    title, saving, beside = st.columns([5, 1.5, 1.5], vertical_alignment="center")
-    title.markdown(f"##### {plain(scenario.name)} · {plain(result.study.machine.name)}")
-    own = next((name for name in SHIPPED if shipped(name) == machine), None)
-    file = f"{scenario.name}_machine.yaml"
-    saving.download_button(
-        "Save scenario", axis_text(scenario, own or file), file_name=f"{scenario.name}.yaml", mime="application/yaml",
-        icon=":material/download:", on_click="ignore", width="stretch", key="study save",
-    )  # fmt: skip
-    if own is None:
-        beside.download_button(
-            "Save machine", machine_text(machine), file_name=file, mime="application/yaml", icon=":material/download:",
-            on_click="ignore", width="stretch", key="study save machine", help="The scenario names it; keep the two "
-            "in one folder.",
-        )  # fmt: skip
+def axis_files(scenario: Scenario, machine: Axis) -> dict[str, tuple[str, str]]:
+    """Button -> (file name, text): the scenario, and the machine that it names where that does not ship."""
+    own, file = shipped_as(machine), f"{scenario.name}_machine.yaml"
+    files = {"Save scenario": (f"{scenario.name}.yaml", axis_text(scenario, own or file))}
+    return files if own else files | {"Save machine": (file, machine_text(machine))}
+
+
+def shipped_as(machine: Axis) -> str | None:
+    """What a scenario calls the machine; None for one that does not ship."""
+    return next((name for name in SHIPPED if shipped(name) == machine), None)
 
 
 def axis_text(scenario: Scenario, machine: str) -> str:
@@ -62,9 +57,10 @@ def axis_text(scenario: Scenario, machine: str) -> str:
     return dumps({key: value for key, value in data.items() if value not in ({}, "")})
 
 
-def axis_answer(scenario: Scenario, machine: Axis, result: StudyResult) -> None:
-    """Verdict, lights, table, numbers, the runs over time, files."""
-    decision(result, st.empty())
+def axis_answer(scenario: Scenario, machine: Axis, result: StudyResult) -> DeltaGenerator:
+    """Verdict, lights, table, numbers, the runs over time, files; the place of the verdict."""
+    sentence = st.empty()
+    decision(result, sentence)
     with st.expander("One reference against the trapezoid", icon=":material/compare:"):
         numbers_of(result)
     ran, kind = result.study.machine, kind_of(machine)
@@ -75,3 +71,4 @@ def axis_answer(scenario: Scenario, machine: Axis, result: StudyResult) -> None:
         alt = f"Position, tracking error, speed and {kind.drive.quantity} over time"
         chart(figure, "study over time", alt)
     take_away(result)
+    return sentence
