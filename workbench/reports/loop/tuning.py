@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from workbench.analysis.family import weakest
+from workbench.analysis.obstacle import rounded_down
 from workbench.analysis.tune import Candidate, Tuned, Weights
 from workbench.control import Cascade, Settings
 from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.reports.loop.case import LoopCaseFile
-from workbench.reports.loop.report import drive_sentence, effect_sentences, least_sentence, load_sentence
+from workbench.reports.loop.report import drive_sentence, effect_sentences, event_words, least_sentence, load_sentence
 from workbench.reports.numbers import figures
 from workbench.tables import Column, Table, words
 from workbench.yaml_strict import dumps
@@ -87,13 +88,15 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
     drive = " ".join([drive_sentence(case.machine, win.settings.sample_time_s), *effect_sentences(case.machine)])
     lines = [
         f"{asked}, at {n} {points}. {drive} "
-        f"The widest bandwidth that this allows is {figures(tuned.attainable_hz)} Hz.",
+        f"The widest bandwidth that this allows is {rounded_down(tuned.attainable_hz)} Hz.",
         f"Chosen of {len(tuned.tried)} candidates for the least weighted cost (tracking {weights.tracking:g}, peak "
         f"{weights.peak:g}, effort {weights.effort:g}): against the shaped gains tracking error "
         f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, {kind.drive.quantity} peak "
         f"{_change(start.score.peak_percent, win.score.peak_percent)}.",
-        f"Of the winner's loops: {least_sentence(tuned.members)} {load_sentence(tuned.members)}",
+        f"The winner's loops. {least_sentence(tuned.members)} {load_sentence(tuned.members, case.machine)}",
     ]
+    if said := event_words(case):
+        lines.append(f"The candidates were simulated with the scenario's events: {said}.")
     loop = kind.looped
     if win.score.peak_percent >= 99.9 * loop.peak_limit(case.machine) / loop.input_scale(case.machine):
         who = "motors reach their torque" if kind.payload else f"drive reaches its {kind.drive.quantity}"
