@@ -17,6 +17,7 @@ from workbench.errors import InputError
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Hoist, with_values
 from workbench.run import Run
+from workbench.simulate.lowpass import lowpass
 
 RPM = 60.0 / (2.0 * math.pi)
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"
@@ -232,3 +233,15 @@ def test_units_are_seen_at_fifty_hertz_too(hoist: Campaign, stride: int):
     slow = changed(hoist, ALL, thinned)
     check_runs(slow)
     assert "in rpm" in refusal(scaled(slow, ALL, speed_motor_rad_s=RPM))
+
+
+def test_a_force_that_shakes_as_much_as_it_accelerates_says_nothing_of_units(axis: Campaign):
+    def shaken(run: Run, share: float) -> Run:
+        speed = lowpass(run.time_s, np.gradient(run["position_m"], run.time_s), 10.0)
+        force = 6.0 * 95.1089 * np.gradient(speed, run.time_s)
+        wave = share * np.std(force) * np.sqrt(2.0) * np.sin(2.0 * np.pi * 3.1 * run.time_s)
+        return replace(run, signals={**run.signals, "force_n": force + wave})
+
+    runs = ("lift", "again")
+    assert "in another unit" in refusal(changed(axis, runs, lambda run: shaken(run, 0.1)))
+    assert not any("unit" in warning for warning in check_runs(changed(axis, runs, lambda run: shaken(run, 1.0))))

@@ -150,9 +150,9 @@ def test_the_motions_noise_is_small_on_a_hoist_and_grows_with_the_sensor(campaig
 
 def test_the_jitter_of_time_stamps_is_found_where_a_channel_changes_and_nowhere_else():
     random = np.random.default_rng(5)
-    sampled = np.arange(4000) * 0.004
+    sampled: Array = np.arange(4000, dtype=np.float64) * 0.004
     position = np.where(sampled % 4.0 < 2.0, 1.0 - np.cos(np.pi * sampled), 0.0) + random.normal(scale=1e-6, size=4000)
-    stamped = sampled + random.normal(scale=2e-4, size=4000)
+    stamped: Array = np.add(sampled, random.normal(scale=2e-4, size=4000))
     assert jitter_s(position, sampled) == 0.0
     assert jitter_s(position, stamped) == pytest.approx(2e-4, rel=0.1)
     noise = channel_noise(position, stamped)

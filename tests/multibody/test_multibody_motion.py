@@ -193,7 +193,7 @@ def test_in_motion_the_guides_friction_is_its_coulomb_level(bristle: float):
 def test_friction_of_a_height_and_a_speed_acts_there_with_bristles_too(bristle: float):
     """A bell whose middle is where the run ends, and a Stribeck peak at the speed that it ends with."""
 
-    def pulled(**more: float) -> Run:
+    def pulled(**more: Any) -> Run:
         switches = Switches(bristle_m=bristle, **more)
         return move(MACHINE, 4500.0, 6.0, regulated(20.0), 4.0, step_s=0.004, switches=switches).run
 
