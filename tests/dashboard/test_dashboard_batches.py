@@ -94,6 +94,19 @@ def test_every_scenario_that_ships_can_be_chosen():
         assert not app.exception
 
 
+def test_a_batch_of_an_axis_is_opened_with_its_own_numbers_and_figures(server: Path):
+    app = begun("axis")
+    job = the_job(server)
+    until(app, lambda: jobs.poll(job).ended)
+    assert not app.exception and errors(app) == []
+    assert {element.label: element.value.split()[-1] for element in app.metric} == {
+        "Largest force peak": "N",
+        "Largest tracking error": "mm",
+        "Shortest move time": "s",
+    }
+    assert figures(app)
+
+
 def test_a_batch_is_started_watched_and_opened(server: Path):
     app = begun()
     job = the_job(server)

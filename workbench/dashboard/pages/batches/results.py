@@ -14,6 +14,7 @@ from workbench.dashboard.pages.batches.work import CSV, REPORT
 from workbench.dashboard.widgets import Number, chart, numbers, plain, table
 from workbench.study.results.finished import Finished, read_finished
 from workbench.study.results.index import INDEX, read_table
+from workbench.study.results.row import Row, metrics_of
 from workbench.study.variations.varying import run_in_words, swept_axes
 
 if TYPE_CHECKING:
@@ -63,20 +64,38 @@ def _numbers(result: Finished) -> None:
     good = [row for row in result.rows if row.ok]
     if not good:
         return
-    axes = swept_axes(good)
-    ends = (
-        ("Largest torque peak", max(good, key=lambda row: row["peak_torque_percent"]), "peak_torque_percent", 1.0, "%"),
-        ("Largest speed error", max(good, key=lambda row: row["speed_error_max_rad_s"]), "speed_error_max_rad_s", 1.0,
-         "rad/s"),
-        ("Least wire tension", min(good, key=lambda row: row["min_wire_tension_n"]), "min_wire_tension_n", 1e-3, "kN"),
-        ("Shortest move time", min(good, key=lambda row: row["move_time_s"]), "move_time_s", 1.0, "s"),
-    )  # fmt: skip
+    axes, judged = swept_axes(good), metrics_of(good)
+    tracking = next(
+        iter(judged.by_name[name] for name in judged.by_name if name.startswith("tracking_error_max")), None
+    )
+    ends: tuple[tuple[str, Row, str, float, str], ...]
+    if tracking is None:
+        ends = (
+            ("Largest torque peak", _most(good, "peak_torque_percent"), "peak_torque_percent", 1.0, "%"),
+            ("Largest speed error", _most(good, "speed_error_max_rad_s"), "speed_error_max_rad_s", 1.0, "rad/s"),
+            ("Least wire tension", _least(good, "min_wire_tension_n"), "min_wire_tension_n", 1e-3, "kN"),
+            ("Shortest move time", _least(good, "move_time_s"), "move_time_s", 1.0, "s"),
+        )
+    else:
+        ends = (
+            (f"Largest {judged.input_words} peak", _most(good, judged.peak), judged.peak, 1.0, judged.input_unit),
+            (tracking.title, _most(good, tracking.name), tracking.name, tracking.scale, tracking.shown_unit),
+            ("Shortest move time", _least(good, "move_time_s"), "move_time_s", 1.0, "s"),
+        )
     numbers([Number(what, scale * row[name], unit) for what, row, name, scale, unit in ends])
     runs = {what: run_in_words(row, axes) for what, row, *_ in ends}
     sentence = "; ".join(f"{what.lower()} in {run}" for what, run in runs.items())
     st.caption(
         plain(f"{sentence[0].upper()}{sentence[1:]}." if len(set(runs.values())) > 1 else f"All in {runs[ends[0][0]]}.")
     )
+
+
+def _most(rows: Sequence[Row], name: str) -> Row:
+    return max(rows, key=lambda row: row[name])
+
+
+def _least(rows: Sequence[Row], name: str) -> Row:
+    return min(rows, key=lambda row: row[name])
 
 
 def _downloads(job: Job, folder: Path, name: str) -> None:

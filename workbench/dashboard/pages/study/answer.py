@@ -55,16 +55,25 @@ def _failures(rows: Sequence[Row]) -> None:
     said = f"{len(failed)} of {len(rows)} runs failed. "
     load = f"{failed[0].payload_kg:g} kg, " if metrics_of(rows).payload else ""
     said += f"{load}{label(failed[0].reference)}: {failed[0].reason}."
-    weighed = {row.reference for row in rows if row.ok}  # one that has run nowhere is in neither
-    without = {row.payload_kg for row in failed if row.reference in weighed}
-    rest = sorted({row.payload_kg for row in rows} - without)
+    without, rest = _left_out(rows)
     if rest and without:
-        left_out, kept = (", ".join(f"{kg:g}" for kg in each) for each in (sorted(without), rest))
+        left_out, kept = (", ".join(f"{kg:g}" for kg in payloads) for payloads in (without, rest))
         said += f" Table and verdict are of {kept} kg and leave out {left_out} kg; the lights are of all runs."
     st.warning(plain(said), icon=":material/warning:")
 
 
+def _left_out(rows: Sequence[Row]) -> tuple[list[float], list[float]]:
+    """Payloads (kg) that table and verdict leave out, for a reference failed there; the others."""
+    weighed = {row.reference for row in rows if row.ok}  # one that has run nowhere is in neither
+    without = {row.payload_kg for row in rows if not row.ok and row.reference in weighed}
+    return sorted(without), sorted({row.payload_kg for row in rows} - without)
+
+
 def say(place: DeltaGenerator, sentence: str, rows: Sequence[Row]) -> None:
+    """The verdict; with the payloads that it is of, where some reference has not run at all of them."""
+    without, rest = _left_out(rows)
+    if without and rest:
+        sentence = f"Of {', '.join(f'{kg:g}' for kg in rest)} kg only: {sentence[0].lower()}{sentence[1:]}"
     place.info(plain(" ".join([sentence, price_sentence(rows) or ""]).strip()), icon=":material/gavel:")
 
 
