@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.ideal import ideal_hoist
 from workbench.control import PiSettings
-from workbench.machine import default_hoist, with_values
+from workbench.machine import Drive, default_hoist, with_values
 from workbench.metrics import LoopMetric, measure, metrics
 from workbench.plants import PLANTS
 from workbench.run import Array, Run
@@ -21,8 +21,8 @@ from workbench.simulate.loop import LoopCase, simulate_loop
 DT = 0.01
 NEVER = 1e30
 P = SimpleNamespace(
-    n_m=2.0, T_nominal=480.0, T_hold=600.0, share=0.5, share_failed=1.0, t_fail=NEVER, before=1.0, overload_s=93.6,
-    x_low=0.0, x_high=25.0, w_nominal=157.1, W_break=0.0, D_w=0.6, ratio=31.0,
+    n_m=2.0, T_nominal=480.0, T_hold=600.0, share=0.5, share_failed=1.0, t_fail=NEVER, before=1.0, x_low=0.0, x_high=25.0, w_nominal=157.1, W_break=0.0, D_w=0.6, ratio=31.0,
+    **loop.overload_numbers(Drive(overload=1.6, overload_time_s=10.0, overload_period_s=300.0)),
 )  # fmt: skip
 CALM: dict[str, float] = {
     "torque_motor_nm": 600.0,
@@ -142,13 +142,14 @@ def test_the_largest_motor_speed_is_either_way_and_of_nominal(peak):
     assert metric("peak_speed_percent", run) == pytest.approx(100.0 * 160.0 / P.w_nominal)
 
 
-def test_the_use_of_the_overload_is_full_after_its_time_at_its_torque_and_recovers_below_nominal():
-    over = np.full(100, 1.6 * 960.0)  # both motors: 160 % of nominal
-    borne = 100.0 * (1.6**2 - 1.0) * 0.1 / 93.6  # a tenth of a second
-    assert metric("overload_use_percent", trace(100, torque_motor_nm=over)) == pytest.approx(borne * 10.0, rel=0.02)
-    halves = np.concatenate([over[:50], np.zeros(50)])
-    assert metric("overload_use_percent", trace(100, torque_motor_nm=halves)) == pytest.approx(borne * 5.0, rel=0.03)
-    assert metric("overload_use_percent", trace(100, torque_motor_nm=np.full(100, 960.0))) == 0.0
+def test_the_overload_is_used_up_after_its_time_at_its_torque_and_back_after_the_rest_of_its_period():
+    over = np.full(1000, 1.6 * 960.0)  # both motors: 160 % of nominal, for 10 s
+    rest = np.full(29_000, 960.0)  # nominal torque for the 290 s that the drive's cycle leaves
+    use = [
+        metric("overload_use_percent", trace(len(torque), torque_motor_nm=torque))
+        for torque in (over, over[:500], np.concatenate([over, rest, over]), np.concatenate([over, over[:500]]), rest)
+    ]
+    assert use == pytest.approx([100.0, 50.0, 100.0, 150.0, 0.0], rel=5e-3)
 
 
 @pytest.mark.parametrize("peak", [1.5, -1.5])

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support import by_hand
 from tests.support.ideal import ideal_hoist
-from workbench.control import PiSettings
+from workbench.control import Events, PiSettings
 from workbench.machine import Hoist, with_values
 from workbench.plants import PLANTS
 from workbench.run import Array
@@ -255,3 +255,15 @@ def test_a_reference_that_is_no_number_is_refused():
     reference[1000] = np.nan
     with pytest.raises(ValueError, match="case run: the speed reference is not finite"):
         one(reference)
+
+
+@pytest.mark.parametrize(("share", "lag_s"), [(0.5, 0.002), (0.6, 0.02), (0.5, 0.0)])
+def test_a_motor_that_fails_takes_its_torque_at_once_and_the_other_s_rises_behind_its_lag(share, lag_s):
+    machine = with_values(MACHINE, {"drive.torque_lag_s": lag_s, "drive.torque_share": share})
+    result = one(np.zeros(700), machine=machine, events=Events(motor_fails_s=0.5))
+    works, fails = (result.run[f"torque_motor{k}_nm"] for k in (1, 2))
+    failed, held = result.run.time_s >= 0.5 - 1e-9, result.hold_torque_nm
+    assert np.all(fails[failed] == 0.0)
+    at_first = works[failed][:2]  # the loop has hardly noticed: the lag alone brings back what is held
+    rise = 1.0 - (1.0 - share) * (np.exp(-np.array([0.0, 0.001]) / lag_s) if lag_s else np.zeros(2))
+    assert at_first / held == pytest.approx(rise, rel=0.02)

@@ -3,7 +3,16 @@
 from workbench.control.cascade import cascade, cascade_values
 from workbench.control.events import BRAKE, Events
 from workbench.control.lag import LagStep, lag_step, weight_before
-from workbench.control.pi import NEVER, PI, Controller, delay_weights, feed_forward, full_pi, loop_values
+from workbench.control.pi import (
+    NEVER,
+    PI,
+    Controller,
+    delay_weights,
+    feed_forward,
+    full_pi,
+    loop_values,
+    losing_a_motor,
+)
 from workbench.control.settings import (
     FORMS,
     SETTINGS,
@@ -45,5 +54,6 @@ __all__ = [
     "full_pi",
     "lag_step",
     "loop_values",
+    "losing_a_motor",
     "weight_before",
 ]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -23,6 +23,7 @@ from workbench.trace.expr import Scalar, absolute, clip, floor, maximum, where
 
 TURN = 2.0 * math.pi
 NEVER = 1e30
+_SAME = 1e-6  # of a sample: a moment that is a sample's but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,7 @@ class Controller:
     start(p, hold, angle): the memory that holds `hold` (N m) at standstill without a bump.
     sensed(p, memory, measured, dt): the speed that reaches the step p.late samples later, as measured.late; who
     runs the step keeps it until then (`delay_weights`), zero before the start. None: nothing is late.
+    left(p, t, dt): the share of the torque at work that is left from the sample at t on, where a motor may fail.
     """
 
     parameters: tuple[str, ...]
@@ -41,12 +43,25 @@ class Controller:
     step: Callable[..., tuple[Scalar, list[Scalar]]]
     start: Callable[[Any, float, float], list[float]]
     sensed: Callable[..., Scalar] | None = None
+    left: Callable[..., Scalar] | None = None
 
 
 def torque_limit(p: Any, t: Scalar, w: Scalar) -> Scalar:
     """Largest torque of all motors, N m: each motor's own, less above nominal speed, less one motor once it failed."""
     weakening = where(absolute(w) > p.w_weak, p.w_weak / maximum(absolute(w), 1e-9), 1.0)
     return where(t >= p.t_fail, p.u_one, p.u_all) * weakening
+
+
+def _torque_left(p: Any, t: Scalar, dt: Scalar) -> Scalar:
+    """At the first sample after a motor failed, the share p.kept of the others; else all of it."""
+    samples = (t - p.t_fail) / dt
+    return where(samples > -_SAME, where(samples < 1.0 - _SAME, p.kept, 1.0), 1.0)
+
+
+@cache
+def losing_a_motor(controller: Controller) -> Controller:
+    """The same loop where a motor fails: its torque is gone at once, and the others' rise behind their lag."""
+    return replace(controller, parameters=(*controller.parameters, "kept"), left=_torque_left)
 
 
 def _pi(p: Any, integral: Scalar, r: Scalar, w: Scalar) -> Scalar:

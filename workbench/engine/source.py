@@ -190,6 +190,9 @@ def loop_source(
         k.add(3, f"r{i} = references[k * {nr * L} + {i * L} + l]")
     k.add(3, "u = actual[l]")
     k.load(3, "state", states)
+    if lagged and controller.left is not None:
+        (result,) = k.block(3, [u * controller.left(p, t, dt)])
+        k.add(3, f"u = {result}", "actual[l] = u")
     k.load(3, "memory", memory_names)
     k.load(3, "sums", sum_names)
     if controller.sensed is not None:

@@ -14,8 +14,8 @@ COUNTS = Field(ge=0, le=100_000_000, strict=True)
 
 
 class AxisDrive(Record):
-    """The drive as the speed loop meets it. A missing key has a round figure of a servo drive, an engineering estimate
-    and not one maker's value.
+    """The drive as the speed loop meets it. A missing key has a round figure on the slow side of servo drives;
+    docs/formats.md tells what makers state.
 
     torque_lag_s: first-order lag of the current loop; 0.5 ms rise in 1.1 ms from a tenth to nine tenths.
     speed_filter_s: first-order filter of the measured speed. speed_delay_s: transport delay of the measured speed and

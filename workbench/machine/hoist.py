@@ -133,11 +133,11 @@ class HoistTolerances(Record):
 
 
 class Drive(Record):
-    """The drive of the motors, as the speed loop meets it. A missing key has a round figure of a crane drive, an
-    engineering estimate and not one maker's value; docs/formats.md tells what is known of each.
+    """The drive of the motors, as the speed loop meets it. A missing key has what makers of such drives state;
+    docs/formats.md cites them.
 
     overload: largest torque of a motor over its nominal one, which the drive bears for overload_time_s out of every
-    overload_period_s. field_weakening: above nominal speed the limit falls as nominal speed over speed. torque_lag_s:
+    overload_period_s, at nominal torque for the rest. field_weakening: above nominal speed the limit falls as nominal speed over speed. torque_lag_s:
     first-order lag of the torque loop; 2 ms rise in 4.4 ms from a tenth to nine tenths. speed_filter_s: first-order
     filter of the measured speed. speed_delay_s: transport delay of the measured speed; 1 ms is one sample, the
     computing delay of a controller that acts at its next sample. encoder_counts_per_turn: the speed is counted with
@@ -146,14 +146,23 @@ class Drive(Record):
     """
 
     overload: Overload = 1.6
-    overload_time_s: Cycle = 60.0
-    overload_period_s: Cycle = 600.0
+    overload_time_s: Cycle = 10.0
+    overload_period_s: Cycle = 300.0
     field_weakening: bool = True
     torque_lag_s: Lag = 0.002
     speed_filter_s: Lag = 0.003
     speed_delay_s: Delay = 0.001
     encoder_counts_per_turn: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] = 1_048_576
     torque_share: Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)] = 0.5
+
+    @model_validator(mode="after")
+    def _cycle(self) -> Drive:
+        if self.overload_time_s > self.overload_period_s:
+            raise ValueError(
+                f"overload_time_s: {self.overload_time_s:g} s, expected at most overload_period_s, "
+                f"{self.overload_period_s:g} s"
+            )
+        return self
 
     @property
     def ideal(self) -> bool:

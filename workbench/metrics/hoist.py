@@ -95,9 +95,9 @@ def _safety(sums: Sequence[float], p: Any, duration: float) -> float | None:
 
 
 def _overloaded(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
-    """The heat above that of nominal torque, in seconds at nominal torque: now, and at most."""
+    """The heat above what the drive's duty cycle bears without end, in seconds at nominal torque: now, and at most."""
     one = _torque(s) * _share(s, p) / p.T_nominal
-    heat = maximum(a[0] + (one * one - 1.0) * dt, 0.0)
+    heat = maximum(a[0] + (one * one - p.cycle_mean_square) * dt, 0.0)
     return [heat, maximum(a[1], heat)]
 
 
@@ -202,8 +202,9 @@ METRICS: tuple[Metric, ...] = (
     ),
     LoopMetric(
         name="overload_use_percent", unit="%", label="use of the overload", better="lower", visible=0.01,
-        definition="largest value of ∫ ((T/T_nominal)² − 1) dt, never below 0, of the harder-worked motor, over what "
-        "the drive bears: its overload for its overload time",
+        definition="largest value of ∫ ((T/T_nominal)² − q) dt, never below 0, of the harder-worked motor, over what the "
+        "drive bears: its overload o for its overload time, once in its overload period. q = 1 + (o² − 1) time/period "
+        "is the mean square of that duty cycle, which it bears without end",
         head="overload\nused", decimals=0, note="of what the drive bears, one motor", taken_at="one motor",
         views=View.DRIVE,
         sums=Sums((0.0, 0.0), _overloaded), finish=lambda a, p, duration: 100.0 * a[1] / p.overload_s,
@@ -405,5 +406,5 @@ METRICS: tuple[Metric, ...] = (
 # Of the machine and its drive, by the loop's symbols.
 PARAMETERS = (
     "T_nominal", "T_hold", "share", "share_failed", "t_fail", "before", "x_low", "x_high", "w_nominal", "W_break",
-    "D_w", "ratio", "overload_s",
+    "D_w", "ratio", "overload_s", "cycle_mean_square",
 )  # fmt: skip

@@ -146,6 +146,10 @@ class LiveMachine:
 
     # What may be set, from the next step on.
 
+    def lose_motor(self, lost: bool) -> None:
+        """One motor gives no torque, or gives it again."""
+        self.motor_lost = lost
+
     def close_brake(self, closed: bool) -> None:
         """Nothing, where there is no brake."""
 

@@ -13,7 +13,7 @@ from workbench.kinds import kind_of, of_kind
 from workbench.machine import Axis, Hoist
 from workbench.plants import HOIST, Effects
 from workbench.serve.live import LiveMachine
-from workbench.simulate.loop import RAIL_PLAY, torque_limits
+from workbench.simulate.loop import RAIL_PLAY, kept_by_others, torque_limits
 from workbench.trace.expr import Scalar, clip
 
 HOIST_STEP_S, AXIS_STEP_S = 0.001, 0.0002  # of the integration: an axis' friction turns over more sharply
@@ -88,6 +88,11 @@ class LivePlant(LiveMachine):
         return limit * self._limits["w_weak"] / speed if speed > self._limits["w_weak"] else limit
 
     # Faults, from the next step on.
+
+    def lose_motor(self, lost: bool) -> None:
+        if lost and not self.motor_lost and self._lag_s > 0.0:  # its torque is gone at once, the others' rises
+            self.at_work *= kept_by_others(self._hoist)
+        super().lose_motor(lost)
 
     def close_brake(self, closed: bool) -> None:
         self._put("brake_closed", 1.0 if closed else 0.0)

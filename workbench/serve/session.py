@@ -97,7 +97,7 @@ class Session:
 
     def lose_motor(self, lost: bool) -> None:
         with self.lock:
-            self.plant.motor_lost = lost
+            self.plant.lose_motor(lost)
 
     def reset(self) -> None:
         """Back to the start; the counts go on."""

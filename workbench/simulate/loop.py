@@ -20,6 +20,7 @@ from workbench.control import (
     full_pi,
     lag_step,
     loop_values,
+    losing_a_motor,
     weight_before,
 )
 from workbench.control.pi import NEVER
@@ -27,7 +28,7 @@ from workbench.effects import joined, of
 from workbench.engine import kernels
 from workbench.kinds import HOIST as HOIST_KIND
 from workbench.kinds import kind_of
-from workbench.machine import AnyKind, Hoist
+from workbench.machine import AnyKind, Drive, Hoist
 from workbench.metrics import set_of
 from workbench.plants import NO_EFFECTS, Effects
 from workbench.run import Array, Run
@@ -116,11 +117,13 @@ class Recipe:
     outcome: Callable[..., tuple[Outcome, str]]
 
 
-def _hoist_controller(case: LoopCase) -> Controller:
+def hoist_controller(case: LoopCase) -> Controller:
+    """The plain loop where nothing beside it is asked for, else the full one; behind a motor that fails where one does."""
     assert isinstance(case.controller, PiSettings)
     drive, settings = case.machine.drive, case.controller
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
-    return PI if plain else full_pi(drive.speed_delay_s > 0.0, settings.feed_forward.through_the_wire)
+    loop = PI if plain else full_pi(drive.speed_delay_s > 0.0, settings.feed_forward.through_the_wire)
+    return loop if case.events.motor_fails_s is None else losing_a_motor(loop)
 
 
 def _hoist_numbers(case: LoopCase, hold: float) -> dict[str, float]:
@@ -134,7 +137,7 @@ def _hoist_numbers(case: LoopCase, hold: float) -> dict[str, float]:
 
 _HOIST = Recipe(
     recorded=lambda case: RECORDED,
-    controller=_hoist_controller,
+    controller=hoist_controller,
     beside=lambda case: BRAKE if case.events.brakes else NO_EFFECTS,
     numbers=_hoist_numbers,
     references=lambda case: np.asarray(case.speed_reference_rad_s, dtype=float)[None, :],
@@ -240,6 +243,23 @@ def shares(machine: Hoist) -> tuple[float, float]:
     return max(first, 1.0 - first) if n == 2 else first, 1.0 / (n - 1)
 
 
+def overload_numbers(drive: Drive) -> dict[str, float]:
+    """By symbol: the mean square of the torque over the drive's duty cycle, in nominal torques (nominal torque but for
+    one overload a period), and the heat of one overload above that mean, in seconds at nominal torque."""
+    above = drive.overload**2 - 1.0
+    mean_square = 1.0 + max(above, 0.0) * drive.overload_time_s / drive.overload_period_s
+    return {
+        "cycle_mean_square": mean_square,
+        "overload_s": max((1.0 + above - mean_square) * drive.overload_time_s, 1e-9),
+    }
+
+
+def kept_by_others(machine: Hoist) -> float:
+    """The share of the torque that is left when a motor fails, before the others take over; of two the first works on."""
+    n = machine.motor.count
+    return machine.drive.torque_share if n == 2 else 1.0 - 1.0 / n
+
+
 def lag_values(case: LoopCase, step_s: float) -> dict[str, float]:
     """The torque's lag over one step of the plant, by symbol."""
     lag = lag_step(case.machine.drive.torque_lag_s, step_s)
@@ -268,9 +288,10 @@ def case_limits(case: LoopCase) -> dict[str, float]:
         "T_nominal": machine.motor.nominal_torque_nm,
         "share": share,
         "share_failed": share_failed,
+        "kept": kept_by_others(machine),
         "before": weight_before(machine.drive.torque_lag_s, case.controller.sample_time_s),
         "w_nominal": machine.motor.nominal_speed_rad_s,
-        "overload_s": max((machine.drive.overload**2 - 1.0) * machine.drive.overload_time_s, 1e-9),
+        **overload_numbers(machine.drive),
         "W_break": machine.wire.breaking_load_n or 0.0,
         "x_low": machine.rail.lowest_position_m,
         "x_high": machine.highest_position_m,

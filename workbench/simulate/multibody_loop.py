@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from workbench.control import PI, PiSettings, full_pi, loop_values
+from workbench.control import PiSettings, loop_values
 from workbench.engine.sampled import Step, observe
 from workbench.machine import Hoist
 from workbench.metrics import observer
@@ -17,7 +17,16 @@ from workbench.multibody import Driven, MotionResult, Shaft, engine, move, switc
 from workbench.multibody import Outcome as MotionOutcome
 from workbench.plants import HOIST
 from workbench.run import Array, Run
-from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, lag_values, loop_outcome, motor_torques
+from workbench.simulate.loop import (
+    LoopCase,
+    LoopResult,
+    Outcome,
+    case_limits,
+    hoist_controller,
+    lag_values,
+    loop_outcome,
+    motor_torques,
+)
 
 
 def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: float = 0.001) -> LoopResult:
@@ -65,10 +74,8 @@ def _values(case: LoopCase, hold_nm: float, step_s: float) -> dict[str, float]:
 
 def _drive(case: LoopCase, values: dict[str, float], hold_nm: float) -> Driven:
     """The sampled controller, its torque held between samples or behind a lag, and the brake of the events."""
-    settings, sample_time = cast(PiSettings, case.controller), case.controller.sample_time_s
-    drive = case.machine.drive
-    plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
-    controller = PI if plain else full_pi(drive.speed_delay_s > 0.0, settings.feed_forward.through_the_wire)
+    sample_time = case.controller.sample_time_s
+    controller = hoist_controller(case)
     p = SimpleNamespace(**values)
     references = case.speed_reference_rad_s
     torque, command, taken = hold_nm, hold_nm, -1
@@ -82,6 +89,8 @@ def _drive(case: LoopCase, values: dict[str, float], hold_nm: float) -> Driven:
         if sample > taken:
             taken = sample
             reference = float(references[min(sample, len(references) - 1)])
+            if controller.left is not None:
+                torque *= float(controller.left(p, sample * sample_time, sample_time))
             command = step(reference, shaft.time_s, shaft.speed_rad_s, shaft.angle_rad)
         gap = torque - command
         torque = command + gap * p.lag_left

@@ -18,8 +18,11 @@ from workbench.tables import Column, Table, words
 
 Light = Literal["green", "amber", "red"]
 WIRE_SAFETY = 4.5  # least breaking load over tension of a running rope, mechanism group M5 (ISO 4308-1)
-OVERSPEED = 1.2  # of nominal speed, where the field is weakened: a round figure, not cited
+OVERSPEED = (
+    1.2  # of nominal speed, where the field is weakened: a drive's own limit (ABB ACS850 firmware manual, 20.01)
+)
 AMBER, RED = 85.0, 99.9  # % of what is borne
+MANY = 1000.0  # % from which on a share is said in times
 SIGN = {"green": "●", "amber": "▲", "red": "■"}  # told apart without colour, too
 
 
@@ -31,6 +34,11 @@ class Use:
     percent: float
     bound: str
     where: str
+
+    @property
+    def used(self) -> str:
+        """`104 % of`, `176 times`."""
+        return f"{self.percent:.0f} % of" if self.percent < MANY else f"{self.percent / 100.0:.0f} times"
 
     @property
     def light(self) -> Light:
@@ -57,10 +65,11 @@ def _hoist_shares(machine: Any) -> tuple[Share, ...]:
     limit, nominal, drive = peak_limit(machine), machine.motor.nominal_torque_nm, machine.drive
     overspeed = OVERSPEED if drive.field_weakening else 1.0
     fastest = f"{overspeed:g} times nominal speed, {overspeed * machine.motor.nominal_speed_rad_s:.4g} rad/s"
+    cycle = f"{100 * drive.overload:.0f} % for {drive.overload_time_s:g} s in {drive.overload_period_s:g} s"
     return (
         ("torque peak", "peak_torque_motor_nm", 100.0 / limit, f"the limit of {limit:.0f} N m per motor"),
         ("rms torque", "rms_torque_motor_nm", 100.0 / nominal, f"nominal torque, {nominal:g} N m, without end"),
-        ("overload", "overload_use_percent", 1.0, f"{100 * drive.overload:.0f} % for {drive.overload_time_s:g} s"),
+        ("overload", "overload_use_percent", 1.0, cycle),
         ("motor speed", "peak_speed_percent", 1.0 / overspeed, fastest),
         ("place of the stop", "position_error_end_m", 100.0 / ASTRAY_M, f"{1000 * ASTRAY_M:g} mm from the reference"),
     )
@@ -113,5 +122,5 @@ def utilisation_table(uses: Sequence[Use]) -> Table:
 
 def alarm(uses: Sequence[Use]) -> str | None:
     """One sentence on what is at or beyond its bound; None where nothing is."""
-    over = [f"{use.what} {use.percent:.0f} % of {use.bound} ({use.where})" for use in uses if use.light == "red"]
+    over = [f"{use.what} {use.used} {use.bound} ({use.where})" for use in uses if use.light == "red"]
     return f"Overload: {'; '.join(over)}." if over else None
