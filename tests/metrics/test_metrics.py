@@ -21,7 +21,8 @@ from workbench.simulate.loop import LoopCase, simulate_loop
 DT = 0.01
 NEVER = 1e30
 P = SimpleNamespace(
-    n_m=2.0, T_nominal=480.0, T_hold=600.0, share=0.5, share_failed=1.0, t_fail=NEVER, before=1.0, x_low=0.0, x_high=25.0, w_nominal=157.1, W_break=0.0, D_w=0.6, ratio=31.0,
+    n_m=2.0, T_nominal=480.0, T_hold=600.0, share=0.5, share_failed=1.0, t_fail=NEVER, before=1.0,
+    x_low=0.0, x_high=25.0, w_nominal=157.1, W_break=0.0, D_w=0.6, ratio=31.0,
     **loop.overload_numbers(Drive(overload=1.6, overload_time_s=10.0, overload_period_s=300.0)),
 )  # fmt: skip
 CALM: dict[str, float] = {

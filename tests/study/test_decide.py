@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import pytest
 
 from workbench.machine import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
-from workbench.study.conclude.damping import damping_sentence
+from workbench.study.conclude.bound import from_the_bound
+from workbench.study.conclude.damping import damping_sentence, on_another_wire
 from workbench.study.conclude.decide import BEST, Choice, choices, decision_table, verdict
 from workbench.study.conclude.price import DEAR, price_sentence
 from workbench.study.conclude.utilisation import alarm, utilisation
@@ -117,7 +119,36 @@ def test_the_sentence_on_damping_compares_the_wire_assumed_with_one_that_rings()
     said = damping_sentence(scenario, default_hoist())
     assert said is not None
     assert "at 9000 kg and the damping ratio assumed, 0.63" in said and "at 0.02, a wire that rings" in said
-    assert damping_sentence(scenario, shipped_hoist("lightly_damped")) is None
+    ringing = damping_sentence(scenario, shipped_hoist("lightly_damped"))
+    assert ringing is not None
+    assert "the damping ratio assumed, 0.016" in ringing and "at 0.63, the paper's assumption of c/k = 0.1 s" in ringing
+    savings = [re.findall(r"(\d+) %", text) for text in (said, ringing)]
+    assert savings[0][:2] == savings[1][2:] and int(savings[1][1]) > int(savings[0][1])  # a jerk limit buys more there
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "scenarios").glob("*.yaml")))
+def test_every_study_on_a_wire_says_how_far_its_answer_hangs_on_the_damping(name):
+    study = load_study(ROOT / "scenarios" / f"{name}.yaml")
+    said = on_another_wire(study)
+    assert (said is None) == (study.machine.kind != "hoist")
+    assert said is None or re.search(r"the damping ratio assumed, 0\.\d+, .*; at 0\.\d+, ", said)
+
+
+def test_the_bound_is_below_every_motion_of_its_time_and_names_the_pair_that_is_free():
+    said, free = from_the_bound(load_study(ROOT / "scenarios" / "references_at_their_best.yaml"))
+    (least,) = (float(peak) for peak in re.findall(r"below ([\d.]+) N m per motor", said))
+    above = {words: int(percent) for words, percent in re.findall(r"(?:are|,|and) ([a-zA-Z' ]+) by (\d+) %", said)}
+    in_its_time = above["ruckig in the trapezoid's time"]
+    assert above["the motion of least torque peak"] == 1 < above["the trapezoid"] < in_its_time
+    equal, best = (float(peak) for peak in re.findall(r"\(([\d.]+) N m per motor\)", free))
+    assert least < best < equal == pytest.approx(least * (1.0 + in_its_time / 100.0), rel=6e-3)
+
+
+def test_a_load_too_heavy_for_the_time_has_no_bound_and_that_is_said():
+    study = load_study(ROOT / "scenarios" / "payloads.yaml")
+    heavy = plan_study(changed(study.scenario, {"payloads_kg": (26000.0,)}), study.machine)
+    expected = "No motion in the trapezoid's time at 26000 kg keeps to torque, speed and a taut wire."
+    assert from_the_bound(heavy) == [expected]
 
 
 def test_the_lightly_damped_machine_is_the_default_one_but_for_its_wire():

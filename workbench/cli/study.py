@@ -93,7 +93,8 @@ def _run(study: Study, place: ResultFolder, spread: Spread, tell: Tell) -> None:
 def _report(study: Study, place: ResultFolder) -> None:
     from workbench.cli.show import print_table, print_text
     from workbench.study.conclude import tables
-    from workbench.study.conclude.damping import damping_sentence
+    from workbench.study.conclude.bound import from_the_bound
+    from workbench.study.conclude.damping import on_another_wire
     from workbench.study.conclude.decide import decision_table, verdict
     from workbench.study.conclude.sentences import sentences
     from workbench.study.conclude.utilisation import alarm, utilisation
@@ -113,9 +114,9 @@ def _report(study: Study, place: ResultFolder) -> None:
         click.echo()
         print_table(decision)
     # The damping's sentence takes two more runs: a study that is there already is shown as it is.
-    damping = None if place.finished else damping_sentence(study.scenario, study.machine)
+    damping = None if place.finished else on_another_wire(study)
     first = verdict(rows), alarm(utilisation(rows, study.machine)), damping
-    print_text(["", *(s for s in first if s), *sentences(rows, peak_limit(study.machine)), ""])
+    print_text(["", *(s for s in first if s), *from_the_bound(study), *sentences(rows, peak_limit(study.machine)), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")
     if place.note:

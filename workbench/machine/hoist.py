@@ -137,12 +137,12 @@ class Drive(Record):
     docs/formats.md cites them.
 
     overload: largest torque of a motor over its nominal one, which the drive bears for overload_time_s out of every
-    overload_period_s, at nominal torque for the rest. field_weakening: above nominal speed the limit falls as nominal speed over speed. torque_lag_s:
-    first-order lag of the torque loop; 2 ms rise in 4.4 ms from a tenth to nine tenths. speed_filter_s: first-order
-    filter of the measured speed. speed_delay_s: transport delay of the measured speed; 1 ms is one sample, the
-    computing delay of a controller that acts at its next sample. encoder_counts_per_turn: the speed is counted with
-    that resolution, 0 is ideal; 2048 periods of a sine-cosine encoder, each divided by 512. torque_share: the first
-    of two motors' share of the torque.
+    overload_period_s, at nominal torque for the rest. field_weakening: above nominal speed the limit falls as
+    nominal speed over speed. torque_lag_s: first-order lag of the torque loop; 2 ms rise in 4.4 ms from a tenth to
+    nine tenths. speed_filter_s: first-order filter of the measured speed. speed_delay_s: transport delay of the
+    measured speed; 1 ms is one sample, the computing delay of a controller that acts at its next sample.
+    encoder_counts_per_turn: the speed is counted with that resolution, 0 is ideal; 2048 periods of a sine-cosine
+    encoder, each divided by 512. torque_share: the first of two motors' share of the torque.
     """
 
     overload: Overload = 1.6

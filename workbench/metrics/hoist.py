@@ -202,9 +202,9 @@ METRICS: tuple[Metric, ...] = (
     ),
     LoopMetric(
         name="overload_use_percent", unit="%", label="use of the overload", better="lower", visible=0.01,
-        definition="largest value of ∫ ((T/T_nominal)² − q) dt, never below 0, of the harder-worked motor, over what the "
-        "drive bears: its overload o for its overload time, once in its overload period. q = 1 + (o² − 1) time/period "
-        "is the mean square of that duty cycle, which it bears without end",
+        definition="largest value of ∫ ((T/T_nominal)² − q) dt, never below 0, of the harder-worked motor, over what "
+        "the drive bears: its overload o for its overload time, once in its overload period. q = 1 + (o² − 1) "
+        "time/period is the mean square of that duty cycle, which it bears without end",
         head="overload\nused", decimals=0, note="of what the drive bears, one motor", taken_at="one motor",
         views=View.DRIVE,
         sums=Sums((0.0, 0.0), _overloaded), finish=lambda a, p, duration: 100.0 * a[1] / p.overload_s,

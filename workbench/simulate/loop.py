@@ -118,7 +118,7 @@ class Recipe:
 
 
 def hoist_controller(case: LoopCase) -> Controller:
-    """The plain loop where nothing beside it is asked for, else the full one; behind a motor that fails where one does."""
+    """The plain loop where nothing beside it is asked for, else the full one; of a motor that fails where one does."""
     assert isinstance(case.controller, PiSettings)
     drive, settings = case.machine.drive, case.controller
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
@@ -255,7 +255,7 @@ def overload_numbers(drive: Drive) -> dict[str, float]:
 
 
 def kept_by_others(machine: Hoist) -> float:
-    """The share of the torque that is left when a motor fails, before the others take over; of two the first works on."""
+    """The share of the torque that a failing motor leaves, before the others take over; of two the first works on."""
     n = machine.motor.count
     return machine.drive.torque_share if n == 2 else 1.0 - 1.0 / n
 

@@ -9,13 +9,15 @@ from pydantic import ValidationError
 
 from workbench.errors import InputError
 from workbench.references import BASELINE, planned_kinds
-from workbench.study.conclude.damping import damping_sentence
+from workbench.study.conclude.bound import from_the_bound
+from workbench.study.conclude.damping import on_another_wire
 from workbench.study.conclude.decide import verdict
 from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.utilisation import alarm, utilisation
 from workbench.study.execute.run import peak_limit
 from workbench.study.results.finished import Finished
 from workbench.study.results.row import Row, metrics_of
+from workbench.study.scenario.load import plan_study
 from workbench.study.scenario.record import Scenario
 from workbench.study.variations.varying import run_in_words, swept_axes
 
@@ -25,7 +27,8 @@ def conclusions(result: Finished) -> list[str]:
     rows = result.rows
     good = [row for row in rows if row.ok]
     return [
-        *(said for said in (verdict(rows), alarm(utilisation(rows, result.machine)), _damping(result)) if said),
+        *(said for said in (verdict(rows), alarm(utilisation(rows, result.machine))) if said),
+        *_asked_again(result),
         *_against_baseline(good, result.scenario),
         *sentences(rows, peak_limit(result.machine)),
         *_heat(good),
@@ -34,12 +37,15 @@ def conclusions(result: Finished) -> list[str]:
     ]
 
 
-def _damping(result: Finished) -> str | None:
-    """What a ringing wire makes of it; None where the scenario cannot be run again from here."""
+def _asked_again(result: Finished) -> list[str]:
+    """What another wire makes of it, and how far the references are from the least peak there is; [] where the scenario
+    cannot be planned again from here."""
     try:
-        return damping_sentence(Scenario.model_validate(dict(result.scenario)), result.machine)
+        study = plan_study(Scenario.model_validate(dict(result.scenario)), result.machine)
+        damping = on_another_wire(study)
+        return [*([damping] if damping else []), *from_the_bound(study)]
     except (InputError, ValidationError):
-        return None
+        return []
 
 
 def _against_baseline(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:

@@ -1,71 +1,94 @@
-"""How much a study's answer hangs on the damping assumed for the wire: the heaviest load again on one that rings."""
+"""How much a study's answer hangs on the damping assumed for the wire: its heaviest load again on another wire."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import cast
 
 from workbench.kinds import load_of
 from workbench.machine import Axis, Hoist
-from workbench.references import BASELINE
-from workbench.study.execute.run import run_study
+from workbench.references import BASELINE, planned_kinds
+from workbench.study.conclude.side_studies import at_heaviest
+from workbench.study.execute.chunk import run_specs
+from workbench.study.results.labels import field_label
 from workbench.study.results.row import Row
 from workbench.study.scenario.load import Study, plan_study
 from workbench.study.scenario.record import Scenario
-from workbench.study.scenario.standalone import changed
+from workbench.study.variations.run_spec import RunSpec
 
 RINGING = 0.02  # damping ratio assumed for a wire that rings; its range: the machine `lightly_damped`
-PEAK, SWING = "peak_torque_motor_nm", "wire_tension_swing_n"
-HARDLY = 2.0  # points that a saving may move and still hang little on the damping
-_ONLY_METRICS: dict[str, Any] = {"outputs": {"signals": "none"}, "sweep": None, "sample": None}
-
-
-def ringing_study(scenario: Scenario, machine: Hoist | Axis, *, ringing: bool) -> Study:
-    """The scenario at its heaviest payload, without sweep or sample; on a wire that rings, or on its own."""
-    heaviest = max(scenario.payloads_kg or (0.0,))
-    changes: dict[str, Any] = {**_ONLY_METRICS, "payloads_kg": (heaviest,)}
-    plain = plan_study(changed(scenario, changes), machine)
-    if not ringing:
-        return plain
-    load = load_of(plain.machine, heaviest)
-    assert load is not None
-    time_s = 2.0 * RINGING / load.angular_frequency_rad_s
-    changes["machine_overrides"] = {**scenario.machine_overrides, "wire.damping_time_s": time_s}
-    return plan_study(changed(scenario, changes), machine)
+PAPER_S = 0.1  # c/k of the paper's wire
+_PAPERS = f"the paper's assumption of c/k = {PAPER_S:g} s"
+PEAK, SWING = "peak_torque_above_static_nm", "wire_tension_swing_n"
+HARDLY = 2.0  # per cent that a figure, points that a saving may move and still hang little on the damping
 
 
 def damping_sentence(scenario: Scenario, machine: Hoist | Axis) -> str | None:
-    """What a wire that rings makes of the answer; None for a study without a trapezoid or another planned reference,
-    on another plant, or on a wire that rings itself."""
-    others = [kind for kind in scenario.planned_kinds if kind != BASELINE]
-    if BASELINE not in scenario.planned_kinds or not others or scenario.plant != "lumped":
-        return None
-    if any(not isinstance(reference, str) for reference in scenario.references) or scenario.start_position_m is None:
-        return None
-    nominal = load_of(machine, max(scenario.payloads_kg or (0.0,)))
-    if nominal is None or not nominal.hangs:
-        return None
-    own = ringing_study(scenario, machine, ringing=False)
-    payload = max(scenario.payloads_kg or (0.0,))
-    load = load_of(own.machine, payload)
-    if load is None or load.damping <= 1.5 * RINGING:
-        return None
-    studies = own, ringing_study(scenario, machine, ringing=True)
-    rows = [{row.reference: row for row in run_study(study).rows if row.ok} for study in studies]
-    kind = others[0]
-    if any(name not in by_kind for by_kind in rows for name in (BASELINE, kind)):
-        return None
-    (peak, peak_ringing), (swing, swing_ringing) = (
-        tuple(_saving(by_kind, kind, metric) for by_kind in rows) for metric in (PEAK, SWING)
-    )
-    hangs = max(abs(peak_ringing - peak), abs(swing_ringing - swing))
-    much = "hangs little" if hangs < HARDLY else "hangs"
-    return (
-        f"The answer {much} on the wire's damping: at {payload:g} kg and the damping ratio assumed, "
-        f"{load.damping:.2g}, {kind} takes {peak:.0f} % off the trapezoid's torque peak and {swing:.0f} % off its "
-        f"tension swing; at {RINGING:g}, a wire that rings, {peak_ringing:.0f} % and {swing_ringing:.0f} %."
-    )
+    """What another wire makes of the answer; None where nothing hangs on a wire."""
+    return on_another_wire(plan_study(scenario, machine))
 
 
-def _saving(rows: dict[str, Row], kind: str, metric: str) -> float:
-    """Per cent that a reference takes off the trapezoid's."""
-    return 100.0 * (1.0 - rows[kind][metric] / rows[BASELINE][metric])
+def on_another_wire(study: Study) -> str | None:
+    """The heaviest load on its wire and on one that rings; on the paper's where its own rings. Of the multi-body
+    machine the lumped one says it. None where nothing hangs on a wire, or a run fails."""
+    own = heaviest_runs(study)
+    load = load_of(own[0].machine, own[0].payload_kg)
+    if load is None or not load.hangs:
+        return None
+    rings = load.damping <= 1.5 * RINGING
+    time_s = PAPER_S if rings else 2.0 * RINGING / load.angular_frequency_rad_s
+    other = [replace(spec, machine=_on(cast(Hoist, spec.machine), time_s)) for spec in own]
+    rows = [{row.reference: row for row, _ in run_specs(specs)} for specs in (own, other)]
+    if any(not row.ok for by_kind in rows for row in by_kind.values()):
+        return None
+    swept = "".join(f", {field_label(name).of(value)}" for name, value in own[0].assigned.items())
+    where = f"at {own[0].payload_kg:g} kg{swept} and the damping ratio assumed, {load.damping:.2g}"
+    lumped = "" if study.scenario.plant == "lumped" else ", on the lumped machine"
+    ratio = replace(load, damping_time_s=time_s).damping
+    there = f"at {ratio:.2g}, {_PAPERS if rings else 'a wire that rings'}"
+    said, moved = _savings(rows, where, there) if len(own) > 1 else _figures(rows, where, there)
+    return f"The answer {'hangs little' if moved < HARDLY else 'hangs'} on the wire's damping{lumped}: {said}."
+
+
+def heaviest_runs(study: Study) -> list[RunSpec]:
+    """At the heaviest payload the trapezoid and another planned reference, or what there is of them, else the first
+    reference; without sweep, sample and signals, on the lumped machine."""
+    runs = at_heaviest(study)
+    known = planned_kinds()
+    others = [spec for spec in runs if spec.reference in known and spec.reference != BASELINE]
+    return [spec for spec in runs if spec.reference == BASELINE] + others[:1] or runs[:1]
+
+
+def _on(machine: Hoist, damping_time_s: float) -> Hoist:
+    return machine.model_copy(update={"wire": machine.wire.model_copy(update={"damping_time_s": damping_time_s})})
+
+
+Rows = Sequence[dict[str, Row]]
+
+
+def _savings(rows: Rows, where: str, there: str) -> tuple[str, float]:
+    """What the other reference takes off the trapezoid's figures; by how many points that moves."""
+    kind = next(name for name in rows[0] if name != BASELINE)
+    (peak, peak_there), (swing, swing_there) = (
+        tuple(100.0 * (1.0 - by_kind[kind][metric] / by_kind[BASELINE][metric]) for by_kind in rows)
+        for metric in (PEAK, SWING)
+    )
+    said = (
+        f"{where}, {kind} takes {peak:.0f} % off the trapezoid's torque peak above static and {swing:.0f} % off its "
+        f"tension swing; {there}, {peak_there:.0f} % and {swing_there:.0f} %"
+    )
+    return said, max(abs(peak_there - peak), abs(swing_there - swing))
+
+
+def _figures(rows: Rows, where: str, there: str) -> tuple[str, float]:
+    """One reference's own figures; by how many per cent they move."""
+    (kind,) = rows[0]
+    (peak, peak_there), (swing, swing_there) = (
+        tuple(by_kind[kind][metric] for by_kind in rows) for metric in (PEAK, SWING)
+    )
+    said = (
+        f"{where}, {kind} has a torque peak above static of {peak:.0f} N m and a tension swing of {swing / 1e3:.1f} "
+        f"kN; {there}, {peak_there:.0f} N m and {swing_there / 1e3:.1f} kN"
+    )
+    return said, 100.0 * max(abs(peak_there / peak - 1.0), abs(swing_there / swing - 1.0))

@@ -149,9 +149,14 @@ def _values(row: Row) -> Choice:
 
 def name_of(choice: Choice) -> str:
     """As a sentence calls the reference."""
-    kind = planned_kinds().get(choice.reference)
+    return words_of(choice.reference)
+
+
+def words_of(reference: str) -> str:
+    """As a sentence calls a reference of this name."""
+    kind = planned_kinds().get(reference)
     if kind is None:
-        return choice.reference
+        return reference
     return kind.words if not (kind.same_time_as and kind.words == "ruckig") else "ruckig in the trapezoid's time"
 
 

@@ -1,17 +1,36 @@
-"""Side studies: the same motion at other payloads and under other limits. Metrics only."""
+"""Side studies: the same motion at its heaviest payload, at other payloads, under other limits. Metrics only."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
+from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.study.scenario.load import Study, plan_study
 from workbench.study.scenario.record import Scenario, key_in
 from workbench.study.scenario.standalone import changed
+from workbench.study.variations.run_spec import RunSpec
 
 _ONLY_METRICS: dict[str, Any] = {"outputs": {"signals": "none"}, "sweep": None, "sample": None}
+
+_LOOKED_AT = 1024  # runs among which the heaviest payload is sought
+
+
+def at_heaviest(study: Study) -> list[RunSpec]:
+    """A run for each reference at the heaviest payload, without signals, on the lumped machine: of the scenario without
+    its sweep and sample, or of their first point where the scenario needs them."""
+    try:
+        bare = changed(study.scenario, {"sweep": None, "sample": None})
+        specs = plan_study(bare, study.machine, study.recordings).specs
+    except InputError:
+        specs = study.specs
+    looked = [spec for spec in specs[:_LOOKED_AT] if not spec.problem] or specs[:1]
+    heaviest = max(looked, key=lambda spec: spec.payload_kg)
+    runs = [s for s in looked if s.payload_kg == heaviest.payload_kg and s.assigned == heaviest.assigned]
+    return [replace(spec, record_every=0, plant="lumped") for spec in runs]
 
 
 def over_payload(scenario: Scenario, machine: Hoist, payloads_kg: Sequence[float]) -> Study:

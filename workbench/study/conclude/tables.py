@@ -17,7 +17,7 @@ from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_
 from workbench.tables import Column, Table, words
 
 QUANTILES = (0.05, 0.5, 0.95)
-MOST_SWEPT = 3  # columns of swept values
+MOST_SWEPT = 3  # columns of swept values, or one for each axis
 WIDEST_HEAD = 12  # characters of a head's line
 WIDEST_RUN = 42  # of a run in words; longer ones take two lines
 _SHARES = (0.0, *QUANTILES, 1.0)
@@ -60,9 +60,12 @@ def _columns(rows: Sequence[Row]) -> tuple[Metric, ...]:
 
 
 def _swept(rows: Sequence[Row]) -> list[str]:
-    """The first few of the swept fields that are not the same in all rows; without any, of the drawn ones."""
-    swept = [column for axis in swept_axes(rows) for column in axis.columns]
-    return (swept or drawn_columns(rows))[:MOST_SWEPT]
+    """Of each axis of the sweep a field, and more of them where there is room; without any, some of the drawn ones."""
+    axes = swept_axes(rows)
+    swept = [column for axis in axes for column in axis.columns]
+    needed = [axis.columns[0] for axis in axes]
+    more = [column for column in swept if column not in needed][: max(MOST_SWEPT - len(needed), 0)]
+    return [column for column in swept if column in {*needed, *more}] or drawn_columns(rows)[:MOST_SWEPT]
 
 
 def _field_column(field: str, rows: Sequence[Row]) -> Column:

@@ -12,7 +12,7 @@ from workbench.study.conclude.pareto import Front, fronts
 from workbench.study.conclude.rank import rank_correlations
 from workbench.study.results.labels import metric_label, shown
 from workbench.study.results.row import Row, metrics_of
-from workbench.study.variations.varying import SweptAxis, drawn_columns, run_in_words, swept_axes
+from workbench.study.variations.varying import SweptAxis, drawn_columns, reads, run_in_words, swept_axes
 
 NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
 MOST_FRONTS = 3
@@ -45,6 +45,7 @@ def effects(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
 
 
 def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float) -> Iterator[str]:
+    rows = [row for row in rows if any(reads(row.reference, column) for column in axis.columns)]
     groups = {point: [row for row in rows if axis.at(row) == point] for point in axis.points}
     groups = {point: members for point, members in groups.items() if members}
     if len(groups) < 2:
@@ -158,7 +159,7 @@ def _hangs_on(rows: Sequence[Row], columns: Sequence[str]) -> str:
 def against_baseline(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str]:
     """Each planned kind of reference against the baseline at equal settings, over all points that have both.
 
-    Of the heaviest payload that has both. A kind that takes the baseline's time is left out: its limits are others.
+    Of the heaviest payload that has both.
     """
     by_case = {(row.payload_kg, row.reference, *_settings(row, axes)): row for row in good}
     for payload in sorted({row.payload_kg for row in good}, reverse=True):
@@ -170,23 +171,48 @@ def against_baseline(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[str
                 for row in base
                 if (payload, name, *_settings(row, axes)) in by_case
             ]
-            if pairs and name != BASELINE and not kind.same_time_as:
-                texts.append(_against_baseline(payload, name, pairs))
+            if pairs and name != BASELINE:
+                texts.append(_against_baseline(payload, name, pairs, axes, bool(kind.same_time_as)))
         if texts:
             return texts
     return []
 
 
-def _against_baseline(payload_kg: float, name: str, pairs: Sequence[tuple[Row, Row]]) -> str:
-    longer = [(row["move_time_s"] - base["move_time_s"]) / row["moves"] for base, row in pairs]
+def _against_baseline(
+    payload_kg: float, name: str, pairs: Sequence[tuple[Row, Row]], axes: Sequence[SweptAxis], in_its_time: bool
+) -> str:
     judged = metrics_of([pairs[0][0]])
     above = judged.above
     off = [100.0 * (1.0 - row[above] / base[above]) for base, row in pairs]
     where = f"At {payload_kg:g} kg {name}" if judged.payload else f"{name[0].upper()}{name[1:]}"
-    return (
-        f"{where} costs {_range(longer, '.2g')} s per move against the {BASELINE} at the same "
-        f"settings, and takes {_range(off, '.0f')} % off the {judged.by_name[above].label}."
-    )
+    longer = [(row["move_time_s"] - base["move_time_s"]) / row["moves"] for base, row in pairs]
+    time = f"takes the {BASELINE}'s time" if in_its_time else (
+        f"costs {_range(longer, '.2g')} s per move against the {BASELINE} at the same settings"
+    )  # fmt: skip
+    drawn = any(column.startswith("sample.") for column in pairs[0][1].assigned)
+    said = _off(min(off)) if f"{min(off):.0f}" == f"{max(off):.0f}" else _off(min(off), max(off))
+    ends = [pairs[pick][1] for pick in (int(np.argmax(off)), int(np.argmin(off)))]
+    points = [", ".join(axis.say(axis.at(row)) for axis in _read(axes, name)) for row in ends]
+    most = "" if drawn or points[0] == points[1] or max(off) - min(off) < 1.0 else (
+        f": most at {points[0]}, least at {points[1]}"
+    )  # fmt: skip
+    return f"{where} {time} and {said} the {judged.by_name[above].label}{most}."
+
+
+def _read(axes: Sequence[SweptAxis], reference: str) -> list[SweptAxis]:
+    return [axis for axis in axes if any(reads(reference, column) for column in axis.columns)]
+
+
+def _off(low: float, high: float | None = None) -> str:
+    """`takes 9 to 17 % off`, `adds 2 to 5 % to`; where the sign turns, what is taken off goes from … to …"""
+    high = low if high is None else high
+    if max(abs(low), abs(high)) < 0.5:
+        return "changes nothing in"
+    if high < 0.0:
+        return f"adds {_range([-high, -low], '.0f')} % to"
+    if low >= -0.5:
+        return f"takes {_range([max(low, 0.0), high], '.0f')} % off"
+    return f"does anything from adding {-low:.0f} % to taking {high:.0f} % off"
 
 
 def _settings(row: Row, axes: Sequence[SweptAxis]) -> tuple[object, ...]:

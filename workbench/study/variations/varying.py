@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from workbench.references import planned_kinds
 from workbench.study.results.labels import field_label, shown
@@ -27,7 +27,7 @@ class SweptAxis:
 
     @property
     def words(self) -> str:
-        return " and ".join(field_label(column).words for column in self.columns)
+        return _together([field_label(column).words for column in self.columns])
 
     @property
     def numeric(self) -> bool:
@@ -37,20 +37,34 @@ class SweptAxis:
         return tuple(row.assigned.get(column, "") for column in self.columns)
 
     def say(self, point: Point) -> str:
-        """`lowering acceleration 0.4 m/s², lowering jerk 1.2 m/s³`."""
-        return ", ".join(field_label(column).of(value) for column, value in zip(self.columns, point, strict=True))
+        """`lowering acceleration 0.4 m/s², lowering jerk 1.2 m/s³`; `feed forward inertia and weight 1`."""
+        labels = [field_label(column) for column in self.columns]
+        if len(set(point)) == len({label.unit for label in labels}) == 1:
+            return replace(labels[0], words=_together([label.words for label in labels])).of(point[0])
+        return ", ".join(label.of(value) for label, value in zip(labels, point, strict=True))
 
     def short(self, point: Point) -> str:
         """The first value with its unit."""
         return f"{shown(point[0])} {field_label(self.columns[0]).unit}".strip()
 
 
+def _together(names: Sequence[str]) -> str:
+    """`feed forward inertia, weight and friction`: the first word or two that all share are said once."""
+    split = [name.split() for name in names]
+    shared = next((k for k in (2, 1) if len({tuple(s[:k]) for s in split}) == 1 and min(map(len, split)) > k), 0)
+    own = [names[0], *(" ".join(s[shared:]) for s in split[1:])]
+    return own[0] if len(own) == 1 else f"{', '.join(own[:-1])} and {own[-1]}"
+
+
+def reads(reference: str, column: str) -> bool:
+    """Whether a reference's motion depends on a swept field: a trapezoid knows no jerk."""
+    kind = planned_kinds().get(reference)
+    return kind is None or kind.needs_jerk or "jerk" not in column
+
+
 def set_in(row: Row) -> str:
     """What a run was set to, in words: `acceleration 0.42 m/s², jerk 2 m/s³`; without what its reference ignores."""
-    kind = planned_kinds().get(row.reference)
-    ignored = kind is not None and not kind.needs_jerk
-    jerks = ("jerk_m_s3", "jerk_rad_s3") if ignored else ()
-    said = {name: value for name, value in row.assigned.items() if not name.endswith(jerks)}
+    said = {name: value for name, value in row.assigned.items() if reads(row.reference, name)}
     return ", ".join(field_label(name).of(value) for name, value in said.items())
 
 
