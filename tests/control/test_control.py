@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from tests.support.ideal import ideal_hoist
 from workbench.control import PI, Controller, FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
@@ -244,3 +245,11 @@ def test_the_compiled_step_keeps_the_speed_as_long_as_the_delay_says(late):
     out = [compiled(0.0, k * DT, w, 0.0) for k, w in enumerate(speed)]
     late_speed = np.interp(np.arange(300) - late, np.arange(-1, 300), [0.0, *speed], left=0.0)
     assert out == pytest.approx(HOLD - 31.0 * late_speed, abs=1e-9)
+
+
+@pytest.mark.parametrize("sample_time_s", [0.001, 0.004])
+def test_a_notch_that_the_sample_rate_cannot_hold_is_refused(sample_time_s):
+    most = 0.5 / sample_time_s
+    settings(notch=Notch(frequency_hz=0.99 * most), sample_time_s=sample_time_s)
+    with pytest.raises(ValidationError, match=f"expected less than {most:g} Hz, half of the sample rate"):
+        settings(notch=Notch(frequency_hz=most), sample_time_s=sample_time_s)

@@ -66,6 +66,12 @@ def phase_lags_deg(drive: Any, settings: Settings, frequency_hz: float) -> dict[
     return {name: math.degrees(lag) for name, lag in sorted(lags.items(), key=lambda item: -item[1]) if lag > 0.0}
 
 
+def rounded_down(value: float) -> str:
+    """Three digits, rounded down: what is named as attainable can be asked for."""
+    digits = 2 - math.floor(math.log10(value))
+    return f"{math.floor(value * 10.0**digits) / 10.0**digits:g}"
+
+
 def why(
     zeros: Sequence[AntiResonance], lags_deg: dict[str, float], frequency_hz: Array, T: Array, crossing_hz: float
 ) -> str:
@@ -74,7 +80,7 @@ def why(
     zeros: the slowest member's anti-resonances; lags_deg: at crossing_hz, the widest bandwidth.
     """
     lost = ", ".join(f"{name} {lag:.0f}°" for name, lag in lags_deg.items() if lag >= 0.5)
-    phase = f"at {crossing_hz:.3g} Hz phase is lost to {lost}" if lost else "sampling leaves no more"
+    phase = f"at {rounded_down(crossing_hz)} Hz phase is lost to {lost}" if lost else "sampling leaves no more"
     beyond = frequency_hz > crossing_hz
     comes_back = frequency_hz[beyond & (math.sqrt(0.5) < T)]
     if len(comes_back):

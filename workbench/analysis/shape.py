@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from workbench.analysis.obstacle import rounded_down
 from workbench.analysis.search import Judged, Search
 from workbench.errors import InputError
 from workbench.run import Array
@@ -54,8 +55,8 @@ def for_bandwidth(search: Search, bandwidth_hz: float, ms_limit: float) -> Shape
     attainable = _bandwidth_of(search, widest)
     if bandwidth_hz > attainable:
         raise InputError(
-            f"{bandwidth_hz:g} Hz is out of reach: this machine and drive allow at most {_down(attainable)} Hz at Ms "
-            f"{ms_limit:g}; {search.why_no_wider(*widest)}",
+            f"{bandwidth_hz:g} Hz is out of reach: this machine and drive allow at most {rounded_down(attainable)} Hz "
+            f"at Ms {ms_limit:g}; {search.why_no_wider(*widest)}",
             place="bandwidth",
         )
     _, (low, high) = _ranges(search)
@@ -77,7 +78,7 @@ def for_bandwidth(search: Search, bandwidth_hz: float, ms_limit: float) -> Shape
     if best is None:
         raise InputError(
             f"{bandwidth_hz:g} Hz: no gains give just that with Ms {ms_limit:g} or less; "
-            f"expected at most {_down(attainable)} Hz, and not far below {LOWEST_CROSSOVER_HZ:g} Hz; "
+            f"expected at most {rounded_down(attainable)} Hz, and not far below {LOWEST_CROSSOVER_HZ:g} Hz; "
             f"{search.why_no_wider(*widest)}",
             place="bandwidth",
         )
@@ -150,9 +151,3 @@ def _finite(values: Array) -> Array:
 def _shaped(search: Search, kp: float, ki: float, attainable_hz: float) -> Shaped:
     judged = search.judge(np.array([kp]), np.array([ki]))
     return Shaped(kp, ki, float(judged.ms[0]), float(judged.bandwidth_hz[0]), attainable_hz)
-
-
-def _down(value: float) -> str:
-    """Three digits, rounded down: what an error names can be asked for."""
-    digits = 2 - math.floor(math.log10(value))
-    return f"{math.floor(value * 10.0**digits) / 10.0**digits:g}"

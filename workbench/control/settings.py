@@ -24,6 +24,17 @@ class Notch(Record):
     depth: Fraction = 0.1
 
 
+def _notch_is_sampled(settings: Any) -> Any:
+    """Beyond half of the sample rate the sampled notch is unstable, just below it no notch."""
+    most = 0.5 / settings.sample_time_s
+    if settings.notch is not None and settings.notch.frequency_hz >= most:
+        raise ValueError(
+            f"notch.frequency_hz: {settings.notch.frequency_hz:g} Hz, expected less than {most:g} Hz, half of the "
+            "sample rate"
+        )
+    return settings
+
+
 class FeedForward(Record):
     """Fractions of what the machine's own values say: torque of inertia, of the weight, of guide friction.
 
@@ -64,6 +75,8 @@ class PiSettings(Record):
 
     GAINS: ClassVar[tuple[str, str]] = ("kp_nm_s_per_rad", "ki_nm_per_rad")
     UNITS: ClassVar[tuple[str, str]] = ("N m s/rad", "N m/rad")
+
+    _sampled = model_validator(mode="after")(_notch_is_sampled)
 
     @property
     def kp(self) -> float:
@@ -121,6 +134,8 @@ class Cascade(Record):
 
     GAINS: ClassVar[tuple[str, str]]
     UNITS: ClassVar[tuple[str, str]]
+
+    _sampled = model_validator(mode="after")(_notch_is_sampled)
 
     @model_validator(mode="after")
     def _speed_is_asked_for(self) -> Cascade:

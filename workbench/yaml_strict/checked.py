@@ -57,7 +57,7 @@ def problem_lines(
     shown: dict[tuple[Place, str], None] = {}
     more: set[tuple[Place, str]] = set()
     for detail in details:
-        place = _place_in(data, detail["loc"])
+        place = _place_in(data, detail["loc"], missing=detail["type"] == "missing")
         if len(shown) == MAX_PROBLEMS:
             more.add((place, detail["type"]))
             continue
@@ -69,8 +69,8 @@ def problem_lines(
     return problems
 
 
-def _place_in(data: object, location: tuple[int | str, ...]) -> Place:
-    """Pydantic's location without the names it adds for the members of a union."""
+def _place_in(data: object, location: tuple[int | str, ...], *, missing: bool) -> Place:
+    """Pydantic's location without the names it adds for the members of a union; with that of a missing key."""
     place: list[str | int] = []
     for index, part in enumerate(location):
         inside = (isinstance(data, dict) and part in data) or (
@@ -79,7 +79,7 @@ def _place_in(data: object, location: tuple[int | str, ...]) -> Place:
         if inside:
             data = data[part]  # type: ignore[index]
             place.append(part)
-        elif isinstance(data, dict) and index == len(location) - 1 and part != "[key]":
+        elif missing and isinstance(data, dict) and index == len(location) - 1:
             place.append(part)
     return tuple(place)
 

@@ -112,7 +112,8 @@ def loop_case(
     if not isinstance(settings, SETTINGS[kind.name]):
         wants = " and ".join(SETTINGS[kind.name].GAINS)
         raise InputError(
-            f"the controller {origin} has {' and '.join(settings.GAINS)}; {of_kind(machine)} takes one with {wants}",
+            f"the controller {origin} is of kind '{settings.kind}' with {' and '.join(settings.GAINS)}; "
+            f"{of_kind(machine)} takes kind '{SETTINGS[kind.name].model_fields['kind'].default}' with {wants}",
             place="controller",
         )
     if loads is None:

@@ -106,10 +106,12 @@ def least_sentence(members: Sequence[Member]) -> str:
     """The smallest of each margin, with its loop."""
     worst = weakest(members)
     m = worst.margins
+    downwards = -20.0 * math.log10(m.gain_down) if m.gain_down > 0.0 else math.inf
     words_of = {
         "ms": f"largest Ms {m.ms:.2f} at {figures(m.ms_hz)} Hz",
         "phase_deg": f"smallest phase margin {m.phase_deg:.0f}°",
         "gain_up": f"smallest gain margin {gain_text(m).partition('/')[0]} dB" if math.isfinite(m.gain_up) else "",
+        "gain_down": f"smallest gain margin downwards {downwards:.1f} dB" if math.isfinite(downwards) else "",
         "delay_s": f"smallest delay margin {figures(1000.0 * m.delay_s)} ms",
         "bandwidth_hz": f"narrowest bandwidth {figures(m.bandwidth_hz)} Hz",
         "rejection_hz": f"disturbances rejected up to {figures(m.rejection_hz)} Hz",

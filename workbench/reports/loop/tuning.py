@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.analysis.family import weakest
+from workbench.analysis.obstacle import rounded_down
 from workbench.analysis.tune import Candidate, Tuned, Weights
 from workbench.control import Cascade, Settings
 from workbench.errors import InputError
@@ -87,12 +88,12 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
     drive = " ".join([drive_sentence(case.machine, win.settings.sample_time_s), *effect_sentences(case.machine)])
     lines = [
         f"{asked}, at {n} {points}. {drive} "
-        f"The widest bandwidth that this allows is {figures(tuned.attainable_hz)} Hz.",
+        f"The widest bandwidth that this allows is {rounded_down(tuned.attainable_hz)} Hz.",
         f"Chosen of {len(tuned.tried)} candidates for the least weighted cost (tracking {weights.tracking:g}, peak "
         f"{weights.peak:g}, effort {weights.effort:g}): against the shaped gains tracking error "
         f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, {kind.drive.quantity} peak "
         f"{_change(start.score.peak_percent, win.score.peak_percent)}.",
-        f"Of the winner's loops: {least_sentence(tuned.members)} {load_sentence(tuned.members)}",
+        f"The winner's loops. {least_sentence(tuned.members)} {load_sentence(tuned.members)}",
     ]
     loop = kind.looped
     if win.score.peak_percent >= 99.9 * loop.peak_limit(case.machine) / loop.input_scale(case.machine):
