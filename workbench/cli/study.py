@@ -93,12 +93,8 @@ def _run(study: Study, place: ResultFolder, spread: Spread, tell: Tell) -> None:
 def _report(study: Study, place: ResultFolder) -> None:
     from workbench.cli.show import print_table, print_text
     from workbench.study.conclude import tables
-    from workbench.study.conclude.bound import from_the_bound
-    from workbench.study.conclude.damping import on_another_wire
-    from workbench.study.conclude.decide import decision_table, verdict
-    from workbench.study.conclude.sentences import sentences
-    from workbench.study.conclude.utilisation import alarm, utilisation
-    from workbench.study.execute.run import peak_limit
+    from workbench.study.conclude.answer import answer
+    from workbench.study.conclude.decide import decision_table
     from workbench.study.results.index import read_rows
     from workbench.study.variations.varying import swept_axes
 
@@ -113,10 +109,8 @@ def _report(study: Study, place: ResultFolder) -> None:
     if (decision := decision_table(rows)) is not None:
         click.echo()
         print_table(decision)
-    # The damping's sentence takes two more runs: a study that is there already is shown as it is.
-    damping = None if place.finished else on_another_wire(study)
-    first = verdict(rows), alarm(utilisation(rows, study.machine)), damping
-    print_text(["", *(s for s in first if s), *from_the_bound(study), *sentences(rows, peak_limit(study.machine)), ""])
+    # A study that is there already is shown as it is: nothing is run.
+    print_text(["", *answer(study, rows, simulate=not place.finished), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")
     if place.note:

@@ -11,7 +11,8 @@ from workbench.figures.save import Section, save_page
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_axis import axis_overview
 from workbench.kinds import kind_of
-from workbench.study.conclude.sentences import sentences
+from workbench.study.conclude.answer import answer
+from workbench.study.conclude.decide import decision_table
 from workbench.study.conclude.tables import run_table
 from workbench.study.execute.run import StudyResult, peak_limit
 from workbench.study.results.row import Row, with_payload
@@ -75,12 +76,12 @@ def _peak(result: StudyResult, payload_kg: float, kind: str) -> float:
 
 def save_study_page(result: StudyResult, path: Path) -> None:
     """Write the page of a study; it needs no network."""
-    machine = result.study.machine
-    said = sentences(result.rows, peak_limit(machine))
-    paragraphs = [result.study.scenario.description, " ".join(said)]
+    machine, description = result.study.machine, result.study.scenario.description
+    decision = decision_table(result.rows)
     section = Section(
-        sentences=[paragraph for paragraph in paragraphs if paragraph],
-        tables=[run_table(result.rows)],
+        sentences=[description] if description else [],
+        points=answer(result.study, result.rows),
+        tables=[*([decision] if decision is not None else []), run_table(result.rows)],
         figures=[(figure, "") for figure in study_figures(result)],
     )
     save_page([section], path, f"Study {result.study.scenario.name} — {machine.name}")

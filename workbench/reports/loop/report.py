@@ -29,7 +29,8 @@ MARGINS = (
     Column("disk"), Column("Ms"), Column("Mt"), Column("cross", "Hz"), Column("band", "Hz"), Column("reject", "Hz"),
     Column("slowest", "1/s"), Column("least ζ"),
 )  # fmt: skip
-LOAD_NM = 100.0  # that sentences name, of a hoist
+LOAD_NM = 100.0  # that sentences name, of a hoist: about a tenth of the default motors' nominal torque
+GONE = 0.01  # of the largest way: nothing of it stays
 CAPTION = (
     "Margins: how much more gain (after a slash: less), phase and delay the loop bears; disk: gain and phase at once "
     "(0 nothing, 2 the most). Ms, Mt: largest |1/(1+L)| and |L/(1+L)|. cross: where |L| is 1; band: where |T| falls "
@@ -81,7 +82,7 @@ def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
         where = ", ".join(where_of(m) for m in unstable)
         return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive, *known]
     all_ = "The loop is stable." if len(members) == 1 else f"All {len(members)} loops are stable."
-    lines = [f"{all_} {least_sentence(members)}", drive, *known, load_sentence(members)]
+    lines = [f"{all_} {least_sentence(members)}", drive, *known, load_sentence(members, case.machine)]
     heights = {m.point.height_m for m in members}
     spread = [max(x.margins.ms for x in same) - min(x.margins.ms for x in same) for same in _by_payload(members)]
     if (
@@ -125,7 +126,7 @@ def least_sentence(members: Sequence[Member]) -> str:
     return "Weakest of them: " + "; ".join(f"at {where}: {', '.join(w)}" for where, w in by_member.items()) + "."
 
 
-def load_sentence(members: Sequence[Member]) -> str:
+def load_sentence(members: Sequence[Member], machine: Hoist | Axis) -> str:
     """The largest response to a load step."""
     steps_ = [load_step(member.loop) for member in members]
     peak, iae, last = (max(getattr(s, n) for s in steps_) for n in ("peak_rad_s", "iae_rad", "recovery_s"))
@@ -133,16 +134,27 @@ def load_sentence(members: Sequence[Member]) -> str:
     if not kind.payload:
         way, rate, unit = kind.moved.unit, kind.moved.speed_unit, kind.drive.unit
         places = [answer for member in members if (answer := position_answer(member.loop)) is not None]
-        moved = f", its position by at most {_fine(max(a.peak for a in places), way)}" if places else ""
-        left = f"; {_fine(max(a.left for a in places), way)} of it are left" if places else ""
+        step = _step_of(machine)
+        moved = left = ""
+        if places:
+            most, stays = (step * max(getattr(a, name) for a in places) for name in ("peak", "left"))
+            moved = f", its position by at most {_fine(most, way)}"
+            left = ", and the position comes back" if stays < GONE * most else f"; {_fine(stays, way)} of the way stay"
         return (
-            f"A load step of 1 {unit} moves the speed by at most {_fine(peak, rate)}{moved}; the speed is "
-            f"down to a tenth after {figures(last)} s{left}."
+            f"A load step of {step:g} {unit} moves the speed by at most {_fine(step * peak, rate)}{moved}; the speed "
+            f"is down to a tenth after {figures(last)} s{left}."
         )
     return (
         f"{LOAD_NM:g} N m on the shaft move the speed by at most {figures(LOAD_NM * peak)} rad/s, its error integrates "
         f"to {figures(LOAD_NM * iae)} rad and is down to a tenth after {figures(last)} s."
     )
+
+
+def _step_of(machine: Hoist | Axis) -> float:
+    """A load step that suits an axis: about a tenth of what its inputs are judged against, one digit."""
+    tenth = 0.1 * kind_of(machine).looped.input_scale(machine)
+    decade = 10.0 ** math.floor(math.log10(tenth)) if tenth > 0.0 else 1.0
+    return decade * max((digit for digit in (1.0, 2.0, 5.0) if digit * decade <= tenth), default=1.0)
 
 
 def _fine(value: float, unit: str) -> str:

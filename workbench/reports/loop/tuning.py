@@ -93,7 +93,7 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
         f"{weights.peak:g}, effort {weights.effort:g}): against the shaped gains tracking error "
         f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, {kind.drive.quantity} peak "
         f"{_change(start.score.peak_percent, win.score.peak_percent)}.",
-        f"The winner's loops. {least_sentence(tuned.members)} {load_sentence(tuned.members)}",
+        f"The winner's loops. {least_sentence(tuned.members)} {load_sentence(tuned.members, case.machine)}",
     ]
     loop = kind.looped
     if win.score.peak_percent >= 99.9 * loop.peak_limit(case.machine) / loop.input_scale(case.machine):
