@@ -83,6 +83,11 @@ def sentences(case: LoopCaseFile, members: Sequence[Member]) -> list[str]:
         return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive, *known]
     all_ = "The loop is stable." if len(members) == 1 else f"All {len(members)} loops are stable."
     lines = [f"{all_} {least_sentence(members)}", drive, *known, load_sentence(members, case.machine)]
+    if said := event_words(case):
+        lines.append(
+            f"The scenario's events ({said}) leave these margins as they are: a failed motor lowers the limit of the "
+            "torque, a brake adds friction, a stop changes the reference. `study` and `tune` simulate them."
+        )
     heights = {m.point.height_m for m in members}
     spread = [max(x.margins.ms for x in same) - min(x.margins.ms for x in same) for same in _by_payload(members)]
     if (
@@ -161,6 +166,12 @@ def _fine(value: float, unit: str) -> str:
     """`75 mrad`: three digits with the prefix that they want."""
     scale, prefix = next(((s, p) for s, p in ((1.0, ""), (1e3, "m"), (1e6, "µ")) if s * value >= 1.0), (1e9, "n"))
     return f"{figures(scale * value)} {prefix}{unit}"
+
+
+def event_words(case: LoopCaseFile) -> str:
+    """What happens in the scenario's runs, and when: `brake_release_s 2.5`; "" for nothing."""
+    given = case.events.model_dump(exclude_none=True)
+    return ", ".join(f"{key} {value:g}" for key, value in given.items() if key.endswith("_s"))
 
 
 def _by_payload(members: Sequence[Member]) -> list[list[Member]]:

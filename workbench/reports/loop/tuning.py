@@ -16,7 +16,7 @@ from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.reports.loop.case import LoopCaseFile
-from workbench.reports.loop.report import drive_sentence, effect_sentences, least_sentence, load_sentence
+from workbench.reports.loop.report import drive_sentence, effect_sentences, event_words, least_sentence, load_sentence
 from workbench.reports.numbers import figures
 from workbench.tables import Column, Table, words
 from workbench.yaml_strict import dumps
@@ -95,6 +95,8 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
         f"{_change(start.score.peak_percent, win.score.peak_percent)}.",
         f"The winner's loops. {least_sentence(tuned.members)} {load_sentence(tuned.members, case.machine)}",
     ]
+    if said := event_words(case):
+        lines.append(f"The candidates were simulated with the scenario's events: {said}.")
     loop = kind.looped
     if win.score.peak_percent >= 99.9 * loop.peak_limit(case.machine) / loop.input_scale(case.machine):
         who = "motors reach their torque" if kind.payload else f"drive reaches its {kind.drive.quantity}"
