@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from workbench.control import Events, PiSettings
 from workbench.errors import InputError
 from workbench.machine import with_values
 from workbench.reports.loop.case import loop_case
+from workbench.reports.loop.report import sentences
 
 SLOW = {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002}
 MACHINE = with_values(ideal_hoist(), SLOW)
@@ -111,3 +113,19 @@ def test_a_tuning_tells_its_steps_and_ends_where_it_is_told_to():
 def test_a_tuning_runs_under_the_scenarios_events():
     case = loop_case(None, None, None, (10.0,), "scenarios/motor_failure.yaml")
     assert case.trial().events == case.events != Events()
+
+
+def test_a_loop_says_that_the_scenarios_events_leave_its_margins():
+    case = loop_case(None, None, (9000.0,), (10.0,), "scenarios/motor_failure.yaml")
+    members = family(case.machine, case.settings, operating_points(case.machine, (9000.0,), (10.0,)))
+    said = " ".join(sentences(case, members))
+    assert "The scenario's events (motor_fails_s 10) leave these margins as they are" in said
+
+
+def test_a_loop_that_less_gain_makes_unstable_says_by_how_much_less():
+    case = loop_case(None, None, None, None, "scenarios/axis.yaml")
+    members = family(case.machine, case.settings, operating_points(case.machine, (0.0,), (0.0,)))
+    (margins,) = (member.margins for member in members)
+    assert 0.0 < margins.gain_down < 1.0
+    said = re.search(r"smallest gain margin downwards ([\d.]+) dB", " ".join(sentences(case, members)))
+    assert said is not None and float(said[1]) == pytest.approx(-20.0 * math.log10(margins.gain_down), abs=0.05)

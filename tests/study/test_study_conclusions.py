@@ -115,6 +115,49 @@ def test_an_axis_without_effect_is_said_to_have_none():
     assert any(sentence.startswith("Anti windup makes no difference at 9000 kg") for sentence in sentences(rows, LIMIT))
 
 
+def test_a_sweep_is_judged_on_the_references_that_read_it():
+    """A trapezoid knows no jerk: its peak, the worst of all, hides nothing of what the jerk does to ruckig."""
+    rows = [row({JERK: j}, peak_torque_motor_nm=400.0 + 50.0 * j) for j in (1.0, 2.0)]
+    rows += [row({JERK: j}, kind="trapezoid", peak_torque_motor_nm=600.0) for j in (1.0, 2.0)]
+    (text,) = [sentence for sentence in sentences(rows, LIMIT) if sentence.startswith("Jerk ")]
+    assert "the torque peak per motor goes from 450 to 500 N m" in text
+
+
+FORWARD = tuple(f"sweep.controller.feed_forward.{name}" for name in ("inertia", "weight", "friction", "wire"))
+
+
+def forward_rows(**peaks: tuple[float, float, float]) -> list[Row]:
+    """Without feed-forward, with that of a stiff machine, with one that knows the wire; peaks above static by kind."""
+    points = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
+    return [
+        row(dict(zip(FORWARD, (stiff, stiff, stiff, wire), strict=True)), kind=kind, peak_torque_above_static_nm=peak)
+        for kind, own in peaks.items()
+        for (stiff, wire), peak in zip(points, own, strict=True)
+    ]
+
+
+def test_every_axis_of_a_sweep_has_a_column_and_fields_of_one_value_are_said_together():
+    rows = forward_rows(ruckig=(300.0, 290.0, 280.0))
+    heads = " ".join(run_table(rows).heads).replace("\n", " ")
+    assert "inertia" in heads and "wire" in heads
+    assert len({tuple(line[2:5]) for line in run_table(rows).rows}) == 3
+    stiff = run_in_words(rows[1], swept_axes(rows))
+    assert stiff == "9000 kg, ruckig, feed forward inertia, weight and friction 1, feed forward wire 0"
+
+
+def test_what_a_reference_takes_off_is_said_with_where_it_is_most_and_least():
+    trapezoid = (400.0, 400.0, 400.0)
+    optimal, equal = (300.0, 280.0, 260.0), (500.0, 480.0, 500.0)
+    said = sentences(forward_rows(trapezoid=trapezoid, optimal=optimal, ruckig_equal_time=equal), LIMIT)
+    (best,) = [text for text in said if text.startswith("At 9000 kg optimal")]
+    assert "takes the trapezoid's time and takes 25 to 35 % off the torque peak above static" in best
+    assert best.endswith(
+        ": most at feed forward inertia, weight and friction 1, feed forward wire 1, least at feed forward inertia, "
+        "weight and friction 0, feed forward wire 0."
+    )
+    assert any("adds 20 to 25 % to the torque peak above static" in text for text in said)
+
+
 def test_words_are_said_one_by_one():
     errors = {"none": 9.0, "conditional": 5.0}
     rows = [row({"sweep.controller.anti_windup": word}, speed_error_max_rad_s=e) for word, e in errors.items()]
