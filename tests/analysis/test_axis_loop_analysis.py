@@ -153,6 +153,9 @@ def test_a_tuned_axis_has_the_bandwidth_asked_for_and_names_what_forbids_more():
     assert tuned.winner.settings.kv_per_s == CASCADE.kv_per_s
     with pytest.raises(InputError, match=r"200 Hz is out of reach.*phase is lost to the speed delay"):
         tune(case.machine, case.settings, points, case.trial(), Goal(200.0))
+    # Where friction holds the speed as firmly as so slow a loop, there is a gap between the slowest and the next.
+    with pytest.raises(InputError, match=r"the nearest that can be had is about 4\.\d Hz, the widest is 34\.\d Hz"):
+        tune(case.machine, case.settings, points, case.trial(), Goal(4.0))
 
 
 def test_the_report_of_a_loop_speaks_the_axis_s_units():

@@ -77,12 +77,23 @@ def for_bandwidth(search: Search, bandwidth_hz: float, ms_limit: float) -> Shape
         low, high = float(ratio[max(k - 1, 0)]), float(ratio[min(k + 1, len(ratio) - 1)])
     if best is None:
         raise InputError(
-            f"{bandwidth_hz:g} Hz: no gains give just that with Ms {ms_limit:g} or less; "
-            f"expected at most {rounded_down(attainable)} Hz, and not far below {LOWEST_CROSSOVER_HZ:g} Hz; "
-            f"{search.why_no_wider(*widest)}",
+            f"{bandwidth_hz:g} Hz: no gains give just that with Ms and Mt {ms_limit:g} or less; "
+            f"{_nearest(search, bandwidth_hz, ms_limit)}the widest is {rounded_down(attainable)} Hz",
             place="bandwidth",
         )
     return _shaped(search, *best, attainable)
+
+
+def _nearest(search: Search, bandwidth_hz: float, ms_limit: float) -> str:
+    """Words for the bandwidth nearest to that asked for, as a ratio, of those that a table of allowed gains gives."""
+    kps, ratios = (np.geomspace(*span, 60) for span in _ranges(search))
+    kp, ratio = (a.ravel() for a in np.meshgrid(kps, ratios, indexing="ij"))
+    judged = search.judge(kp, kp * ratio)
+    good = _allowed(judged, ms_limit) & (judged.mt <= NEAR * ms_limit) & np.isfinite(judged.bandwidth_hz)
+    had = judged.bandwidth_hz[good & (judged.bandwidth_hz > 0.0)]
+    if not len(had):
+        return ""
+    return f"the nearest that can be had is about {had[np.argmin(np.abs(np.log(had / bandwidth_hz)))]:.2g} Hz, "
 
 
 def _widest(search: Search, ms_limit: float) -> tuple[float, float]:
