@@ -120,7 +120,7 @@ def test_a_loop_that_hunts_below_its_limits_is_pointed_out_where_runs_are_judged
     assert not any("hunts" in said for said in sentences([hunting(14.0)], 1000.0))
     lights = {use.what: use.light for use in utilisation([hunting(350.0)], default_hoist())}
     assert lights["torque swings"] == "red"
-    assert "torque swings 2500 % of 2 a second" in str(alarm(utilisation([hunting(350.0)], default_hoist())))
+    assert "torque swings 25 times 2 a second" in str(alarm(utilisation([hunting(350.0)], default_hoist())))
     assert "torque swings" not in {use.what for use in utilisation([hunting(14.0)], default_hoist())}
 
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 # Of the slider: enough for a median where the times are wanted, else enough to see that figures follow.
 MOVES = 9 if os.environ.get("WORKBENCH_SCREENSHOTS") else 3
-# No targets: on a computer that others use too a time says little. These tell a page that hangs from one that works.
-FIRST_PAGE_WITHIN_S, FIGURES_WITHIN_S = 60.0, 20.0
 DIAGNOSED_WITHIN_MS = 600_000.0
 # Of the page Gap: the tabs with the figures that each shows; the downloads and what they are called.
 TABS = {"Where it lies": 2, "Before and after": 3, "Told apart, next run": 1, "Control study": 1}
@@ -69,12 +67,12 @@ def test_a_visitor_walks_the_whole_story(chromium: Browser, shots: Path, tmp_pat
 
 
 def first_page(visit: Visit) -> float:
-    """Study on a server that nobody has visited yet; from the address to all figures drawn."""
+    """Study on a server that nobody has visited yet; from the address to all figures drawn, in s: on a computer that
+    others use too it says little, so only the browser's own waiting time ends a page that hangs."""
     visit.page.goto(visit.address, wait_until="commit")
     taken = visit.first_drawn_s(figures=4)
     visit.drawn()
     visit.shot("1 study")
-    assert taken < FIRST_PAGE_WITHIN_S
     return taken
 
 
@@ -83,7 +81,6 @@ def sliders(visit: Visit) -> list[float]:
     jerk = visit.page.get_by_test_id("stSlider").filter(has_text="Limit jerk")
     taken = [visit.moved_ms(jerk, 0.12 if number % 2 == 0 else -0.08) / 1000.0 for number in range(MOVES)]
     visit.shot("2 study after sliders")
-    assert statistics.median(taken) < FIGURES_WITHIN_S
     return taken
 
 
