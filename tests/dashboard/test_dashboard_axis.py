@@ -255,3 +255,15 @@ def test_what_no_axis_can_be_asked_is_one_clear_error():
 def test_a_hoists_scenario_chosen_on_an_axis_goes_back_to_a_hoist():
     desk, machine = shipped_desk("payloads", EMPS)
     assert isinstance(desk, Desk) and machine == machines.DEFAULT
+
+
+def test_what_an_axis_cannot_be_asked_keeps_its_last_study_below_the_error():
+    app = page("Study")
+    app.session_state["machine arrived"] = machines.AXIS
+    app.session_state["study axis desk"] = shipped_axis_desk()
+    app.run()
+    app.text_input(key="study.name").set_value("../x").run()
+    assert not app.exception
+    (said,) = errors(app)
+    assert "letters, digits" in said
+    assert any("the last settings that could be run" in caption.value for caption in app.caption)

@@ -12,16 +12,10 @@ import pytest
 from tests.identify.test_emps import RUNS as EMPS_RUNS
 from tests.support.simulated_campaign import SPEED_NOISE_RAD_S, TORQUE_NOISE_NM, simulated_campaign
 from workbench.diagnose.hypotheses.problem import Problem, rms
+from workbench.diagnose.readiness.channel_noise import channel_noise, jitter_s, resolution, white_noise
 from workbench.diagnose.readiness.condition import clipped_share, condition, outliers
 from workbench.diagnose.readiness.lateness import lateness
-from workbench.diagnose.readiness.motion_noise import (
-    channel_noise,
-    jitter_s,
-    motion_noise,
-    noisier,
-    resolution,
-    white_noise,
-)
+from workbench.diagnose.readiness.motion_noise import motion_noise, noises_of, noisier
 from workbench.logs import Campaign, read_campaign
 from workbench.run import Array
 
@@ -144,7 +138,7 @@ def test_the_motions_noise_is_small_on_a_hoist_and_grows_with_the_sensor(campaig
     assert 0.0 < noise < 0.3 * problem.noise
     random, loud = np.random.default_rng(9), campaign.runs
     for _ in range(3):  # each time doubles the variance
-        loud = tuple(noisier(run, ("speed_motor_rad_s",), random) for run in loud)
+        loud = tuple(noisier(run, noises_of(run, ("speed_motor_rad_s",)), random) for run in loud)
     assert rms(motion_noise(Problem(campaign.machine, loud), 1)) == pytest.approx(math.sqrt(8.0) * noise, rel=0.2)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from workbench.diagnose.hypotheses.discrepancy import SPREAD
 from workbench.diagnose.hypotheses.error_model import ErrorModel, Sizes
 from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.run import Array
 
 STEP = 2.0  # of both sizes, from one tried to the next
@@ -55,7 +55,7 @@ def score_of(problem: Problem, fit: Fitted) -> Score:
         if value(better) >= value(best):
             break
         best = better
-    excess = _rms(errors.sized(best).discrepancy) / max(_rms(errors.sized((1.0, 1.0)).discrepancy), 1e-300)
+    excess = rms(errors.sized(best).discrepancy) / max(rms(errors.sized((1.0, 1.0)).discrepancy), 1e-300)
     return Score(value(best) + fit.prior, best, excess)
 
 
@@ -73,10 +73,6 @@ def _value(errors: ErrorModel, residual: Array) -> float:
 
 def _within(sizes: Sizes) -> bool:
     return all(low <= size <= high for size, (low, high) in zip(sizes, BOUNDS, strict=True))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def independent(problem: Problem) -> float:

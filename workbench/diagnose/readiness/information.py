@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.diagnose.readiness.motion_noise import logged_motion, noisier
+from workbench.diagnose.readiness.motion_noise import logged_motion, noises_of, noisier
 from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 
@@ -25,7 +25,7 @@ LOWEST_HZ = 2.0
 def informative_band(bench: Bench, seed: int) -> float:
     """In Hz; at most the band of the bench."""
     random = np.random.default_rng(seed)
-    noisy = [noisier(run, logged_motion(bench, run), random) for run in bench.runs]
+    noisy = [noisier(run, noises_of(run, logged_motion(bench, run)), random) for run in bench.runs]
     before = [raw for raw, _ in bench.predict([bench.base])[0]]
     beside = Bench(bench.machine, noisy, bench.band_hz, blows=bench.blows)
     after = [raw for raw, _ in beside.predict([beside.base])[0]]

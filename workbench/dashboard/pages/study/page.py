@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import cast
+from typing import TypeVar, cast
 
 import numpy as np
 import streamlit as st
@@ -40,6 +40,7 @@ from workbench.study.variations.varying import swept_axes
 
 PEAK = "peak_torque_motor_nm"
 GOOD, AXIS_GOOD = "study good", "study axis good"
+AnyMachine = TypeVar("AnyMachine", Hoist, Axis)
 
 
 def show() -> None:
@@ -81,25 +82,14 @@ def show() -> None:
 
 def _axis(desk: AxisDesk, machine: Axis, bad: Sequence[InputError], head: DeltaGenerator) -> None:
     """The page below its head for an axis."""
-    try:
-        if bad:
-            raise bad[0]
-        scenario = axis_scenario(desk, machine)
-        with told():
-            good = (scenario, machine, results(scenario, machine))
-    except InputError as error:
-        problem(named(error, axis_names(machine)))
-        last = session.get(AXIS_GOOD, tuple, ())
-        if not last:
-            st.stop()
-        st.caption("Shown below: the last settings that could be run.")
-        good = last
-    else:
-        session.put(AXIS_GOOD, good)
+    names = axis_names(machine)
+    good, new = _ran(machine, lambda: axis_scenario(desk, machine), bad, lambda error: named(error, names), AXIS_GOOD)
+    if new:
+        scenario, _, _ = good
         controller.said("study", desk.controller, controller.owner(machine))
         _say_address(axis_address(scenario, machine))
     with head:
-        study_head(*good, axis_files(scenario, machine))
+        study_head(*good, axis_files(good[0], machine))
     sentence = axis_answer(*good)
     with guarded():
         _ramps(*good, sentence)
@@ -123,25 +113,39 @@ def _from_link() -> None:
 
 
 def _run(desk: Desk, machine: Hoist, bad: Sequence[InputError]) -> tuple[Scenario, Hoist, StudyResult]:
-    """The study that is asked for; where it cannot be run, the error under its control's name and the last that was."""
+    """The study of a hoist, told to the other pages and to the address."""
+    good, new = _ran(machine, lambda: scenario_of(desk, machine), bad, named, GOOD)
+    if new:
+        scenario, _, _ = good
+        controller.said("study", scenario.controller)
+        _say_address(in_address(scenario, machine))
+    return good
+
+
+def _ran(
+    machine: AnyMachine,
+    asked: Callable[[], Scenario],
+    bad: Sequence[InputError],
+    under_its_control: Callable[[InputError], InputError],
+    key: str,
+) -> tuple[tuple[Scenario, AnyMachine, StudyResult], bool]:
+    """The study that is asked for, and True; where it cannot be run, the error under its control's name, the last one
+    that was, kept in the session under `key`, and False."""
     try:
         if bad:
             raise bad[0]
-        scenario = scenario_of(desk, machine)
+        scenario = asked()
         with told():
             good = (scenario, machine, results(scenario, machine))
     except InputError as error:
-        problem(named(error))
-        last = session.get(GOOD, tuple, ())
+        problem(under_its_control(error))
+        last = session.get(key, tuple, ())
         if not last:
             st.stop()
         st.caption("Shown below: the last settings that could be run.")
-        scenario, machine, result = last
-        return scenario, machine, result
-    session.put(GOOD, good)
-    controller.said("study", scenario.controller)
-    _say_address(in_address(scenario, machine))
-    return good
+        return last, False
+    session.put(key, good)
+    return good, True
 
 
 def _say_address(text: str | None) -> None:
