@@ -10,6 +10,8 @@ import pytest
 
 pytest.importorskip("streamlit")
 
+from streamlit.testing.v1 import AppTest
+
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.dashboard import campaigns
@@ -48,6 +50,20 @@ def test_rows_have_units_and_share_one_cursor_and_one_zoom():
     assert {trace.xaxis for trace in figure.data} == {"x3"} and layout["hoversubplots"] == "axis"
     assert figure.data[-1].y[0] == 50.0
     assert [trace.name for trace in figure.data if trace.showlegend] == ["long", "other"]
+
+
+def _two_charts() -> None:
+    from plotly.graph_objects import Figure
+
+    from workbench.dashboard.widgets import chart
+
+    for key in ("run a__b", "run a_b", "run a%5Fb", "__"):
+        chart(Figure(), key)
+
+
+def test_any_name_of_a_run_may_be_a_charts_key():
+    app = AppTest.from_function(_two_charts).run()
+    assert not errors(app) and not app.exception and len(figures(app)) == 4
 
 
 def test_a_short_stretch_shows_every_sample_between_its_ends():

@@ -31,12 +31,20 @@ _mounts: WeakKeyDictionary[BidiComponentManager, Callable[..., Any]] = WeakKeyDi
 def draw(figure: Figure, key: str, config: dict[str, Any], alt: str | None) -> None:
     """The figure over the page's width. key: its identity, under which a changed figure keeps zoom and legend."""
     said = f'{{"figure": {figure.to_json(validate=False)}, "config": {json.dumps(config)}, "alt": {json.dumps(alt)}}}'
-    _mount()(key=key, data=said.encode())
+    _mount()(key=_safe(key), data=said.encode())
 
 
 def load_ahead() -> None:
     """Has the browser load the library while the server still computes what is to be drawn."""
     _mount()(key="chart library")
+
+
+def _safe(key: str) -> str:
+    """The key without `__`, which streamlit keeps for itself in a component's key; different keys stay different.
+
+    Job numbers and the names of runs, which are random or a user's, may hold it.
+    """
+    return key.replace("%", "%25").replace("_", "%5F")
 
 
 def _mount() -> Callable[..., Any]:
