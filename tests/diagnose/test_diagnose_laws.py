@@ -210,6 +210,17 @@ def test_a_machine_within_its_tolerances_has_no_gap(kind: str, seed: int):
     assert not d.corrected.effects
 
 
+def test_an_axis_whose_friction_builds_up_over_a_trace_of_a_way_is_no_gap_and_hides_no_cause():
+    """The bristles of every guide are no cause, and another one is seen through them at its true size."""
+    slow = {"presliding": {"distance_rad": 1e-3}}
+    machine = nominal("axis-rotary")
+    assert diagnosed("axis-rotary", runs_of(with_effects(machine, slow))).verdict.word == "no_gap"
+    d = diagnosed("axis-rotary", runs_of(with_effects(machine, {**slow, "friction_coulomb": {"level_nm": 0.8}})))
+    assert d.verdict.effects == ("friction_coulomb",)
+    (level,) = d.candidates[0].parameters["friction_coulomb"]
+    assert level.value == pytest.approx(0.8, rel=0.1)
+
+
 @pytest.mark.parametrize("kind", TRUTHS)
 def test_a_cause_taken_out_of_the_library_is_unknown(kind: str):
     name = "friction_position_dependent"

@@ -87,7 +87,7 @@ def test_a_late_speed_of_a_small_machine_is_named(shared_data: Path):
     diagnosis, told = answer(shared_data, "31")
     assert diagnosis.verdict.effects == ("speed_delay",)
     assert values(diagnosis)["delay_s"][0] == pytest.approx(told["w_delay"], rel=0.1)
-    # Three sampling steps of the delay are within what a log's timing may be off, so they are no part of the gap.
+    # As much of the delay as a log's timing may be off is no part of the gap.
     assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise < 0.25 * diagnosis.shrink.before
 
 

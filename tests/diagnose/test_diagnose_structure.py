@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.noisy_runs import hoist_runs
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.verdict.structure import lasting_share, repeated_share, sudden_share
+from workbench.diagnose.verdict.structure import lasting_share, loaded_share, repeated_share, sudden_share
 from workbench.kinds import kind_of
 from workbench.machine import default_hoist
 from workbench.run import Array
@@ -40,6 +40,13 @@ def test_what_goes_with_the_place_comes_again_on_another_run_over_it(problem: Pr
     )
     bump = np.exp(-((place - np.median(place)) ** 2))
     assert repeated_share(problem, bump) > 0.4
+
+
+def test_a_gain_that_differs_between_the_ways_comes_again_with_the_load(problem: Problem):
+    measured = np.concatenate([u[rows] for u, rows in zip(problem.bench.measured, problem.rows, strict=True)])
+    noise = np.random.default_rng(1).normal(size=problem.samples)
+    gain = np.where(of_rows(problem, "speed") > 0.0, 0.05 * (measured - np.mean(measured)), 0.0)
+    assert loaded_share(problem, gain) > 0.3 > 0.05 > loaded_share(problem, noise)
 
 
 def test_noise_does_not(problem: Problem):

@@ -261,6 +261,24 @@ def test_before_it_slides_an_axis_gives_way_like_a_spring():
     assert axis_replay({}, force, 0.002, forward=20.0, backward=20.0, viscous=4000.0, constant=0.0)[-1, 0] < 1e-4
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"friction_coulomb": {"level_n": 10.0}},
+        {"friction_coulomb_asymmetric": {"level_forward_n": 10.0, "level_backward_n": 3.0}},
+        {"friction_load_dependent": {"friction_fraction": 2.0}},
+    ],
+)
+def test_all_dry_friction_builds_up_over_the_bristles_distance(more):
+    """z = 2 N / (20 + 10) N, so x = -d ln(1 - z): what an effect adds to the friction gives way with it."""
+    force = np.full(4000, 2.0 + 5.0)
+    states = axis_replay(
+        {"presliding": {"distance_m": 0.001}, **more}, force, 0.002,
+        forward=20.0, backward=20.0, viscous=4000.0, constant=5.0,
+    )  # fmt: skip
+    assert states[-1, 0] == pytest.approx(-0.001 * math.log(1.0 - 2.0 / 30.0), rel=1e-3)
+
+
 def driven_through_play(t: Array, v: Array, play: float, shares: tuple[float, float], **values: float) -> Array:
     """Force and the motor's lead over what lies behind the play, (n, 2), of a linear axis that moves so."""
     machine = linear_axis(**values)

@@ -173,6 +173,14 @@ def test_what_is_added_at_a_place_does_what_the_place_says(place, added, expecte
     assert rates[place == "load_inertia_kg_m2"] == pytest.approx(expected, rel=1e-6)
 
 
+def test_what_an_effect_makes_of_the_switch_scales_the_motors_coulomb_level_of_that_way():
+    p = SimpleNamespace(**{**FREE, "F_f": 0.3, "F_b": 0.4})
+    for added, torque in ((0.5, 0.5 * 0.3), (-0.5, -0.5 * 0.4)):
+        effects = Effects({"axis_switch": [lambda s, p, added=added: added]})
+        rates = PLANT.accelerations(0.0, [0.01, 0.0], [0.0, 0.0], 7.0, p, effects)
+        assert rates[0] == pytest.approx((7.0 - torque - 900.0 * 0.01) / 0.02, rel=1e-6)
+
+
 @pytest.mark.parametrize("load", [-2.0, 0.0, 2.0])
 def test_a_load_finds_its_place_behind_play_that_an_effect_adds(load):
     """The plain place lies within the play: it is left for the flank that the load lies on."""

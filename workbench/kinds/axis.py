@@ -278,7 +278,7 @@ def axis_kind(
         # Cogging of a few tenths of a per cent of the largest input, and bristles of a thousandth of the travel.
         "traces": (
             Trace("torque_ripple", lambda m, sizes: 0.003 * sizes.force, fitted=False),
-            Trace("presliding", lambda m, sizes: 0.001 * sizes.length, fitted=False),
+            Trace("presliding", lambda m, sizes: 0.0005 * sizes.length),
         ),
         "discrepancy": Discrepancy(load=0.004, inertia=0.004, standstill=0.05, slow=0.05, time_s=0.06, of_largest=True),
         "whole": "axis",

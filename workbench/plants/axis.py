@@ -20,6 +20,7 @@ from workbench.trace.expr import Scalar, clip, cos, sin, where
 PLACES = {
     "axis_force": "force (torque) on an axis, forward positive",
     "axis_inertia": "inertia of an axis",
+    "axis_switch": "what dry friction follows beyond the sign of the speed, -1 to 1",
 }
 
 
@@ -28,14 +29,21 @@ def switch(v: Scalar, p: Any) -> Scalar:
     return clip(v / p.v_s, -1.0, 1.0)
 
 
-def level(v: Scalar, p: Any) -> Scalar:
-    """The Coulomb level of the way that v goes; N or N m."""
-    return where(v > 0.0, p.F_f, p.F_b)
+def switch_at(t: Scalar, v: Scalar, p: Any, effects: Effects) -> Scalar:
+    """What all dry friction of the axis follows, -1 to 1: the sign of the speed, or what an effect makes of it."""
+    sign = switch(v, p)
+    return sign + effects.at("axis_switch", p, t=t, v=v, switch=sign)
 
 
-def friction(v: Scalar, p: Any) -> Scalar:
-    """Coulomb and viscous friction along v; N or N m."""
-    return level(v, p) * switch(v, p) + p.B * v
+def level(sign: Scalar, p: Any) -> Scalar:
+    """The Coulomb level of the way that `sign` says, a speed or a switch; N or N m."""
+    return where(sign > 0.0, p.F_f, p.F_b)
+
+
+def friction(v: Scalar, p: Any, sign: Scalar | None = None) -> Scalar:
+    """Coulomb and viscous friction along v; N or N m. sign: what the dry part follows, else the sign of v."""
+    s = switch(v, p) if sign is None else sign
+    return level(s, p) * s + p.B * v
 
 
 def accelerations(
@@ -45,8 +53,10 @@ def accelerations(
     (x,), (v,) = q, y
     M = p.M + effects.at("axis_inertia", p, t=t, x=x)
     load = p.G * sin(x) + p.C
-    extra = effects.at("axis_force", p, t=t, v=v, x=x, angle=x, switch=switch(v, p), load=load, friction=friction(v, p))
-    return [(u - friction(v, p) - load + extra) / M]
+    sign = switch_at(t, v, p, effects)
+    own = friction(v, p, sign)
+    extra = effects.at("axis_force", p, t=t, v=v, x=x, angle=x, switch=sign, load=load, friction=own)
+    return [(u - own - load + extra) / M]
 
 
 def equilibrium(position: float, p: Any) -> tuple[list[float], float]:

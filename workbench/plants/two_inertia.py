@@ -52,24 +52,29 @@ PARAMETERS: Mapping[str, str | float] = {
 PLACES = {
     "axis_force": "torque on the motor, forward positive",
     "axis_inertia": "inertia of the motor",
+    "axis_switch": "what the motor's dry friction follows beyond the sign of the speed, -1 to 1",
     "load_inertia_kg_m2": "inertia of the load",
     "coupling_compliance": "compliance of the coupling over the nominal one",
     "coupling_torque_nm": "torque in the coupling, driving the load forward positive",
 }
 
 
-def _side(v: Scalar, forward: Scalar, backward: Scalar, viscous: Scalar, standstill: Scalar) -> Scalar:
-    return where(v > 0.0, forward, backward) * clip(v / standstill, -1.0, 1.0) + viscous * v
+def _side(v: Scalar, sign: Scalar, forward: Scalar, backward: Scalar, viscous: Scalar) -> Scalar:
+    return where(sign > 0.0, forward, backward) * sign + viscous * v
 
 
-def motor_friction(v: Scalar, p: Any) -> Scalar:
-    """Coulomb and viscous friction of the motor along v, N m; v in rad/s."""
-    return _side(v, p.F_f, p.F_b, p.B, p.v_s)
+def _switch(v: Scalar, standstill: Scalar) -> Scalar:
+    return clip(v / standstill, -1.0, 1.0)
+
+
+def motor_friction(v: Scalar, p: Any, sign: Scalar | None = None) -> Scalar:
+    """Coulomb and viscous friction of the motor along v, N m; v in rad/s. sign: what the dry part follows."""
+    return _side(v, _switch(v, p.v_s) if sign is None else sign, p.F_f, p.F_b, p.B)
 
 
 def load_friction(v: Scalar, p: Any) -> Scalar:
     """Coulomb and viscous friction of the load along v, N m; v in rad/s."""
-    return _side(v, p.F_lf, p.F_lb, p.B_l, p.v_ls)
+    return _side(v, _switch(v, p.v_ls), p.F_lf, p.F_lb, p.B_l)
 
 
 def coupling(twist: Scalar, rate: Scalar, k: Scalar, c: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
@@ -99,10 +104,10 @@ def accelerations(
     s = _state(t, q, y, u, p, effects)
     M = p.M + effects.at("axis_inertia", p, t=t, x=s.x)
     M_l = p.M_l + effects.at("load_inertia_kg_m2", p, t=t)
-    own = motor_friction(s.v, p)
-    extra = effects.at(
-        "axis_force", p, t=t, v=s.v, x=s.x, angle=s.x, switch=clip(s.v / p.v_s, -1.0, 1.0), load=s.T, friction=own
-    )
+    sign = _switch(s.v, p.v_s)
+    sign = sign + effects.at("axis_switch", p, t=t, v=s.v, switch=sign)
+    own = motor_friction(s.v, p, sign)
+    extra = effects.at("axis_force", p, t=t, v=s.v, x=s.x, angle=s.x, switch=sign, load=s.T, friction=own)
     a = (u - own - s.T + extra) / M
     a_l = (s.T - load_friction(s.v_l, p) - p.G * sin(s.x_l) - p.C) / M_l
     return [a, a_l]

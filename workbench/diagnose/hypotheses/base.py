@@ -15,6 +15,7 @@ from workbench.machine import get_value
 from workbench.run import Run
 
 SHAPE_STD = math.log(3.0)  # of a trace's shape, such as the speed at which Stribeck friction falls: a factor
+LEAST_STATE = 4e-5  # of its deviation: a trace that keeps a state is never quite off, for there it has no derivative
 LOAD_CELL_STD = 0.005  # of a dead line's load cell: its gain
 
 
@@ -36,9 +37,9 @@ def base_knobs(machine: Any, runs: Sequence[Run]) -> dict[str, Value]:
         least = -math.inf if value.signed else 0.0 if "coulomb" in value.key else 1e-3 * abs(nominal)
         knobs[value.key] = Value(symbol, nominal, std, least, std=1.0)
     if kind.log_timing:
-        # The channels of one log are rarely sampled at one instant: one sampling step is no gap.
+        # The channels of one log are rarely sampled at one instant, but within one sampling step: two deviations.
         step = float(np.median([run.sample_time_s for run in runs]))
-        knobs[LOG_TIMING] = Value(LOG_TIMING, 0.0, step, 0.0, std=1.0)
+        knobs[LOG_TIMING] = Value(LOG_TIMING, 0.0, 0.5 * step, 0.0, std=1.0)
     if kind.dead_line is not None and all(kind.dead_line.signal in run for run in runs):
         knobs[TENSION_GAIN] = Value(TENSION_GAIN, 1.0, LOAD_CELL_STD, std=1.0)
     return knobs
@@ -65,7 +66,8 @@ def trace_knobs(machine: Any, runs: Sequence[Run]) -> dict[str, Knob]:
             if r.vanishes_at is None:
                 knobs[name] = Value(r.symbol, r.start, 1.0, r.lowest, r.highest, std=SHAPE_STD, logarithmic=True)
             elif phase is None:
-                knobs[name] = Value(r.symbol, 0.0, std, 0.0, r.highest, std=1.0)
+                least = LEAST_STATE * std if find(trace.effect, kind.name).memory else 0.0
+                knobs[name] = Value(r.symbol, 0.0, std, least, r.highest, std=1.0)
             else:  # of an amplitude of unknown phase, either quadrature
                 knobs[name] = Wave(r.symbol, phase.symbol, 0.0, std, r.highest, (1.0, 1.0))
     return knobs

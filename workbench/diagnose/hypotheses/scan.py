@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 
+from workbench.diagnose.hypotheses.knobs import Setting
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.kinds import kind_of
@@ -16,6 +17,7 @@ from workbench.run import Array
 
 PLACES_TRIED = 24  # along what the runs have passed
 WAVES_TRIED = 120  # along the way
+WAVES_WEIGHED = 6000  # along the way, of which the residual's loudest are tried
 APART = 0.4  # of a wave over the whole way, from one tried to the next
 SHAPES_TRIED = 4  # of a shape that says nothing else
 
@@ -64,7 +66,7 @@ def _off(r: Ranged) -> float:
 def atoms(
     problem: Problem,
     effects: Iterable[Effect],
-    base: Mapping[str, float | tuple[float, ...]],
+    base: Setting,
     shapes_of: Mapping[str, Sequence[Mapping[str, float]]] | None = None,
 ) -> list[Atom]:
     """Every effect's signatures around the setting `base`. shapes_of: an effect's shapes, None to try all.
@@ -82,7 +84,7 @@ def atoms(
             points = [dict(at) for at in shapes_of[effect.id]]
         else:
             symbols = [r.symbol for r in shapes]
-            tried = product(*(_tried(problem, r) for r in shapes))
+            tried = product(*(_tried(problem, r, base) for r in shapes))
             points = [dict(zip(symbols, point, strict=True)) for point in tried]
         starts = [amounts]
         if problem.struck and len(amounts) == 1 and amounts[0].tries:
@@ -113,7 +115,7 @@ def atoms(
     return signatures
 
 
-def _tried(problem: Problem, r: Ranged) -> Sequence[float]:
+def _tried(problem: Problem, r: Ranged, base: Setting) -> Sequence[float]:
     if r.tries:
         return r.tries
     if r.scan in ("position", "drum_angle"):
@@ -128,10 +130,38 @@ def _tried(problem: Problem, r: Ranged) -> Sequence[float]:
         low, high = _visited(problem, "position")
         # What passes faster than the band is not seen at the speed that the runs mostly have.
         most = problem.band_hz / max(_typical_speed(problem), 1e-300)
-        count = min(max(2, math.ceil((min(r.highest, most) - r.lowest) * (high - low) / APART)), WAVES_TRIED)
-        return [float(x) for x in np.linspace(r.lowest, min(r.highest, max(most, 2.0 * r.lowest)), count)]
+        most = min(r.highest, max(most, 2.0 * r.lowest))
+        count = max(2, math.ceil((most - r.lowest) * (high - low) / APART))
+        evenly = np.linspace(r.lowest, most, min(count, WAVES_TRIED))
+        if count <= WAVES_TRIED:
+            return [float(x) for x in evenly]
+        fine = np.linspace(r.lowest, most, min(2 * count, WAVES_WEIGHED))
+        place = np.concatenate([at[rows] for at, rows in zip(_places(problem), problem.rows, strict=True)])
+        strongest = fine[loudest(problem.residuals([base])[0][: problem.inputs], place, fine)]
+        return [float(x) for x in np.unique(np.concatenate([strongest, evenly[::2]]))]
     low = max(r.lowest, 1e-6 * r.highest)
     return [float(x) for x in np.geomspace(low, r.highest, SHAPES_TRIED + 2)[1:-1]] if r.highest > 0 else [r.start]
+
+
+def loudest(residual: Array, place: Array, waves: Array) -> np.ndarray:
+    """Of (m,) waves per unit of the way, evenly apart, the indices of the WAVES_TRIED / 2 strongest peaks of the
+    residual's spectrum over the place, both (n,)
+    (N. Lomb, Astrophysics and Space Science 39, 1976, without his offset in time)."""
+    turn = np.exp(-2j * math.pi * (waves[1] - waves[0]) * place)
+    now = residual * np.exp(-2j * math.pi * waves[0] * place)
+    power = np.empty(len(waves))
+    for k in range(len(waves)):
+        power[k] = abs(np.sum(now))
+        now *= turn
+    peaks = np.flatnonzero((power >= np.roll(power, 1)) & (power >= np.roll(power, -1)))
+    return np.sort(peaks[np.argsort(-power[peaks])[: WAVES_TRIED // 2]])
+
+
+def _places(problem: Problem) -> list[Array]:
+    """Each run's place at every sample of its log."""
+    kind = kind_of(problem.machine)
+    runs = zip(problem.bench.runs, problem.bench.motions, strict=True)
+    return [kind.place_of(problem.machine, run.start_position_m, motion.position) for run, motion in runs]
 
 
 def _typical_speed(problem: Problem) -> float:
@@ -142,11 +172,6 @@ def _typical_speed(problem: Problem) -> float:
 
 def _visited(problem: Problem, scan: str) -> tuple[float, float]:
     """The range of heights, or of drum angles, that the runs have passed."""
-    kind = kind_of(problem.machine)
-    sizes = kind.sizes(problem.machine, problem.runs)
-    spans = []
-    for run, motion in zip(problem.bench.runs, problem.bench.motions, strict=True):
-        place = kind.place_of(problem.machine, run.start_position_m, motion.position)
-        spans.append(place if scan == "position" else place * sizes.drum_angle / sizes.length)
-    every = np.concatenate(spans)
+    sizes = kind_of(problem.machine).sizes(problem.machine, problem.runs)
+    every = np.concatenate(_places(problem)) * (1.0 if scan == "position" else sizes.drum_angle / sizes.length)
     return float(np.min(every)), float(np.max(every))

@@ -29,7 +29,7 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.scan import Atom, atoms
 from workbench.diagnose.hypotheses.score import STEP, cost, score_of
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
-from workbench.effects import Effect, Ranged, ranges_of
+from workbench.effects import Effect, Ranged, find, ranges_of
 from workbench.run import Array
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
@@ -44,6 +44,7 @@ TURNED = 1.5  # the same, of the logarithm of what nobody knows: how friction tu
 DROPPED = 1  # pairs
 PAIR_IN_REACH = 0.9
 STRAINED = 2.0  # standard deviations of a trace
+BEGUN = 0.2  # standard deviations of a trace that keeps a state, where the base fit begins
 STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie different minima
 IN_REACH = 0.3  # of the best gain: what is followed to its end
 PARTNERS = 3  # of each leading effect, that are refitted with it
@@ -167,7 +168,16 @@ class Search:
     def base_fit(self) -> Fitted:
         """The fit of the base parameters alone, without an effect."""
         self._tell(Progress(Stage.SEARCH, Task.BASE))
-        return fit_knobs(self.problem, (), self.held, np.zeros(self.count), LAST_ROUND)
+        return fit_knobs(self.problem, (), self.held, self._start(), LAST_ROUND)
+
+    def _start(self) -> Array:
+        """z where the base fit begins: nominal, with a little of each trace that keeps a state. Such a trace may show
+        nothing at exactly zero, and a fit would stay there."""
+        z = np.zeros(self.count)
+        for key, knob in self.traces.items():
+            if find(key.partition(".")[0], self.problem.active.kind).memory:
+                z[self._place_of(knob)] = BEGUN * np.array(knob.prior_std)
+        return z
 
     def singles(self) -> SearchResult:
         """The fit without effects, and the fits of every effect alone."""
@@ -263,6 +273,7 @@ class Search:
         if np.any(near.z != base.z):
             self._from_base(base, order)
             self._with_delay(base)
+        self._with_traces(base)
         self._step_play()
         self._finish(base, [(name,) for name in order])
 
@@ -317,6 +328,24 @@ class Search:
         self._try(
             tuple(sorted(names)), lambda: fit_knobs(self.problem, names, [*at.knobs, *more], z, LAST_ROUND, self.count)
         )
+
+    def _with_traces(self, at: Fitted) -> None:
+        """An effect in place of its trace, where a fit has taken the trace far beyond its tolerance. That fit has the
+        effect's values already, and nothing is left for a linear estimate to explain."""
+        for name in self._strained(at) & set(self.effects) - set(at.effects):
+            ranges, setting = self._ranges(self.effects[name]), at.setting
+            if any(r.symbol not in setting for r in ranges):
+                continue
+            more, amount = effect_knobs(self.effects[name], ranges, {r.symbol: setting[r.symbol] for r in ranges})
+            z = np.concatenate([at.z, amount])
+            for key, knob in self.traces.items():
+                if key.partition(".")[0] == name:
+                    z[self._place_of(knob)] = 0.0
+            names = (*at.effects, name)
+            self._try(
+                tuple(sorted(names)),
+                lambda n=names, m=more, z=z: fit_knobs(self.problem, n, [*at.knobs, *m], z, LAST_ROUND, self.count),  # type: ignore[misc]
+            )
 
     def _ranges(self, effect: Effect) -> tuple[Ranged, ...]:
         return ranges_of(effect, self.problem.machine, self.problem.runs)
@@ -387,6 +416,7 @@ class Search:
                     self._try(names, lambda w=way: self._fit_with(w.leader, w.promise))  # type: ignore[misc]
         for names in leaders:
             self._with_delay(self.fits[names])
+            self._with_traces(self.fits[names])
 
     def _worth(self, base: Fitted, fit: Fitted, gain: float) -> float:
         """A single effect's merit, less what the discrepancy alone could gain. gain: the fall of the score."""

@@ -17,7 +17,7 @@ from workbench.simulate.driven import Bench
 WRONG_UNIT = 5.0  # inertia over the nominal one, or the inverse: no such machine, but such units
 ODD_INERTIA, ODD_LOAD = 2.0, 1.4  # over the nominal ones: worth a warning
 LOADS_APART = 1.25  # of the loads that runs hold over the nominal ones: offsets and payload errors stay below
-INERTIAS_APART = 1.6
+INERTIAS_APART = 2.0  # a lag of a tenth of a second takes a third off the inertia of a brisk run
 SPEED_SLIPS = (("rpm", 60.0 / (2.0 * math.pi)), ("degrees per second", 180.0 / math.pi))
 
 Ratios = list[tuple[str, float]]

@@ -33,7 +33,7 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.cancellation import cancellation
 from workbench.diagnose.verdict.probability import calibration, is_lost, rank
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord
-from workbench.diagnose.verdict.structure import lasting_share, repeated_share, sudden_share
+from workbench.diagnose.verdict.structure import lasting_share, loaded_share, repeated_share, sudden_share
 from workbench.diagnose.verdict.tolerance_excess import tolerance_excess
 from workbench.diagnose.verdict.twins import groups_of
 from workbench.effects import find
@@ -50,7 +50,8 @@ RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion o
 FREER = 5.0  # merit by which a law of more freedom has to be better than a simpler one
 OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
 OWN_AGAIN = 0.007  # of that, what comes again with place or speed; the EMPS axis leaves 0.005
-OWN_BLOW = 0.003  # of that, what comes in a few moments at speed; the EMPS axis leaves none
+OWN_LOAD = 0.004  # of that, what comes again with the load or the acceleration; the EMPS axis leaves 0.003
+OWN_BLOW = 0.002  # of that, what comes in a few moments at speed; the EMPS axis leaves none
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
 UNHEARD = 10.0  # as evidence: blows that come again, and a hypothesis without play
@@ -141,10 +142,13 @@ def _added(search: SearchResult, first: Weighed, names: Names, score: Score) -> 
     gain = beyond_discrepancy(problem, first.fit, fit, first.score.value - score.value)
     prior = first.fit.prior - fit.prior
     (last,) = set(names) - set(first.names)
-    data = beyond(gain - prior, inexact(problem, search.within_tolerances, first.fit, first.score))
-    if only_mends(problem, last):
-        data = min(data, 0.0)
-    merit = prior + data - cost(problem, len(fit.z) - len(first.fit.z))
+    least = inexact(problem, search.within_tolerances, first.fit, first.score)
+    if problem.struck and PLAY in first.names:  # what its law does not foretell stretches tolerances too
+        added = min(gain, 0.0) if only_mends(problem, last) else beyond(gain, least)
+    else:
+        data = beyond(gain - prior, least)
+        added = prior + (min(data, 0.0) if only_mends(problem, last) else data)
+    merit = added - cost(problem, len(fit.z) - len(first.fit.z))
     return beyond_trace(problem, fit, last, merit) - calibration()["pair"]
 
 
@@ -269,7 +273,8 @@ def unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> fl
 
     An axis has ripple and resonances, and friction near standstill, that no cause explains. On an axis the residual at
     speed counts above OWN of the largest input. A part that repeats with place or speed, or sets in and stays, counts
-    above OWN_AGAIN; a part within a few moments counts above OWN_BLOW: a random discrepancy has neither.
+    above OWN_AGAIN; one that repeats with input or acceleration above OWN_LOAD; a part within a few moments above
+    OWN_BLOW: a random discrepancy has none of them.
     """
     many = max(math.log(excess), 0.0)
     if kind_of(problem.machine).floor == "sensors":
@@ -280,6 +285,7 @@ def unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> fl
     beyond_own = min(max(left.rms * math.sqrt(at_speed) / (OWN * largest) - 1.0, 0.0), 1.0)
     structured = (
         (repeated_share(problem, held.residual), OWN_AGAIN),
+        (loaded_share(problem, held.residual), OWN_LOAD),
         (lasting_share(problem, held.residual), OWN_AGAIN),
         (sudden_share(problem, held.residual), OWN_BLOW),
     )

@@ -25,15 +25,32 @@ BY_CHANCE = 0.3  # of the energy, in so many rows: 0.13 of normal noise, some mo
 def repeated_share(problem: Problem, residual: Array) -> float:
     """Of the energy of the input's residual (samples,), 0 to 1: the most that the mean over other runs at the same
     position, or at the same speed, takes off it. Each way has means of its own."""
-    rows = residual[: problem.inputs]
-    folds = folds_by_run(problem)[: problem.inputs]
     kind = kind_of(problem.machine)
-    motions = list(zip(problem.runs, problem.bench.motions, problem.rows, strict=True))
-    speed = np.concatenate([motion.speed[at] for _, motion, at in motions])
-    place = np.concatenate(
-        [kind.place_of(problem.machine, run.start_position_m, motion.position)[at] for run, motion, at in motions]
-    )
-    return max(_foretold(rows, folds, variable, speed > 0.0) for variable in (place, speed))
+    place = [
+        kind.place_of(problem.machine, run.start_position_m, motion.position)[at]
+        for run, motion, at in zip(problem.runs, problem.bench.motions, problem.rows, strict=True)
+    ]
+    return _most_foretold(problem, residual, np.concatenate(place), _speed(problem))
+
+
+def loaded_share(problem: Problem, residual: Array) -> float:
+    """As `repeated_share`, with the same input or the same acceleration: a gain that differs between the ways."""
+    measured = [u[at] for u, at in zip(problem.bench.measured, problem.rows, strict=True)]
+    acceleration = [
+        np.gradient(motion.speed, run.time_s)[at]
+        for run, motion, at in zip(problem.runs, problem.bench.motions, problem.rows, strict=True)
+    ]
+    return _most_foretold(problem, residual, np.concatenate(measured), np.concatenate(acceleration))
+
+
+def _speed(problem: Problem) -> Array:
+    return np.concatenate([motion.speed[at] for motion, at in zip(problem.bench.motions, problem.rows, strict=True)])
+
+
+def _most_foretold(problem: Problem, residual: Array, *variables: Array) -> float:
+    folds = folds_by_run(problem)[: problem.inputs]
+    forward = _speed(problem) > 0.0
+    return max(_foretold(residual[: problem.inputs], folds, variable, forward) for variable in variables)
 
 
 def _foretold(rows: Array, folds: np.ndarray, variable: Array, forward: np.ndarray) -> float:

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from workbench.effects.declare import EffectMemory, Parameter, effect
-from workbench.plants.axis import friction, level
+from workbench.plants.axis import friction
 from workbench.trace.expr import Scalar, absolute, clip, maximum, minimum, sin, where
 
 CONTACT = 2.0 * math.pi * 100.0  # rad/s, of the teeth on their flank: beyond what a diagnosis compares
@@ -40,26 +40,24 @@ def _position(s: Any) -> Scalar:
 def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
     v = _speed(s)
     length = where(e.d > 0.0, e.d, 1.0)
-    return where(e.d > 0.0, (level(v, p) * v - absolute(v) * e.z) / length, 0.0)
+    return where(e.d > 0.0, (v - absolute(v) * e.z) / length, 0.0)
 
 
 @effect(
-    place={"axis": "axis_force"}, subsystem="axis", regime="low_speed",
+    place={"axis": "axis_switch"}, subsystem="axis", regime="low_speed",
     parameters=[
         Parameter("d", "distance_{m}", "over which the friction builds up after a reversal", "length",
                   0.0, 0.2, 0.002, 0.005, vanishes_at=0.0, domain="not_negative"),
     ],
-    reads={"v": "speed, {m}/s", "switch": "sign of the speed", "z": "its memory: force in the bristles, {n}"},
-    equation="F = F_C S(v) − z;  z' = (F_C v − |v| z)/d",
+    reads={"v": "speed, {m}/s", "switch": "sign of the speed", "z": "its memory: the bristles' bend, -1 to 1"},
+    equation="S(v) → z in all dry friction;  z' = (v − |v| z)/d",
     reference="P. R. Dahl, A solid friction model, Aerospace Corp. TOR-0158(3107-18), 1968",
     shows="after each reversal the friction comes back over a distance, not at once",
-    memory=[
-        EffectMemory("z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: max(p.F_f, p.F_b) or 1.0),
-    ],
+    memory=[EffectMemory("z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: 1.0)],
 )  # fmt: skip
 def presliding(s: Any, e: Any, p: Any) -> Scalar:
     """Friction that builds up over a small distance, as bristles bend, instead of jumping at a reversal."""
-    return where(e.d > 0.0, level(s.v, p) * s.switch - e.z, 0.0)
+    return where(e.d > 0.0, clip(e.z, -1.0, 1.0) - s.switch, 0.0)
 
 
 @effect(

@@ -16,7 +16,7 @@ BRAKE_SETS_S = 0.2  # a brake closes within some tenths of a second of standstil
     subsystem={"hoist": "gearbox", "axis": "axis"}, regime="load",
     parameters=[
         Parameter(
-            "loss", "loss_fraction", "of the transmitted torque", "1", 0.0, 0.95, 0.01, 0.03,
+            "loss", "loss_fraction", "of the transmitted torque", "1", 0.0, 3.0, 0.01, 0.03,
             vanishes_at=0.0, domain="not_negative",
         ),
     ],

@@ -82,14 +82,14 @@ def friction_coulomb(s: Any, e: Any, p: Any) -> Scalar:
         Parameter("F_dn", "level_{dn}_{n}", "beyond the level, v < 0", "force", -0.5, 1.0, 0.02, 0.03, vanishes_at=0.0),
     ],
     reads=SPEED | SWITCH,
-    equation="F = −ΔF_up S(v) for v > 0, −ΔF_dn S(v) else",
+    equation="F = −ΔF_up S(v) for S > 0, −ΔF_dn S(v) else",
     reference="Eq. 17 of the paper, both levels free",
     shows="two levels of the residual, one each way; alike with a torque offset or an error of the carriage's mass",
     dissipative=True,
 )  # fmt: skip
 def friction_coulomb_asymmetric(s: Any, e: Any, p: Any) -> Scalar:
     """Friction levels off the nominal ones, by another amount each way."""
-    return -(where(s.v > 0.0, e.F_up, e.F_dn) * s.switch)
+    return -(where(s.switch > 0.0, e.F_up, e.F_dn) * s.switch)
 
 
 @effect(
@@ -117,14 +117,14 @@ def friction_coulomb_asymmetric(s: Any, e: Any, p: Any) -> Scalar:
 def friction_stribeck(s: Any, e: Any, p: Any) -> Scalar:
     """Friction that is larger at low speed and falls as the lubricant carries."""
     ratio = s.v / e.v_S
-    return -(where(s.v > 0.0, e.F_up, e.F_dn) * exp(-(ratio * ratio)) * s.switch)
+    return -(where(s.switch > 0.0, e.F_up, e.F_dn) * exp(-(ratio * ratio)) * s.switch)
 
 
 @effect(
     place=GUIDE, subsystem=OF, regime="load",
     parameters=[
         Parameter(
-            "a", "friction_fraction", "friction per unit of load", "1", 0.0, 0.95, 0.02, 0.03,
+            "a", "friction_fraction", "friction per unit of load", "1", 0.0, 3.0, 0.02, 0.03,
             vanishes_at=0.0, domain="not_negative",
         ),
     ],
