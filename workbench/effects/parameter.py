@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from workbench.kinds import KINDS
 
@@ -16,6 +16,7 @@ def words(kind: str) -> Mapping[str, str]:
 
 Domain = Literal["any", "not_negative", "positive"]
 Scan = Literal["", "position", "drum_angle", "phase", "frequency", "waves", "order"]
+INEXACT = 0.06  # of a value: one standard deviation of what a simple law near standstill, or of a wire, is off
 DOMAINS: Mapping[str, tuple[Callable[[float], bool], str]] = {
     "any": (lambda value: True, "a number"),
     "not_negative": (lambda value: value >= 0.0, "at least 0"),
@@ -38,6 +39,8 @@ class Parameter:
     it, as a frequency, as waves along the way, as finely as the runs resolve it; as an order (`tries`, of which the
     way has to show more than one wave); "": `tries` (in `size`), or some
     values from lowest to highest.
+    simplified: one standard deviation, in the unit of the name, by which the fitted value may be off because the law
+    simplifies what a machine does: a function of e, the effect's values. No run shows it, for all runs have it alike.
     """
 
     symbol: str
@@ -53,6 +56,7 @@ class Parameter:
     domain: Domain = "any"
     scan: Scan = ""
     tries: tuple[float, ...] = ()
+    simplified: Callable[[Any], float] | None = None
 
     def named(self, kind: str) -> str:
         return self.name.format(**words(kind))

@@ -99,7 +99,7 @@ def _cause(made: Diagnosis, name: str, fit: Fitted) -> Cause:
     problem = made.search.problem
     fitted = machine_of(problem, {}, (name,), fit.setting)
     others = []
-    for estimate in estimates(problem, fit, 1.0)[name]:
+    for estimate in estimates(problem, fit, 1.0, exact=True)[name]:
         value, error = fitted.effects[name][estimate.name], _first(estimate.std_error)
         try:
             others.append(

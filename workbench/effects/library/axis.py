@@ -6,12 +6,14 @@ import math
 from typing import Any
 
 from workbench.effects.declare import EffectMemory, Parameter, effect
+from workbench.effects.parameter import INEXACT
 from workbench.plants.axis import friction
 from workbench.trace.expr import Scalar, absolute, clip, maximum, minimum, sin, where
 
 CONTACT = 2.0 * math.pi * 100.0  # rad/s, of the teeth on their flank: beyond what a diagnosis compares
 LEAST_SHARE = 0.1  # a smaller share of the inertia carries a smaller part of the load
 SETTLES_S = 0.02  # at a run's start the load lies on the flank that it presses against
+FORETOLD = 0.3  # of a play and its share, and of 1: its teeth meet some milliseconds off what two rigid parts foretell
 PLAYS = tuple(0.0005 * 1.3**k for k in range(16))  # the blow of a play a third larger comes a pulse's width later
 
 
@@ -47,7 +49,7 @@ def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
     place={"axis": "axis_switch"}, subsystem="axis", regime="low_speed",
     parameters=[
         Parameter("d", "distance_{m}", "over which the friction builds up after a reversal", "length",
-                  0.0, 0.2, 0.002, 0.005, vanishes_at=0.0, domain="not_negative"),
+                  0.0, 0.2, 0.002, 0.005, vanishes_at=0.0, domain="not_negative", simplified=lambda e: INEXACT * e.d),
     ],
     reads={"v": "speed, {m}/s", "switch": "sign of the speed", "z": "its memory: the bristles' bend, -1 to 1"},
     equation="S(v) → z in all dry friction;  z' = (v − |v| z)/d",
@@ -121,12 +123,14 @@ def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
     place={"axis": "axis_force"}, subsystem="axis", regime="event",
     parameters=[
         Parameter("share", "load_share", "of the inertia that lies behind the play, with all of the load", "1",
-                  0.0, 0.95, 2.0, 0.5, vanishes_at=0.0, domain="not_negative", tries=(0.3, 0.4, 0.5, 0.6, 0.7, 0.8)),
+                  0.0, 0.95, 2.0, 0.5, vanishes_at=0.0, domain="not_negative", tries=(0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
+                  simplified=lambda e: FORETOLD * e.share),
         # Little and large play look nothing alike: it is tried, and the share says whether there is any.
         Parameter("play", "play_{m}", "from flank to flank", "length", 1e-4, 0.1, 0.03, 0.003,
-                  domain="positive", tries=PLAYS),
+                  domain="positive", tries=PLAYS, simplified=lambda e: FORETOLD * e.play),
         Parameter("rub", "friction_over_load_share", "the friction behind the play, over the share of it", "1",
-                  0.0, 1.5, 2.0, 0.0, domain="not_negative", tries=(0.0, 0.4, 0.8, 1.2)),
+                  0.0, 1.5, 2.0, 0.0, domain="not_negative", tries=(0.0, 0.4, 0.8, 1.2),
+                  simplified=lambda e: FORETOLD),
     ],
     reads={"friction": "the axis' friction, {n}", "x": "position, {m}", "q": "its memory: motor before load, {m}",
            "w": "its memory: the load's speed, {m}/s"},

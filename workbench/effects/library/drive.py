@@ -9,6 +9,7 @@ from workbench.effects.declare import EffectMemory, Parameter, effect
 from workbench.trace.expr import Scalar, absolute, sin, where
 
 BRAKE_SETS_S = 0.2  # a brake closes within some tenths of a second of standstill
+BRAKE_LEADS_S = 0.2  # as long before the motor turns it may begin to let go, which no torque at rest shows
 
 
 @effect(
@@ -58,7 +59,7 @@ def _grip_rate(s: Any, e: Any, p: Any) -> Scalar:
     parameters=[
         Parameter(
             "T", "torque_nm", "drag as the motion begins, at the motor", "torque", 0.0, 1.0, 0.02, 0.05,
-            vanishes_at=0.0, domain="not_negative",
+            vanishes_at=0.0, domain="not_negative", simplified=lambda e: e.T * BRAKE_LEADS_S / e.tau,
         ),
         Parameter("tau", "time_constant_s", "of letting go", "1", 0.05, 5.0, 0.2, 0.6, domain="positive",
                   tries=(0.2, 0.5, 1.2)),

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from workbench.effects.declare import Parameter, effect
+from workbench.effects.parameter import INEXACT
 from workbench.trace.expr import Scalar, cos, minimum, sqrt
 
 CLIMB_RAD = 0.5  # of drum angle, within which the wire climbs onto the next layer
@@ -16,8 +17,10 @@ LEAST_LENGTH = 0.05  # of a fall: nearer to the anchor no carriage comes
     place={"hoist": "wound_length_m"}, subsystem="drum", regime="position",
     parameters=[
         Parameter("dR", "radius_step_m", "what the next layer adds to the radius", "radius", -0.3, 0.3, 0.01, 0.03,
-                  vanishes_at=0.0),
-        Parameter("th_0", "drum_angle_rad", "where it begins", "drum_angle", -0.1, 1.0, 0.01, 0.3, scan="drum_angle"),
+                  vanishes_at=0.0, simplified=lambda e: INEXACT * abs(e.dR)),
+        # What is found is the middle of the climb; how long before that it begins, half of it or less, is not seen.
+        Parameter("th_0", "drum_angle_rad", "where it begins", "drum_angle", -0.1, 1.0, 0.01, 0.3, scan="drum_angle",
+                  simplified=lambda e: 0.5 * CLIMB_RAD),
     ],
     reads={"theta_w": "drum angle, rad"},
     equation="wound = R θ_w + ½ ΔR (a + √(a² + 0.5²)), a = θ_w − θ_0",

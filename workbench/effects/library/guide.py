@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from workbench.effects.declare import Parameter, effect
+from workbench.effects.parameter import INEXACT
 from workbench.trace.expr import Scalar, absolute, exp, where
 
 GUIDE = {"hoist": "guide_force_n", "axis": "axis_force"}
@@ -97,15 +98,15 @@ def friction_coulomb_asymmetric(s: Any, e: Any, p: Any) -> Scalar:
     parameters=[
         Parameter(
             "F_up", "peak_{up}_{n}", "at low speed beyond the level, v > 0", "force", 0.0, 0.5, 0.02, 0.04,
-            vanishes_at=0.0, domain="not_negative",
+            vanishes_at=0.0, domain="not_negative", simplified=lambda e: INEXACT * e.F_up,
         ),
         Parameter(
             "F_dn", "peak_{dn}_{n}", "at low speed beyond the level, v < 0", "force", 0.0, 0.5, 0.02, 0.04,
-            vanishes_at=0.0, domain="not_negative",
+            vanishes_at=0.0, domain="not_negative", simplified=lambda e: INEXACT * e.F_dn,
         ),
         Parameter(
             "v_S", "stribeck_speed_{m}_s", "where the peak has fallen to 37 %", "speed", 0.005, 0.5, 0.02, 0.05,
-            domain="positive", tries=(0.02, 0.04, 0.08, 0.16),
+            domain="positive", tries=(0.02, 0.04, 0.08, 0.16), simplified=lambda e: INEXACT * e.v_S,
         ),
     ],
     reads=SPEED | SWITCH,
