@@ -378,6 +378,12 @@ def test_the_plain_summary_names_no_effect_by_its_key_and_gives_the_size(kind: s
     assert words.figures(d.shrink.after if kind != "unknown" else d.shrink.before) in said
 
 
+def test_the_plain_summary_says_what_looks_the_same_in_these_runs():
+    d = with_verdict(made_diagnosis("named"), alike=("heave",))
+    assert "or what looks the same in these runs: " in words.plain_summary(d)[-1]
+    assert "looks the same" not in " ".join(words.plain_summary(with_verdict(d, alike=())))
+
+
 @pytest.mark.parametrize("subsystem", SUBSYSTEMS)
 def test_every_place_of_a_gap_is_marked_once_on_the_drawing(subsystem: str):
     d = made_diagnosis("named")

@@ -19,6 +19,7 @@ from workbench.study.execute.run import StudyResult, run_study
 from workbench.study.results.row import Row
 from workbench.study.scenario.load import load_study, plan_study
 from workbench.study.scenario.standalone import changed
+from workbench.study.variations.varying import run_in_words
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCES = ("trapezoid", "ruckig", "ruckig_equal_time", "ruckig_least_peak", "optimal")
@@ -51,7 +52,7 @@ def test_one_that_is_no_slower_and_lowest_is_taken():
     said = verdict([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 550.0), row("optimal", 36.0, 520.0)])
     assert said is not None
     assert said.startswith("Take the motion of least torque peak: none is quicker")
-    assert "are beaten in both" in said
+    assert "are neither quicker nor lower" in said
 
 
 def test_a_front_of_two_is_said_with_its_price():
@@ -155,3 +156,7 @@ def test_the_lightly_damped_machine_is_the_default_one_but_for_its_wire():
     ringing, default = shipped_hoist("lightly_damped"), default_hoist()
     assert ringing.wire.damping_time_s == 0.0025
     assert ringing.model_copy(update={"wire": default.wire, "name": default.name}) == default
+
+
+def test_a_run_in_words_calls_its_reference_as_sentences_do():
+    assert run_in_words(row("ruckig_equal_time", 36.0, 560.0), ()) == "9000 kg, ruckig in the trapezoid's time"

@@ -54,6 +54,9 @@ def text(value: float | None, digits: int = 3, sign: bool = False) -> str:
     return f"{value:{'+' if sign else ''}.{min(decimals, 6)}f}".replace("-", "\N{MINUS SIGN}")
 
 
+WIDEST_NUMBER = 11  # characters that one of four cards shows
+
+
 def _delta(number: Number) -> tuple[str | None, Literal["normal", "inverse", "off"]]:
     """The delta in words, with which of streamlit's colours is green; a difference of rounding has none."""
     by = number.delta
@@ -66,13 +69,21 @@ def _delta(number: Number) -> tuple[str | None, Literal["normal", "inverse", "of
     return said, "off" if number.better is None else "inverse" if number.better == "lower" else "normal"
 
 
+def _headed(number: Number) -> tuple[str, str]:
+    """Heading and value; the unit goes into the heading where the value would be cut beside it."""
+    alone = text(number.value, number.digits)
+    both = f"{alone} {number.unit}".strip()
+    return (number.label, both) if len(both) <= WIDEST_NUMBER else (f"{number.label} ({number.unit})", alone)
+
+
 def numbers(row: Sequence[Number]) -> None:
     """The numbers side by side, each with its delta: green where better, red where worse."""
     for column, number in zip(st.columns(len(row)), row, strict=True):
         delta, colour = _delta(number)
+        label, shown = _headed(number)
         column.metric(
-            number.label,
-            f"{text(number.value, number.digits)} {number.unit}".strip(),
+            label,
+            shown,
             delta,
             delta_color=colour,
             delta_arrow="off" if delta and delta.startswith("±") else "auto",

@@ -30,7 +30,7 @@ _HOIST: Mapping[str, tuple[Part, ...]] = {
 _NAMES = {
     "motor": (37, 59), "gearbox": (99, 59), "drum": (149, 59), "sheave": (192, 172), "payload": (269, 161),
     "torque_sensor": (37, 26), "speed_sensor": (37, 92), "guide": (268, 14), "wire": (192, 100),
-    "platform": (160, 182), "brake": (71, 88),
+    "platform": (160, 182), "brake": (82, 30),
 }  # fmt: skip
 _SHORT = {"torque_sensor": "torque", "speed_sensor": "speed"}
 

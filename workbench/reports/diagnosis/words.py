@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.words import over_what
@@ -181,11 +181,17 @@ def plain_summary(d: Diagnosis) -> list[str]:
     causes = [f"{_cause(known[name].meaning)} ({_at(known[name].subsystem(kind))})" for name in d.verdict.effects]
     sure = d.verdict.probability
     return [
-        f"The machine has {' and '.join(causes)}, which the model lacks.",
+        f"What the model lacks: {', and '.join(causes)}.",
         f"That made the predicted {quantity} wrong by {size} on average. With it in the model {figures(s.after)} "
         f"{s.unit} remain; the sensors alone make {figures(s.noise)} {s.unit}."
-        f" In about {100.0 * sure:.0f} of 100 such cases this is the cause.",
+        f" In about {100.0 * sure:.0f} of 100 such cases this is the cause{_or_alike(d, known)}.",
     ]
+
+
+def _or_alike(d: Diagnosis, known: Mapping[str, Effect]) -> str:
+    """What these runs cannot tell from the named cause, in words; "" if there is nothing."""
+    alike = [_cause(known[name].meaning) for name in d.verdict.alike if name in known]
+    return f", or what looks the same in these runs: {'; '.join(alike)}" if alike else ""
 
 
 def _cause(meaning: str) -> str:

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from workbench.metrics import Metric, MetricSet, View, set_with, shown_in
-from workbench.references import planned_kinds
 from workbench.study.conclude.tables import metric_heads, metric_note
 from workbench.study.results.row import Row, metrics_of
-from workbench.study.variations.varying import set_in
+from workbench.study.variations.varying import set_in, words_of
 from workbench.tables import Table, words
 
 TIME = "move_time_s"
@@ -107,8 +106,8 @@ def verdict(rows: Sequence[Row], beside: Sequence[Row] = ()) -> str | None:
             f"{name_of(lowest)} where the peak does: {less:.1f} % less ({_peak(lowest)}) for {more}"
         )
     if beaten:
-        names = ", ".join(name_of(c) for c in beaten)
-        said += f"; {names} {'is' if len(beaten) == 1 else 'are'} beaten in both"
+        names = " and ".join(filter(None, [", ".join(name_of(c) for c in beaten[:-1]), name_of(beaten[-1])]))
+        said += f"; {names} {'is' if len(beaten) == 1 else 'are'} neither quicker nor lower"
     better = _better_beside([quickest, lowest], rows, beside)
     return f"{said}{better}."
 
@@ -150,14 +149,6 @@ def _values(row: Row) -> Choice:
 def name_of(choice: Choice) -> str:
     """As a sentence calls the reference."""
     return words_of(choice.reference)
-
-
-def words_of(reference: str) -> str:
-    """As a sentence calls a reference of this name."""
-    kind = planned_kinds().get(reference)
-    if kind is None:
-        return reference
-    return kind.words if not (kind.same_time_as and kind.words == "ruckig") else "ruckig in the trapezoid's time"
 
 
 def _peak(choice: Choice) -> str:

@@ -86,10 +86,22 @@ def drawn_columns(rows: Sequence[Row]) -> list[str]:
     return [name for name in _differing(rows) if name.startswith(SAMPLE)]
 
 
+def words_of(reference: str) -> str:
+    """As a sentence calls a reference of this name."""
+    kind = planned_kinds().get(reference)
+    if kind is None:
+        return reference
+    return kind.words if not (kind.same_time_as and kind.words == "ruckig") else "ruckig in the trapezoid's time"
+
+
 def run_in_words(row: Row, axes: Sequence[SweptAxis]) -> str:
-    """A run in words: `9000 kg, ruckig, jerk 0.8 m/s³`; of a sample with the end of its id."""
+    """A run in words: `9000 kg, ruckig, jerk 0.8 m/s³`; of a sample with the end of its id.
+
+    A reference whose key is no word, `ruckig_equal_time`, is called as sentences call it.
+    """
     load = [f"{row.payload_kg:g} kg"] if with_payload(row) else []
-    words = [*load, row.reference, *(axis.say(axis.at(row)) for axis in axes)]
+    reference = words_of(row.reference) if "_" in row.reference else row.reference
+    words = [*load, reference, *(axis.say(axis.at(row)) for axis in axes)]
     if any(name.startswith(SAMPLE) for name in row.assigned):
         words.append(f"draw {row.run_id.rpartition('_s')[2]}")
     return ", ".join(words)

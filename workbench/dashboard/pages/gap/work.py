@@ -72,7 +72,9 @@ def view_of(d: Diagnosis) -> View:
     """The runs are replayed for the figures."""
     sections = sections_of(d)
     for figure, _ in sections["verdict"].figures:  # for a place of half the page's width
-        figure.update_traces(y=[name.replace(" + ", " +<br>") for name in figure.data[0].y])
+        figure.update_traces(y=[name.replace(" + ", " +<br>") for name in figure.data[0].y]).update_layout(
+            title_text="Probability"
+        )
     return View(
         d.campaign.name,
         d.campaign.machine.name,
