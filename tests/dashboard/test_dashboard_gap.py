@@ -192,7 +192,7 @@ def test_the_answer_stands_first_and_each_tab_draws_its_own_figures_only(server,
     assert [metric.label for metric in app.metric] == ["Torque residual", "Noise floor", "Shrinks by", "Speed error"]
     assert all(metric.delta.startswith("-") for metric in app.metric if metric.delta)
     assert [tab.label for tab in app.tabs] == TABS
-    assert titles(app) == ["Probability of each hypothesis", "How the gap shows"]
+    assert titles(app) == ["Probability", "How the gap shows"]
     drawn = {
         "Where it lies": ["Measured and predicted torque", "Mean residual (N m) over what may explain it"],
         "Before and after": [
@@ -243,7 +243,7 @@ def test_no_gap_has_nothing_to_shrink_and_no_place(server, monkeypatch, spring):
     app = shown(number)
     assert [metric.label for metric in app.metric] == ["Torque residual", "Noise floor", "Speed error"]
     assert not any(metric.delta for metric in app.metric)
-    assert titles(app) == ["Probability of each hypothesis"]
+    assert titles(app) == ["Probability"]
     assert "there is no place of it" in words(turned(app, job, "Where it lies"))
     assert "not asked for" in words(turned(app, job, "Control study"))
 
