@@ -37,9 +37,9 @@ def base_knobs(machine: Any, runs: Sequence[Run]) -> dict[str, Value]:
         least = -math.inf if value.signed else 0.0 if "coulomb" in value.key else 1e-3 * abs(nominal)
         knobs[value.key] = Value(symbol, nominal, std, least, std=1.0)
     if kind.log_timing:
-        # The channels of one log are rarely sampled at one instant, but within one sampling step: two deviations.
+        # The channels of one log are rarely sampled at one instant: one sampling step is no gap.
         step = float(np.median([run.sample_time_s for run in runs]))
-        knobs[LOG_TIMING] = Value(LOG_TIMING, 0.0, 0.5 * step, 0.0, std=1.0)
+        knobs[LOG_TIMING] = Value(LOG_TIMING, 0.0, step, 0.0, std=1.0)
     if kind.dead_line is not None and all(kind.dead_line.signal in run for run in runs):
         knobs[TENSION_GAIN] = Value(TENSION_GAIN, 1.0, LOAD_CELL_STD, std=1.0)
     return knobs
