@@ -122,7 +122,7 @@ def _in_time(address: str) -> Any:
 
     In a thread: Dask itself waits for as long as a peer that accepts and then says nothing pleases.
     """
-    _distributed()
+    _check_speech(address)
     answer: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def ask() -> None:
@@ -142,17 +142,25 @@ def _in_time(address: str) -> Any:
         raise client
     if isinstance(client, MemoryError):  # it takes the first bytes for the length of what follows
         raise InputError("what answers there is no Dask scheduler", file=address) from client
-    if isinstance(client, TypeError | AssertionError) and address.startswith(("tls", "wss")):
-        problem = "needs certificates: name them in Dask's configuration, under distributed.comm.tls"
-        raise InputError(problem, file=address) from client
-    if isinstance(client, TypeError | AssertionError | ImportError):
-        raise InputError(
-            f"Dask cannot speak {address.partition(':')[0]} here; expected tcp://", file=address
-        ) from client
     if isinstance(client, BaseException):
         first = one_line(str(client), 300) or type(client).__name__
         raise InputError(f"no Dask scheduler answers there: {first}", file=address) from client
     return client
+
+
+def _check_speech(address: str) -> None:
+    """InputError where Dask here cannot speak as the address asks, before anything is sent."""
+    distributed = _distributed()
+    from distributed.comm.registry import get_backend
+
+    scheme = address.partition("://")[0]
+    if scheme in ("tls", "wss") and not distributed.Security().get_connection_args("client").get("ssl_context"):
+        problem = "needs certificates: name them in Dask's configuration, under distributed.comm.tls"
+        raise InputError(problem, file=address)
+    try:
+        get_backend(scheme).get_connector()
+    except (ImportError, TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"Dask cannot speak {scheme} here; expected tcp://", file=address) from error
 
 
 def _client(address: str, connected: Callable[[], None]) -> Any:
