@@ -571,3 +571,13 @@ def test_a_source_shares_nothing_with_the_plant_but_the_machines_records(which, 
 def test_the_package_imports_no_benchmark():
     for module in (ROOT / "workbench").rglob("*.py"):
         assert "benchmarks" not in re.findall(r"^(?:from|import) (\w+)", module.read_text(encoding="utf-8"), re.M)
+
+
+@pytest.mark.parametrize("travel_m", [0.2, 1.5, 40.0])
+def test_a_place_is_drawn_within_the_heights_that_runs_pass_however_short_they_are(travel_m):
+    scales = scales_of(MACHINE, FULL_KG, 3.0, 3.0 + travel_m)
+    low, high = scales.heights(0.8)
+    assert 3.0 < low < high < 3.0 + travel_m
+    bump = LISTED["friction_position_dependent"](np.random.default_rng(1), scales)
+    assert 3.0 < bump.truth["bump_x"] < 3.0 + travel_m
+    assert all(cause(np.random.default_rng(1), scales).subsystem for cause in (*LISTED.values(), *UNLISTED.values()))

@@ -33,6 +33,11 @@ class Scales:
     levels: tuple[float, float]
     payload_kg: float
 
+    def heights(self, margin_m: float) -> tuple[float, float]:
+        """The lowest and highest place of an effect that most runs pass: a margin inside, less where they are short."""
+        margin = min(margin_m, 0.25 * (self.high_m - self.low_m))
+        return self.low_m + margin, self.high_m - margin
+
 
 def scales_of(m: Hoist, payload_kg: float, low_m: float, high_m: float) -> Scales:
     return Scales(
@@ -117,7 +122,7 @@ def _load(rng: np.random.Generator, s: Scales) -> Cause:
 
 def _bump(rng: np.random.Generator, s: Scales) -> Cause:
     A, w = s.force * about(rng, 0.028, 0.12), about(rng, 0.25, 0.8)
-    x = rng.uniform(s.low_m + 0.3, s.high_m - 0.3)
+    x = rng.uniform(*s.heights(0.3))
     return Cause(
         "friction_position_dependent", "guide", "position", {"bump_A": A, "bump_x": x, "bump_w": w},
         {"bump_A": A, "bump_x": x, "bump_w": w},
@@ -160,7 +165,7 @@ def _brake(rng: np.random.Generator, s: Scales) -> Cause:
 
 def _layer(rng: np.random.Generator, s: Scales) -> Cause:
     dR = s.radius * about(rng, 0.014, 0.065)
-    th = 2.0 * rng.uniform(s.low_m + 0.5, s.high_m - 0.5) / s.radius
+    th = 2.0 * rng.uniform(*s.heights(0.5)) / s.radius
     return Cause(
         "drum_layer_change", "drum", "position", {"layer_dR": dR, "layer_th": th},
         {"layer_dR": dR, "layer_th": th},

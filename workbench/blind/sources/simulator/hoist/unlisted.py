@@ -19,7 +19,7 @@ def _fan(rng: np.random.Generator, s: Scales) -> Cause:
 
 
 def _rail_step(rng: np.random.Generator, s: Scales) -> Cause:
-    A, x = s.force * about(rng, 0.02, 0.08), rng.uniform(s.low_m + 0.8, s.high_m - 0.8)
+    A, x = s.force * about(rng, 0.02, 0.08), rng.uniform(*s.heights(0.8))
     text = "unlisted: the rail changes its friction at one height"
     return Cause(
         text, "guide", "position", {"step_A": A, "step_x": x}, {"step_A": A, "step_x": x},
@@ -105,7 +105,7 @@ def _tooth(rng: np.random.Generator, s: Scales) -> Cause:
 
 def _dent(rng: np.random.Generator, s: Scales) -> Cause:
     """The arm is longer there: more torque at one angle, in proportion to what hangs, both ways alike."""
-    th = 2.0 * rng.uniform(s.low_m + 0.6, s.high_m - 0.6) / s.radius
+    th = 2.0 * rng.uniform(*s.heights(0.6)) / s.radius
     truth = {"dent_A": s.radius * about(rng, 0.02, 0.08), "dent_th": th, "dent_w": rng.uniform(0.8, 3.0)}
     text = "unlisted: the wire climbs over a crossing on the drum at one angle"
     return Cause(text, "drum", "position", truth, truth)
