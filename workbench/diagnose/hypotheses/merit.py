@@ -21,6 +21,7 @@ from workbench.run import Array
 PLAY = "backlash"  # the effect whose blows are found in the logs (`simulate/blows.py`)
 BLOWS = 150.0  # merit of a play where blows come again: no other effect has them, and no fit looks at them
 BESIDE_PLAY = 0.3  # as SECOND, where the first is a play: when its teeth meet is foretold to some milliseconds only
+NOISE_KNOWN = 0.15  # of an axis' noise, rms: what is told of it by its log, which is all that is known of it
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 
 
@@ -74,7 +75,7 @@ def discounted(problem: Problem, added: Collection[str], data: float, before: Ar
     and with the effects.
 
     What acts at speed is compared with the discrepancy at speed: rows count less the more of their discrepancy is that
-    near standstill.
+    near standstill. An axis' noise is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains the rest.
     """
     if data <= 0.0:
         return data
@@ -84,6 +85,8 @@ def discounted(problem: Problem, added: Collection[str], data: float, before: Ar
     share = np.ones(problem.inputs) if slow else errors.at_speed[rows]
     default = float(np.mean(share * errors.sized((1.0, 1.0)).discrepancy[rows] ** 2))
     shown = float(np.mean(share * errors.discrepancy[rows] ** 2)) if max(errors.sizes) > 1.0 else 0.0
+    if kind_of(problem.machine).floor == "own":
+        default += ((1.0 + NOISE_KNOWN) ** 2 - 1.0) * float(np.mean(share * problem.row_noise**2))
     taken = float(np.mean(share * (before[rows] ** 2 - after[rows] ** 2)))
     return data * max(1.0 - max(default, shown) / max(taken, 1e-300), 0.0)
 

@@ -31,6 +31,7 @@ LATE_OF_BAND = 0.05  # of its period, at least: over less, the jumps of friction
 
 
 TENSION = "tension_dead_line_n"
+LEAST_KEPT = 0.5  # of a run's samples: fewer are no run any more
 TENSION_TRUST = 0.0015  # of the mean tension: a load cell's linearity, beside its noise
 SENSOR_KEYS = (GAIN, OFFSET, TENSION_GAIN)
 
@@ -105,6 +106,23 @@ class Problem:
         weighed = copy(self)
         weighed.errors = self.errors.sized(sizes)
         return weighed
+
+    def moving_after(self, late_s: float) -> Problem:
+        """The same campaign without the samples whose motion has ended in a log that shows it late_s too late: there
+        the torque is that of standstill already, which no law of friction foretells. The input's rows only."""
+        beside = copy(self)
+        ends = [np.minimum(np.searchsorted(run.time_s, run.time_s[at] + late_s), len(run.time_s) - 1)
+                for run, at in zip(self.bench.runs, self.rows, strict=True)]  # fmt: skip
+        kept = [moving[end] for moving, end in zip(self.bench.moving, ends, strict=True)]
+        if self.has_tension or not all(np.count_nonzero(some) > LEAST_KEPT * len(some) for some in kept):
+            return self
+        beside.rows = [at[some] for at, some in zip(self.rows, kept, strict=True)]
+        beside.run_lengths = tuple(len(at) for at in beside.rows)
+        beside.inputs = sum(beside.run_lengths)
+        beside.run_of_row = np.repeat(np.arange(len(self.runs)), beside.run_lengths)
+        beside.row_noise = self.row_noise[np.concatenate(kept)]
+        beside.errors = beside._errors().sized(self.errors.sizes)
+        return beside
 
     @property
     def struck(self) -> bool:

@@ -49,6 +49,7 @@ STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie di
 IN_REACH = 0.3  # of the best gain: what is followed to its end
 PARTNERS = 3  # of each leading effect, that are refitted with it
 LEADERS = 3
+TOO_LATE = 5.0  # sampling steps of the log's motion behind its input
 TOO_SMALL = 1.5  # sizes of the discrepancy: what needs more is searched again with them
 ASIDE = (1.0, 0.3, 0.0)  # of the way that a fit's own parameters step aside
 SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
@@ -103,12 +104,15 @@ def searched(
 ) -> SearchResult:
     """The search, with the size of discrepancy that the best hypothesis needs.
 
-    It begins with the default sizes. If the best hypothesis leaves a larger residual, the base parameters have absorbed
+    Where the base parameters alone put the log's motion more than TOO_LATE sampling steps behind its input, the samples
+    are left out whose motion had ended by then. It begins with the default sizes. If the best hypothesis leaves a larger residual, the base parameters have absorbed
     part of the gap. The search is then repeated with the sizes that the best hypothesis needs.
     """
 
-    def search(problem: Problem) -> SearchResult:
-        one = Search(problem, effects, tell, rivals, base)
+    def begun(problem: Problem) -> Search:
+        return Search(problem, effects, tell, rivals, base)
+
+    def search(one: Search) -> SearchResult:
         result = one.singles()
         if most_effects > 1:
             result = one.pairs(result)
@@ -116,14 +120,19 @@ def searched(
             result = one.more(result)
         return result
 
-    result = search(problem)
+    first = begun(problem)
+    late_s = first.late_s()
+    if late_s > 0.0:
+        problem = problem.moving_after(late_s)
+        first = begun(problem)
+    result = search(first)
     scores = (score_of(problem, fit) for fit in (result.base, *result.fits.values()))
     size, standstill = min(scores, key=lambda score: score.value).sizes
     if max(size, standstill) <= TOO_SMALL:
         return result
     if standstill > 1.0:  # a fit has bent itself to what is near standstill, and asks for less than there is
         standstill *= STEP
-    return search(problem.with_discrepancy((size, standstill)))
+    return search(begun(problem.with_discrepancy((size, standstill))))
 
 
 @dataclass(frozen=True)
@@ -164,11 +173,22 @@ class Search:
         self.linear: dict[Names, float] = {}
         self.failures: dict[Names, str] = {}
         self.scanned: Sequence[Atom] = ()
+        self._base: Fitted | None = None
 
     def base_fit(self) -> Fitted:
         """The fit of the base parameters alone, without an effect."""
-        self._tell(Progress(Stage.SEARCH, Task.BASE))
-        return fit_knobs(self.problem, (), self.held, self._start(), LAST_ROUND)
+        if self._base is None:
+            self._tell(Progress(Stage.SEARCH, Task.BASE))
+            self._base = fit_knobs(self.problem, (), self.held, self._start(), LAST_ROUND)
+        return self._base
+
+    def late_s(self) -> float:
+        """The delay of the log's motion in the base fit, s; 0 up to TOO_LATE sampling steps."""
+        if LOG_TIMING not in self.base:
+            return 0.0
+        fit = self.base_fit()
+        late = float(fit.z[self._place_of(self.base[LOG_TIMING])][0])
+        return late * self.base[LOG_TIMING].scale if late > TOO_LATE else 0.0
 
     def _start(self) -> Array:
         """z where the base fit begins: nominal, with a little of each trace that keeps a state. Such a trace may show
