@@ -69,7 +69,7 @@ def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     q, y = state_symbols(plant, effects)
     t, h, u, u_rate = (symbol(s) for s in ("t", "h", "u", "u_rate"))
     q1, y1, _, errors = rodas3_step(
-        _bound(plant, effects, parameter_symbols(parameters)), t, h, q, y, u, u_rate, len(effects.memory)
+        _bound(plant, effects, parameter_symbols(parameters, plant.parameters)), t, h, q, y, u, u_rate, len(effects.memory)
     )
     states = [e.args[0] for e in (*q, *y)]
     k.add(1, "n = times.shape[0] // %d" % lanes, "m = 1", "steps = 0")
@@ -101,7 +101,7 @@ def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     (a - a|u=0) / (da/du). out: (n, 1 + rest, lanes), the input, then the other states.
     """
     k = KernelText(lanes, parameters)
-    p = parameter_symbols(parameters)
+    p = parameter_symbols(parameters, plant.parameters)
     rates = _bound(plant, effects, p)
     q, y = state_symbols(plant, effects)
     t, h, u = symbol("t"), symbol("h"), symbol("u")
@@ -167,7 +167,7 @@ def loop_source(
     references: (n, controller's references, lanes); actual: (lanes,) the input at work; line: see `delayed`.
     """
     k = KernelText(lanes, parameters)
-    p = parameter_symbols(parameters)
+    p = parameter_symbols(parameters, plant.parameters)
     rates = _bound(plant, effects, p)
     q, y = state_symbols(plant, effects)
     t, h, u, dt = symbol("t"), symbol("h"), symbol("u"), symbol("dt")
