@@ -43,7 +43,7 @@ def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, 
     k.add(2, "while True:")
     k.add(3, f"for j in range({n * L}):", f"{INDENT}work[j] = state[j]")
     k.add(3, f"for l in range({L}):", f"{INDENT}worst[l] = 0.0")
-    k.add(3, "for s in range(m):", f"{INDENT}for l in range({L}):")
+    k.add(3, "largest = 0.0", "for s in range(m):", f"{INDENT}for l in range({L}):")
     k.add(5, *step["inputs"])
     k.load(5, "work", states)
     results = k.block(5, [*step["next"], *step["errors"]])
@@ -52,8 +52,8 @@ def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, 
     for i, name in enumerate(results[n:]):
         k.add(5, f"e = abs({name}) * {k.at('inverse_scale', i)}", "error = select(e > error, e, error)")
     k.add(5, "worst[l] = error")
-    k.add(3, "largest = 0.0", f"for l in range({L}):", f"{INDENT}largest = max(largest, worst[l])")
-    k.add(3, "steps += m")
+    k.add(4, f"for l in range({L}):", f"{INDENT}largest = max(largest, worst[l])")
+    k.add(4, "steps += 1", "if largest > tolerance and m < most:", f"{INDENT}break")
     k.add(3, "if largest <= tolerance or m >= most:", f"{INDENT}break", "m *= 2")
     k.add(2, f"for j in range({n * L}):", f"{INDENT}state[j] = work[j]")
     k.add(2, "if m > 1 and largest < 0.1 * tolerance:", f"{INDENT}m //= 2")
@@ -69,7 +69,7 @@ def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     q, y = state_symbols(plant, effects)
     t, h, u, u_rate = (symbol(s) for s in ("t", "h", "u", "u_rate"))
     q1, y1, _, errors = rodas3_step(
-        _bound(plant, effects, parameter_symbols(parameters)), t, h, q, y, u, u_rate, len(effects.memory)
+        _bound(plant, effects, parameter_symbols(parameters, plant.parameters)), t, h, q, y, u, u_rate, len(effects.memory)
     )
     states = [e.args[0] for e in (*q, *y)]
     k.add(1, "n = times.shape[0] // %d" % lanes, "m = 1", "steps = 0")
@@ -101,7 +101,7 @@ def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     (a - a|u=0) / (da/du). out: (n, 1 + rest, lanes), the input, then the other states.
     """
     k = KernelText(lanes, parameters)
-    p = parameter_symbols(parameters)
+    p = parameter_symbols(parameters, plant.parameters)
     rates = _bound(plant, effects, p)
     q, y = state_symbols(plant, effects)
     t, h, u = symbol("t"), symbol("h"), symbol("u")
@@ -167,7 +167,7 @@ def loop_source(
     references: (n, controller's references, lanes); actual: (lanes,) the input at work; line: see `delayed`.
     """
     k = KernelText(lanes, parameters)
-    p = parameter_symbols(parameters)
+    p = parameter_symbols(parameters, plant.parameters)
     rates = _bound(plant, effects, p)
     q, y = state_symbols(plant, effects)
     t, h, u, dt = symbol("t"), symbol("h"), symbol("u"), symbol("dt")

@@ -19,9 +19,11 @@ from workbench.trace.expr import Expr, Scalar, symbol
 INDENT = "    "
 
 
-def parameter_symbols(names: Sequence[str]) -> SimpleNamespace:
-    """Symbols for parameters; the printer knows them by their prefix."""
-    return SimpleNamespace(**{n: symbol(f"p_{n}") for n in names})
+def parameter_symbols(names: Sequence[str], keys: Mapping[str, str | float] | None = None) -> SimpleNamespace:
+    """Symbols for parameters; the printer knows them by their prefix. keys: a plant's `parameters`: what is a fixed
+    number there stays one, and what it makes zero is never computed."""
+    fixed = {name: number for name, number in (keys or {}).items() if isinstance(number, float)}
+    return SimpleNamespace(**{n: fixed.get(n, symbol(f"p_{n}")) for n in names})
 
 
 def state_symbols(plant: Plant, effects: Effects = NO_EFFECTS) -> tuple[list[Expr], list[Expr]]:
