@@ -1,9 +1,9 @@
 """The dashboard in a real browser: `python -m benchmarks.pages [--sessions 20]`, on a computer that does nothing else.
 
-Figures: from the address to the first page on a server that nobody has visited (verdict, table and the first figure; all
-figures drawn, the script ended), by a user's first start of this version and by a later one,
-from a slider's release to new figures, frames a second of the page Machine, and the server's memory after each of many
-sessions that move sliders and are closed. One line of JSON.
+Figures: from the address to verdict, table and first figure, and to the whole first page (all figures drawn, the script
+ended), on a server that nobody has visited, at the first start of this version and at a later one; from a slider's
+release to new figures; frames a second of the page Machine; and the server's memory after each of many sessions that
+move sliders and are closed. One line of JSON.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("streamlit")
 
 from workbench.dashboard import first_study, warm
+from workbench.dashboard.ahead import OF_STREAMLIT, streamlit_scripts
 from workbench.dashboard.pages.study.controls import Controls, Desk, scenario_of
 from workbench.dashboard.pages.study.runs import RUNS, results
 from workbench.machine import default_hoist, shipped_hoist
@@ -91,3 +92,10 @@ def test_a_process_that_is_no_server_looks_for_nothing(monkeypatch: pytest.Monke
     restart(monkeypatch)
     monkeypatch.setattr(warm, "_threads", [])
     assert first_study.found(RUNS, SCENARIO, MACHINE) is None
+
+
+def test_the_page_names_the_scripts_of_its_elements_with_all_that_they_import():
+    named = streamlit_scripts()
+    assert len(named) == len(set(named))
+    assert {name.partition(".")[0] for name in named} > set(OF_STREAMLIT)
+    assert any(name.startswith("styled-components.") for name in named)  # which every one of them imports
