@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 # Its scripts for what the first page shows: their names go on with a hash.
 OF_STREAMLIT = (
-    "BidiComponent", "Button", "ButtonGroup", "Checkbox", "DataFrame", "DownloadButton", "FileUploader", "Html", "Metric",
-    "Multiselect", "NumberInput", "Selectbox", "Slider", "TextInput", "arrowFormatUtils",
+    "BidiComponent", "Button", "ButtonGroup", "Checkbox", "DataFrame", "DownloadButton", "FileUploader", "Html",
+    "Metric", "Multiselect", "NumberInput", "Selectbox", "Slider", "TextInput", "arrowFormatUtils",
 )  # fmt: skip
 _IMPORTED = re.compile(r'(?:from|import)"\./([^"]+\.js)"')  # statically: fetched before the script can run
 # Fetched and read beside what comes first, run when asked for. Relative addresses: a proxy may put a path before them.

@@ -4,9 +4,9 @@ found(what, scenario, machine)   what an earlier start has kept of this very stu
 keep(values)                     writes them, for the next start
 is_kept()                        whether there is a whole file; kept_file() is where
 
-The file is named after a hash of all sources of the package and of the libraries' versions: an edit of any gives another
-name, and the study runs. Like a kernel it is code to whoever reads it, so it is taken from the kernels' folder and this
-user's own file only.
+The file is named after a hash of all sources of the package and of the libraries' versions: an edit of any gives
+another name, and the study runs. Like a kernel it is code to whoever reads it, so it is taken from the kernels' folder
+and from this user's own file only.
 """
 
 from __future__ import annotations
