@@ -76,7 +76,6 @@ AXIS: dict[str, Any] = {
     "tickfont": {"size": 12},
     "automargin": True,
     "minexponent": 6,  # 10000 kg, not 10k
-    "exponentformat": "power",  # as sentences and tables write it
 }
 
 TEMPLATE: dict[str, Any] = {

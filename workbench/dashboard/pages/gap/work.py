@@ -129,6 +129,8 @@ def _numbers(d: Diagnosis) -> list[Number]:
     if corrected:
         said = f"of the {w.quantity} residual, held out; 95 % interval {low:.3g} to {high:.3g}"
         numbers.append(Number("Shrinks by", s.factor, "×", help=said))
+    if s.speed_rmse_percent_after > words.RUN_AWAY:
+        return numbers
     by = s.speed_rmse_percent_after - s.speed_rmse_percent_before
     said = f"rms of the speed replayed open loop, in per cent of {w.scale}; adds up every bias from the first sample on"
     numbers.append(
