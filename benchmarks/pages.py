@@ -1,8 +1,9 @@
 """The dashboard in a real browser: `python -m benchmarks.pages [--sessions 20]`, on a computer that does nothing else.
 
-Figures: from the address to the first page on a server that nobody has visited (all figures drawn, the script ended),
-from a slider's release to new figures, frames a second of the page Machine, and the server's memory after each of many
-sessions that move sliders and are closed. One line of JSON.
+Figures: from the address to verdict, table and first figure, and to the whole first page (all figures drawn, the script
+ended), on a server that nobody has visited, at the first start of this version and at a later one; from a slider's
+release to new figures; frames a second of the page Machine; and the server's memory after each of many sessions that
+move sliders and are closed. One line of JSON.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from tests.support import browser
 from tests.support.browser import Visit
+from workbench.dashboard import first_study
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -41,10 +43,12 @@ seconds => new Promise(done => {
 """
 
 
-def first_page_s(started: Browser, address: str, shots: Path) -> float:
-    with browser.visit(started, address, shots) as visit:
+def first_page_s(started: Browser, home: Path) -> tuple[float, float]:
+    """Until verdict, table and the first figure are drawn, and until all is, on a server of its own."""
+    with browser.dashboard(home) as address, browser.visit(started, address, home / "shots") as visit:
         visit.page.goto(address, wait_until="commit")
-        return visit.first_drawn_s(figures=4)
+        first = visit.figures_drawn_s(1)
+        return round(first, 2), round(visit.first_drawn_s(figures=4), 2)
 
 
 def moved_s(visit: Visit, by: float) -> float:
@@ -107,8 +111,11 @@ def main(say: Callable[[str], None] = print) -> None:
     os.environ["STREAMLIT_SERVER_DISCONNECTED_SESSION_TTL"] = str(KEPT_S)
     with tempfile.TemporaryDirectory() as folder, browser.browser() as started:
         home = Path(folder) / "server"
+        first_study.kept_file().unlink(missing_ok=True)
+        for start in ("first_start", "later_start"):
+            figure_s, whole_s = first_page_s(started, Path(folder) / start)
+            measured[start] = {"first_figure_s": figure_s, "whole_page_s": whole_s}
         with browser.dashboard(home) as address:
-            measured["first_page_s"] = round(first_page_s(started, address, home / "shots"), 2)
             with browser.visit(started, address, home / "shots") as visit:
                 visit.go()
                 moves = [moved_s(visit, 0.06 if number % 2 == 0 else -0.04) for number in range(MOVES)]

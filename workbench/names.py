@@ -1,6 +1,9 @@
-"""The words of a value's name, and the unit at its end."""
+"""The words of a value's name, the unit at its end, a small number as people write it."""
 
 from __future__ import annotations
+
+import re
+from decimal import Decimal
 
 # Longer endings stand before those that they end with.
 UNITS = {
@@ -20,3 +23,21 @@ def words_of(name: str) -> str:
     last = name.rpartition(".")[2]
     ending = next((ending for ending in UNITS if last.endswith(f"_{ending}")), "")
     return last.removesuffix(f"_{ending}").replace("_", " ")
+
+
+_POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]?\d+)(?!\w)")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def powers(text: str) -> str:
+    """A text whose numbers in Python's way of writing, 8.2e-05, stand as people write them, 82·10⁻⁶: in powers of a
+    thousand, as many digits as before; plainly between a ten-thousandth and a million."""
+    return _POWER.sub(_power, text)
+
+
+def _power(number: re.Match[str]) -> str:
+    exponent = int(number[2])
+    thousands = 3 * (exponent // 3)
+    if -4 <= exponent < 6:
+        return f"{Decimal(number[1]).scaleb(exponent):f}"
+    return f"{Decimal(number[1]).scaleb(exponent - thousands):f}·10{str(thousands).translate(_RAISED)}"

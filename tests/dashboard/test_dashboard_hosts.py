@@ -18,7 +18,7 @@ pytest.importorskip("streamlit")
 
 from tests.support import browser
 from tests.support.proxy import documented_headers
-from workbench.dashboard import warm
+from workbench.dashboard import first_study, warm
 from workbench.dashboard.options import OPTIONS, flags, hosts_allowed
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -64,8 +64,12 @@ def test_who_listens_to_others_without_a_name_is_reached_by_any():
     assert [flag for flag in flags({}) if "allowedHosts" in flag] == [f"--server.allowedHosts={h}" for h in LOCAL]
 
 
-def test_all_that_is_loaded_ahead_of_time_can_be(caplog: pytest.LogCaptureFixture):
-    warm._load(later_s=0.0)
+def test_all_that_is_loaded_ahead_of_time_can_be(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.setattr(first_study, "kept_file", lambda: tmp_path / "kept.study")
+    warm._load(soon_s=0.0, later_s=0.0)
+    assert (tmp_path / "kept.study").is_file()
     assert not [record for record in caplog.records if record.exc_info]
 
 
@@ -73,7 +77,7 @@ def test_all_that_is_loaded_ahead_of_time_can_be(caplog: pytest.LogCaptureFixtur
 WHILE_PANDAS_IS_IMPORTED = """
 import importlib.abc, sys, threading, time
 import numpy, plotly.graph_objects
-from workbench.dashboard import warm
+from workbench.dashboard import first_study, warm
 
 begun = threading.Event()
 
@@ -84,11 +88,11 @@ class Slow(importlib.abc.MetaPathFinder):
             time.sleep(0.3)
 
 sys.meta_path.insert(0, Slow())
-warm._study = warm._loop = warm._others = lambda: plotly.graph_objects.Scatter(y=numpy.arange(3.0))
+warm._study = warm._sliders = warm._loop = warm._others = lambda: plotly.graph_objects.Scatter(y=numpy.arange(3.0))
 importing = threading.Thread(target=__import__, args=["pandas"])
 importing.start()
 begun.wait()
-warm._load(later_s=0.0)
+warm._load(soon_s=0.0, later_s=0.0)
 importing.join()
 """
 

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.support import axes
+from workbench.dashboard.pages.study.axis.desk import axis_scenario, usual_desk
 from workbench.machine import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
 from workbench.study.conclude.bound import from_the_bound
-from workbench.study.conclude.damping import damping_sentence, on_another_wire
+from workbench.study.conclude.damping import ELASTOMER, RINGING, damping_sentence, on_another_damping
 from workbench.study.conclude.decide import BEST, Choice, choices, decision_table, verdict
 from workbench.study.conclude.price import DEAR, price_sentence
 from workbench.study.conclude.utilisation import alarm, utilisation
@@ -128,11 +130,30 @@ def test_the_sentence_on_damping_compares_the_wire_assumed_with_one_that_rings()
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "scenarios").glob("*.yaml")))
-def test_every_study_on_a_wire_says_how_far_its_answer_hangs_on_the_damping(name):
+def test_every_study_says_how_far_its_answer_hangs_on_the_damping(name):
     study = load_study(ROOT / "scenarios" / f"{name}.yaml")
-    said = on_another_wire(study)
-    assert (said is None) == (study.machine.kind != "hoist")
-    assert said is None or re.search(r"the damping ratio assumed, 0\.\d+, .*; at 0\.\d+, ", said)
+    said = on_another_damping(study)
+    assert said is not None
+    swings = study.machine.kind == "hoist"
+    assert bool(re.search(r"the damping ratio assumed, 0\.\d+, .*; at 0\.\d+, ", said)) == swings
+    assert said.startswith("The answer hangs" if swings else "No damping is assumed: the axis is one stiff inertia")
+
+
+def test_two_inertias_say_how_far_their_answer_hangs_on_the_damping_of_the_coupling():
+    stiff = axes.two_inertia()
+    own = stiff.coupling.damping_nm_s_per_rad * (stiff.coupling.stiffness_nm_per_rad * stiff.load.inertia_kg_m2) ** -0.5
+    said = {
+        damping: damping_sentence(axis_scenario(usual_desk(machine), machine), machine)
+        for damping in (stiff.coupling.damping_nm_s_per_rad, 0.05)
+        for machine in (axes.two_inertia(coupling__damping_nm_s_per_rad=damping),)
+    }
+    for damping, (ratio, other) in {
+        stiff.coupling.damping_nm_s_per_rad: (0.5 * own, f"at {ELASTOMER:.2g}, a coupling with an elastomer spider"),
+        0.05: (0.5 * own * 12.5, f"at {RINGING:.2g}, a coupling that rings"),
+    }.items():
+        text = said[damping]
+        assert text is not None and "on the coupling's damping: " in text and other in text
+        assert f"the damping ratio assumed, {ratio:.2g}, " in text and "settling time" in text
 
 
 def test_the_bound_is_below_every_motion_of_its_time_and_names_the_pair_that_is_free():

@@ -201,6 +201,15 @@ class Visit:
             arg=[QUIET_MS, figures], timeout=DRAWN_WITHIN_MS,
         )  # fmt: skip
 
+    def figures_drawn_s(self, figures: int) -> float:
+        """From the address to so many figures drawn, whether the script has ended or not."""
+        waited = self.page.wait_for_function(
+            "n => document.querySelectorAll('.js-plotly-plot .main-svg').length && window.bench.figures().length >= n"
+            " && performance.now()",
+            arg=figures, polling="raf", timeout=DRAWN_WITHIN_MS,
+        )  # fmt: skip
+        return float(waited.json_value()) / 1000.0
+
     def first_drawn_s(self, figures: int) -> float:
         """From the address to so many figures drawn and the script ended, as the browser counts."""
         waited = self.page.wait_for_function(

@@ -1,13 +1,16 @@
-"""What draws figures and tables, sent to the browser with the page rather than asked for with the first of them.
+"""What draws figures, tables and controls, sent to the browser with the page rather than asked for with the first of
+them.
 
-Streamlit's page names the scripts that it begins with. Here those of figures and tables are named, too, and the browser
-fetches and reads them while the server computes. Without this (`streamlit run app.py`) each is asked for when needed.
+Streamlit's page names the scripts that it begins with. Here those of its elements and what these import are named, too:
+the browser fetches and reads them while the server computes. Without this (`streamlit run app.py`) each is asked for
+when needed.
 """
 
 from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
+import re
 from collections.abc import MutableMapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +18,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-OF_STREAMLIT = ("BidiComponent", "DataFrame", "arrowFormatUtils")  # its scripts: their names go on with a hash
+# Its scripts for what the first page shows: their names go on with a hash.
+OF_STREAMLIT = (
+    "BidiComponent", "Button", "ButtonGroup", "Checkbox", "DataFrame", "DownloadButton", "FileUploader", "Html",
+    "Metric", "Multiselect", "NumberInput", "Selectbox", "Slider", "TextInput", "arrowFormatUtils",
+)  # fmt: skip
+_IMPORTED = re.compile(r'(?:from|import)"\./([^"]+\.js)"')  # statically: fetched before the script can run
 # Fetched and read beside what comes first, run when asked for. Relative addresses: a proxy may put a path before them.
 _AHEAD = 'rel="modulepreload" crossorigin fetchpriority="low"'
 FOREVER = "public, immutable, max-age=31536000"  # its address holds its version
@@ -29,11 +37,18 @@ def library() -> Path:
 
 
 def streamlit_scripts() -> list[str]:
-    """The names of streamlit's scripts for figures and tables."""
+    """The names of streamlit's scripts for what the first page shows, and of all that they import."""
     streamlit = importlib.util.find_spec("streamlit")
     assert streamlit is not None and streamlit.submodule_search_locations
     folder = Path(streamlit.submodule_search_locations[0]) / "static" / "static" / "js"
-    return sorted(file.name for stem in OF_STREAMLIT for file in folder.glob(f"{stem}.*.js"))
+    wanted = [file.name for stem in OF_STREAMLIT for file in sorted(folder.glob(f"{stem}.*.js"))]
+    named: dict[str, None] = {}
+    while wanted:
+        name = wanted.pop(0)
+        if name not in named and (folder / name).is_file():
+            named[name] = None
+            wanted += _IMPORTED.findall((folder / name).read_text(encoding="utf-8"))
+    return list(named)
 
 
 class LoadAhead:

@@ -6,8 +6,15 @@ import logging
 import sys
 import threading
 import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
-LATER_S = 10.0  # until the first page, which needs the same processor, has been drawn
+if TYPE_CHECKING:
+    from workbench.machine import Hoist
+    from workbench.study.scenario.record import Scenario
+
+SOON_S = 3.0  # until the first page, which needs the same processor, has been drawn
+LATER_S = 7.0  # until a visitor looks at another page
 
 _started = threading.Lock()
 _threads: list[threading.Thread] = []
@@ -19,6 +26,11 @@ def warm() -> None:
         if not _threads:
             _threads.append(threading.Thread(target=_load, name="warm", daemon=True))
             _threads[0].start()
+
+
+def started() -> bool:
+    """Whether this process is a server that loads ahead."""
+    return bool(_threads)
 
 
 def wait() -> None:
@@ -37,9 +49,10 @@ def whole_pandas() -> None:
         import pandas  # noqa: F401
 
 
-def _load(later_s: float = LATER_S) -> None:
-    """The first page, then the others. What fails here fails again, and is shown, where it is used."""
-    for load, wait_s in ((_study, 0.0), (_loop, later_s), (_others, 0.0)):
+def _load(soon_s: float = SOON_S, later_s: float = LATER_S) -> None:
+    """The first page, what its sliders need, then the others. What fails here fails again, and is shown, where it is
+    used."""
+    for load, wait_s in ((_study, 0.0), (_sliders, soon_s), (_loop, later_s), (_others, 0.0)):
         time.sleep(wait_s)
         try:
             whole_pandas()
@@ -49,17 +62,48 @@ def _load(later_s: float = LATER_S) -> None:
 
 
 def _study() -> None:
-    """The first page's imports, kernels and runs, in the page's order; who visits meanwhile waits for each but once."""
+    """The first page's imports; kernels and runs, in the page's order, or what an earlier start has kept of them. Who
+    visits meanwhile waits for each but once."""
+    from workbench.dashboard import first_study
     from workbench.dashboard.pages.compare import page as compare  # noqa: F401
     from workbench.dashboard.pages.study import page as study  # noqa: F401
+
+    if first_study.is_kept():
+        return
+    scenario, machine = _first()
+    values = {first_study.key(what, scenario, machine): run(scenario, machine) for what, run in _runs().items()}
+    first_study.keep(values)
+
+
+def _sliders() -> None:
+    """Where the first study was kept, the kernels and the solver that it would have loaded, by one of another name."""
+    from workbench.dashboard import first_study
+
+    if not first_study.is_kept():
+        return
+    scenario, machine = _first()
+    beside = scenario.model_copy(update={"name": "beside"})
+    for run in _runs().values():
+        run(beside, machine)
+
+
+def _first() -> tuple[Scenario, Hoist]:
     from workbench.dashboard.pages.study.controls import Desk, scenario_of
-    from workbench.dashboard.pages.study.runs import beside_payloads, beside_ramps, on_damping, results
     from workbench.machine import default_hoist
 
     machine = default_hoist()
-    scenario = scenario_of(Desk(), machine)
-    for runs in (results, beside_payloads, beside_ramps, on_damping):
-        runs(scenario, machine)
+    return scenario_of(Desk(), machine), machine
+
+
+def _runs() -> dict[str, Callable[[Scenario, Hoist], Any]]:
+    from workbench.dashboard.pages.study import runs
+
+    return {
+        runs.RUNS: runs.results,
+        runs.PAYLOADS: runs.beside_payloads,
+        runs.OTHER_RAMPS: runs.beside_ramps,
+        runs.DAMPING: runs.on_damping,
+    }
 
 
 def _loop() -> None:

@@ -21,12 +21,14 @@ import streamlit as st
 
 from workbench.dashboard import charts
 from workbench.errors import InputError
+from workbench.names import powers
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from workbench.tables import Table
 
+SMALL = 1e-4  # below it leading zeros are no number that people read
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader
 _UNIT = re.compile(r"(?<=\d) (?:N m|k?N|Hz|%|k?g|m?[ms])(?!\w)")  # that stays on its number's line
 Better = Literal["lower", "higher"]
@@ -45,11 +47,13 @@ class Number(NamedTuple):
 
 
 def text(value: float | None, digits: int = 3, sign: bool = False) -> str:
-    """A number with so many significant digits, never in powers of ten below a million."""
+    """A number with so many significant digits; in powers of ten where it is below a ten-thousandth."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0.0:
         return "0"
+    if abs(value) < SMALL:
+        return powers(f"{value:{'+' if sign else ''}.{digits - 1}e}").replace("-", "\N{MINUS SIGN}")
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     return f"{value:{'+' if sign else ''}.{min(decimals, 6)}f}".replace("-", "\N{MINUS SIGN}")
 
@@ -116,12 +120,12 @@ def table(shown: Table) -> None:
     """A report's table with its note; heads with their units."""
     from workbench.study.results import arrow
 
-    columns = {head: arrow.texts([text.strip() for text in texts]) for head, texts in shown.by_column.items()}
+    columns = {head: arrow.texts([powers(text.strip()) for text in texts]) for head, texts in shown.by_column.items()}
     align = {column.line: st.column_config.TextColumn(alignment=column.align) for column in shown.columns}
     # Not lazily: streamlit would import pandas to find out whether it could.
     st.dataframe(arrow.table(columns), hide_index=True, column_config=align, lazy=False)
     if shown.note:
-        st.caption(plain(shown.note))
+        st.caption(said(shown.note))
 
 
 def problem(error: InputError) -> None:
@@ -135,7 +139,7 @@ def problem(error: InputError) -> None:
 
 def said(sentence: str) -> str:
     """A report's sentence on a page, where what it has in backticks for a terminal stands plainly."""
-    return plain(_UNIT.sub(lambda match: match[0].replace(" ", "\u00a0"), sentence.replace("`", "")))
+    return plain(_UNIT.sub(lambda match: match[0].replace(" ", "\u00a0"), powers(sentence.replace("`", ""))))
 
 
 def plain(sentence: str) -> str:

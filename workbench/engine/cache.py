@@ -188,7 +188,7 @@ def _write(path: Path, codes: Mapping[str, bytes]) -> None:
 def _read(path: Path) -> dict[str, bytes] | None:
     """The codes in a file; None where it is not there, not whole (a full disk, a careless hand) or not one's own."""
     try:
-        head, _, rest = _own_bytes(path).partition(b"\n")
+        head, _, rest = own_bytes(path).partition(b"\n")
         codes, at = {}, 0
         for name, length, digest in json.loads(head):
             codes[name] = rest[at : at + length]
@@ -200,7 +200,7 @@ def _read(path: Path) -> dict[str, bytes] | None:
         return None
 
 
-def _own_bytes(path: Path) -> bytes:
+def own_bytes(path: Path) -> bytes:
     """A regular file of this user's. OSError for anything else; a pipe under that name is not waited for."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
     with os.fdopen(os.open(path, flags), "rb") as file:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.figures.style import AFTER, BEFORE, BLUE, FAINT, GREY, NOISE, PURPLE, TEMPLATE, heading
+from workbench.names import powers
 from workbench.run import Array
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ def shrink_bars(
         for index, (name, colour) in enumerate((("before", BEFORE), ("after", AFTER)))
     ]
     # A line of the whole width is a shape; this one only stands for it in the legend.
-    floor = {"name": f"noise floor, {noise:.2g} {unit}", "mode": "lines", "line": NOISE, "hoverinfo": "skip"}
+    floor = {"name": powers(f"noise floor, {noise:.2g} {unit}"), "mode": "lines", "line": NOISE, "hoverinfo": "skip"}
     data.append({"type": "scatter", "x": names[:1], "y": [noise], **floor})
     highest = max([noise, *(value for both in rows.values() for value in both)]) or 1.0
     layout = {
@@ -128,6 +129,7 @@ def shrink_bars(
 def _shrink_bars(names: list[str], values: list[float], name: str, colour: str, unit: str) -> dict[str, Any]:
     return {
         "type": "bar", "x": names, "y": values, "name": name, "marker": {"color": colour},
-        "text": [f"{value:#.3g}" for value in values], "textposition": "outside", "textangle": 0, "cliponaxis": False,
+        "text": [powers(f"{value:#.3g}") for value in values], "textposition": "outside", "textangle": 0,
+        "cliponaxis": False,
         "textfont": {"size": 11}, "hovertemplate": f"%{{x}}, {name}: %{{y:.4~g}} {unit}<extra></extra>",
     }  # fmt: skip

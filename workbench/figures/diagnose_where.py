@@ -33,6 +33,7 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
     layout = _layout(f"Mean residual ({unit}) over what may explain it", height)
     largest = max((_largest(profile.mean_forward, profile.mean_backward) for profile in shown), default=0.0) or 1.0
     in_legend: set[str] = set()  # what the legend has
+    labelled: set[float] = set()  # rows, by where they begin, that have the common scale's numbers
     for number, (profile, box) in enumerate(zip(shown, boxes, strict=True), start=1):
         name, _, best = profile.label.partition(", ")
         unit_of = f" ({profile.unit})" if profile.unit not in ("", "1") else ""
@@ -53,7 +54,8 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
             title = "one wave's share of the energy"
         else:
             _scales(layout, profile, box, number, len(shown), largest, ways)
-            axis, title = {}, f"mean residual ({unit})"
+            axis, title = {"showticklabels": box[1][0] not in labelled}, f"mean residual ({unit})"
+            labelled.add(box[1][0])
         layout[f"yaxis{number}"] |= axis
         if box[0][0] == 0.0:
             layout[f"yaxis{number}"]["title"] = {"text": title, "font": {"size": 12}}

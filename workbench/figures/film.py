@@ -166,12 +166,16 @@ def _strips(data: dict[str, Any], look: Look) -> str:
             lines.append(f'<polyline points="{points}" fill="none" stroke="{COLOURS[number % 2]}" stroke-width="1.6" '
                          'vector-effect="non-scaling-stroke"/>')  # fmt: skip
         made.append(
-            f'<div class="strip"><span>{title}: {low:.4g} to {high:.4g}</span>'
+            f'<div class="strip"><span>{title}: {_shown(low)} to {_shown(high)}</span>'
             f'<svg viewBox="0 0 {STRIP_WIDTH:g} {STRIP_HEIGHT:g}" preserveAspectRatio="none">{"".join(lines)}'
             f'<line class="now" x1="0" x2="0" y1="0" y2="{STRIP_HEIGHT:g}" stroke="{look.ink}" '
             'vector-effect="non-scaling-stroke"/></svg></div>'
         )
     return "".join(made)
+
+
+def _shown(value: float) -> str:
+    return f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _plain(name: str) -> str:

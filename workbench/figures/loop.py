@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.analysis.family import Member, Weakest, weakest
-from workbench.analysis.step import step_response
+from workbench.analysis.step import StepResponse, step_response
 from workbench.figures.panels import Panels
 from workbench.figures.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
 from workbench.kinds import Kind
+from workbench.names import powers
 from workbench.run import Array
 
 if TYPE_CHECKING:
@@ -264,14 +265,29 @@ def _has_position_loop(member: Member) -> bool:
     return bool(np.any(member.loop.plant.C[output]))
 
 
+def _with_load(rows: tuple[Step, ...], kind: Kind, answers: Sequence[StepResponse]) -> tuple[Step, ...]:
+    """The rows with a step of the load that leaves an axis' speed below one unit: 1 N m throws a small one away."""
+    if kind.payload:
+        return rows
+    fastest = max(float(np.max(np.abs(answer.signals[kind.looped.speed]))) for answer in answers)
+    step = 10.0 ** -max(0, math.ceil(math.log10(fastest))) if fastest > 0.0 else 1.0
+    one, other = f"1 {kind.drive.unit} on the axis", f"{step:g} {kind.drive.unit} on the axis"
+    return tuple(
+        (of, signal, text.replace(one, powers(other)), scale * (step if of == "load_torque" else 1.0), unit)
+        for of, signal, text, scale, unit in rows
+    )
+
+
 def steps(members: Sequence[Member], title: str = "Step responses of the linear loop", height: int = 860) -> Figure:
     """Deviations after a step of the reference, and of a torque on the shaft; duration by the slowest bandwidth."""
     rows = steps_of(members[0])
-    panels = Panels(title, [text for _, _, text, _, _ in rows])
     slowest = min(m.margins.bandwidth_hz for m in members)
     duration = min(max(6.0 / slowest if math.isfinite(slowest) else 0.0, 60.0 * members[0].loop.dt), 20.0)
-    for member, look in zip(members, _looks(members), strict=True):
-        responses = {of: step_response(member.loop, of, duration) for of in dict.fromkeys(of for of, *_ in rows)}
+    inputs = dict.fromkeys(of for of, *_ in rows)
+    answers = [{of: step_response(member.loop, of, duration) for of in inputs} for member in members]
+    rows = _with_load(rows, members[0].loop.kind, [answer["load_torque"] for answer in answers])
+    panels = Panels(title, [text for _, _, text, _, _ in rows])
+    for member, responses, look in zip(members, answers, _looks(members), strict=True):
         for row, (of, signal, _, scale, unit) in enumerate(rows):
             response = responses[of]
             panels.line(row, 0, response.time_s, scale * response.signals[signal], member_name(member), look, unit)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from workbench.figures.style import BLUE, GREY, ORANGE, on_dark
+from workbench.names import powers
 
 WIDTH, HEIGHT = 320, 250
 INK, GROUND = "#222222", "white"
@@ -19,8 +20,8 @@ _HOIST: Mapping[str, tuple[Part, ...]] = {
     "motor": (("box", 14, 40, 46, 30),),
     "torque_sensor": (("box", 14, 14, 46, 16),),
     "speed_sensor": (("box", 14, 80, 46, 16),),
-    "brake": (("box", 66, 36, 10, 38),),
-    "gearbox": (("box", 82, 38, 34, 34),),
+    "brake": (("box", 62, 36, 9, 38),),
+    "gearbox": (("box", 74, 38, 48, 34),),
     "drum": (("circle", 124, 30, 50, 50),),
     "wire": (("box", 172, 52, 3, 86), ("box", 209, 30, 3, 108)),
     "sheave": (("circle", 172, 118, 40, 40),),
@@ -28,9 +29,9 @@ _HOIST: Mapping[str, tuple[Part, ...]] = {
     "payload": (("box", 246, 146, 46, 22),),
 }
 _NAMES = {
-    "motor": (37, 59), "gearbox": (99, 59), "drum": (149, 59), "sheave": (192, 172), "payload": (269, 161),
+    "motor": (37, 59), "gearbox": (98, 59), "drum": (149, 59), "sheave": (192, 172), "payload": (269, 161),
     "torque_sensor": (37, 26), "speed_sensor": (37, 92), "guide": (268, 14), "wire": (192, 100),
-    "platform": (160, 182), "brake": (82, 30),
+    "platform": (90, 182), "brake": (82, 30),
 }  # fmt: skip
 _SHORT = {"torque_sensor": "torque", "speed_sensor": "speed"}
 
@@ -41,23 +42,39 @@ _AXIS: Mapping[str, tuple[Part, ...]] = {
     "speed_sensor": (("box", 20, 110, 60, 20),),
     "axis": (("box", 80, 76, 220, 8), ("box", 160, 54, 60, 52)),
 }
+# One that turns, and the coupling between its motor and its load where there is one.
+_ROTARY: Mapping[str, tuple[Part, ...]] = {
+    **{name: _AXIS[name] for name in ("motor", "torque_sensor", "speed_sensor")},
+    "axis": (("box", 80, 76, 130, 8), ("circle", 190, 40, 80, 80)),
+}
+_COUPLED: Mapping[str, tuple[Part, ...]] = {**_ROTARY, "gearbox": (("box", 102, 60, 62, 40),)}
+_ROTARY_NAMES = {"motor": (50, 85), "axis": (230, 85), "torque_sensor": (50, 44), "speed_sensor": (50, 124)}
+_COUPLED_NAMES = {**_ROTARY_NAMES, "gearbox": (133, 85)}
 _AXIS_NAMES = {"motor": (50, 85), "axis": (190, 85), "torque_sensor": (50, 44), "speed_sensor": (50, 124)}
 
 
 def marked_machine(machine: Any, subsystem: str, shrink: Any) -> str:
     """SVG, self-contained, on a white ground. shrink: before, after and noise of the residual, and its unit."""
     hoist = subsystem in _HOIST and hasattr(machine, "winch")
-    parts, names = (_HOIST, _NAMES) if hoist else (_AXIS, _AXIS_NAMES)
+    parts, names = (_HOIST, _NAMES) if hoist else _axis(machine)
     drawn = [_part(part, name == subsystem) for name, part in parts.items()]
     if hoist:  # what no gap is named after: the carriage that the sheave hangs in
         drawn.insert(0, f'<rect x="240" y="116" width="57" height="24" fill="{_FILL}" stroke="{INK}"/>')
         drawn.insert(0, f'<path d="M212 128 H240" stroke="{INK}" stroke-width="3"/>')
-    words = [_text(x, y, _SHORT.get(name, name), name == subsystem) for name, (x, y) in names.items()]
+    short = _SHORT if hoist else {**_SHORT, "gearbox": "coupling"}
+    words = [_text(x, y, short.get(name, name), name == subsystem) for name, (x, y) in names.items()]
     inside = "".join([*drawn, *words]) + _bars(shrink)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" font-family="sans-serif">'
         f'<rect width="{WIDTH}" height="{HEIGHT}" fill="{GROUND}"/>{inside}</svg>'
     )
+
+
+def _axis(machine: Any) -> tuple[Mapping[str, tuple[Part, ...]], Mapping[str, tuple[int, int]]]:
+    """What is drawn of an axis, and where its names stand: along a rail, or turning, with a coupling or without."""
+    if hasattr(machine, "coupling"):
+        return _COUPLED, _COUPLED_NAMES
+    return (_ROTARY, _ROTARY_NAMES) if getattr(machine, "motion", "") == "rotary" else (_AXIS, _AXIS_NAMES)
 
 
 def for_dark_ground(svg: str) -> str:
@@ -95,7 +112,7 @@ def _bars(s: Any) -> str:
         y = 198 + 17 * k
         lines.append(f'<text x="52" y="{y + 11}" font-size="11" text-anchor="end" fill="{INK}">{name}</text>')
         lines.append(f'<rect x="58" y="{y}" width="{170.0 * value / largest:.1f}" height="12" fill="{colour}"/>')
-        number = f"{value:.3g} {s.unit}"
+        number = powers(f"{value:.3g} {s.unit}")
         x = 64.0 + 170.0 * value / largest
         lines.append(f'<text x="{x:.1f}" y="{y + 11}" font-size="11" fill="{INK}">{number}</text>')
     return "".join(lines)

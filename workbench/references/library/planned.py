@@ -65,7 +65,7 @@ def _equal_time_ramp(ramp: Ramp) -> Shape:
 
 
 @planned(
-    label="ruckig, same move time",
+    label="ruckig in the trapezoid's time",
     words="ruckig",
     definition="the jerk-limited move with acceleration times s and jerk times s², s such that each move (each jog's "
     "ramp) takes as long as the trapezoid's",

@@ -15,6 +15,7 @@ from workbench.reports.numbers import figures
 from workbench.reports.words import listed, words_of
 
 SHRINKS = 1.02  # factor: less is none
+RUN_AWAY = 100.0  # per cent of the speed's scale: a replay in open loop that is further off has left the motion
 NO_GAP, UNKNOWN = "no gap", "unknown cause"
 
 
@@ -140,12 +141,17 @@ def shrink_sentence(d: Diagnosis) -> str:
             f"It does not shrink: on held-out runs the {quantity} residual is {figures(s.before)} {s.unit} rms before "
             f"and {figures(s.after)} {s.unit} after; the noise floor is {figures(s.noise)} {s.unit}."
         )
+    away = (
+        "; it has run away, for every bias adds up, and judges neither machine"
+        if s.speed_rmse_percent_after > RUN_AWAY
+        else ""
+    )
     return (
         f"On runs that were held out of the fit the {quantity} residual falls from {figures(s.before)} to "
         f"{figures(s.after)} {s.unit} rms, by a factor of {figures(s.factor)} (95 % interval {figures(low)} to "
         f"{figures(high)}); the noise floor is {figures(s.noise)} {s.unit}. Replayed open loop, the speed's error goes "
         f"from {figures(s.speed_rmse_percent_before)} to {figures(s.speed_rmse_percent_after)} % of "
-        f"{words_of(d.campaign.machine).scale}."
+        f"{words_of(d.campaign.machine).scale}{away}."
     )
 
 

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from workbench.errors import InputError
 from workbench.references import BASELINE, planned_kinds
 from workbench.study.conclude.bound import from_the_bound
-from workbench.study.conclude.damping import on_another_wire
+from workbench.study.conclude.damping import on_another_damping
 from workbench.study.conclude.decide import verdict
 from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.utilisation import alarm, utilisation
@@ -42,7 +42,7 @@ def _asked_again(result: Finished) -> list[str]:
     cannot be planned again from here."""
     try:
         study = plan_study(Scenario.model_validate(dict(result.scenario)), result.machine)
-        damping = on_another_wire(study)
+        damping = on_another_damping(study)
         return [*([damping] if damping else []), *from_the_bound(study)]
     except (InputError, ValidationError):
         return []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from workbench.study.conclude.bound import from_the_bound
-from workbench.study.conclude.damping import on_another_wire
+from workbench.study.conclude.damping import on_another_damping
 from workbench.study.conclude.decide import verdict
 from workbench.study.conclude.sentences import sentences
 from workbench.study.conclude.utilisation import alarm, utilisation
@@ -15,8 +15,8 @@ from workbench.study.scenario.load import Study
 
 
 def answer(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> list[str]:
-    """Which reference to take, what is at its bound, how far that hangs on the wire's damping, how far the references
+    """Which reference to take, what is at its bound, how far that hangs on the damping assumed, how far the references
     are from the best, then what the rows say. simulate: the damping's sentence may take two more runs."""
-    first = verdict(rows), alarm(utilisation(rows, study.machine)), on_another_wire(study) if simulate else None
+    first = verdict(rows), alarm(utilisation(rows, study.machine)), on_another_damping(study) if simulate else None
     said = [*(s for s in first if s), *from_the_bound(study)]
     return [*said, *sentences(rows, peak_limit(study.machine))]

@@ -91,7 +91,7 @@ def words_of(reference: str) -> str:
     kind = planned_kinds().get(reference)
     if kind is None:
         return reference
-    return kind.words if not (kind.same_time_as and kind.words == "ruckig") else "ruckig in the trapezoid's time"
+    return kind.label if kind.same_time_as and kind.words == "ruckig" else kind.words
 
 
 def run_in_words(row: Row, axes: Sequence[SweptAxis]) -> str:

@@ -12,6 +12,7 @@ from workbench.dashboard.pages.batches.results import show_results
 from workbench.dashboard.pages.batches.watch import OPEN, watch
 from workbench.dashboard.widgets import plain, problem
 from workbench.errors import InputError
+from workbench.figures.style import label
 
 KIND = "batch"
 
@@ -62,7 +63,7 @@ def _describe(choice: Choice) -> None:
     if study.scenario.description:
         st.markdown(plain(study.scenario.description))
     payloads = len({spec.payload_kg for spec in study.specs[:2000]})
-    kinds = ", ".join(study.scenario.kinds)
+    kinds = ", ".join(label(kind) for kind in study.scenario.kinds)
     st.markdown(
         f"**{len(study.specs):,} runs** of {study.duration_s:.0f} s each: {payloads} "
         f"payload{'s' if payloads != 1 else ''}, {plain(kinds)}, on {plain(study.machine.name)}."

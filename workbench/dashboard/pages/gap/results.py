@@ -51,7 +51,7 @@ def show_results(job: Job) -> None:
         if drawing is not None:
             drawing.image(for_dark_ground(view.place) if is_dark() else view.place, width="stretch")
     for warning in view.warnings:
-        st.warning(plain(warning), icon=":material/warning:")
+        st.warning(said(warning), icon=":material/warning:")
     numbers(view.numbers)
     parts = {title: draw for title, (needs, draw) in _PARTS.items() if needs is None or needs in view.sections}
     # Only the tab that is looked at is drawn: a page of ten figures would be slow.
@@ -118,7 +118,7 @@ def _answer(job: Job, view: View) -> None:
         _figures(job, "verdict", ranked)
     _points(view.meaning)
     if ranked.points:
-        st.markdown(plain(ranked.sentences[-1]))
+        st.markdown(said(ranked.sentences[-1]))
         _points(ranked.points)
     _tables(answer)
     with st.expander("All candidates"):
@@ -140,8 +140,8 @@ def _before_and_after(job: Job, view: View) -> None:
 def _apart(job: Job, view: View) -> None:
     matrix, following = view.sections["isolability"], view.sections["next_run"]
     if view.lead[1:]:
-        st.markdown(f"**Alike.** {plain(view.lead[1])}")
-    st.markdown(f"**The next run.** {plain(' '.join(following.sentences))}")
+        st.markdown(f"**Alike.** {said(view.lead[1])}")
+    st.markdown(f"**The next run.** {said(' '.join(following.sentences))}")
     _tables(following)
     _figures(job, "isolability", matrix)
     _points(matrix.points)
@@ -193,7 +193,7 @@ def _figures(job: Job, name: str, section: Section, height: int | None = None) -
     for number, (figure, note) in enumerate(section.figures):
         chart(figure if height is None else _of_height(figure, height), f"gap {job.id} {name} {number}", note or None)
         if note:
-            st.caption(plain(note))
+            st.caption(said(note))
 
 
 def _of_height(figure: Figure, height: int) -> Figure:

@@ -18,6 +18,7 @@ from workbench.errors import InputError
 from workbench.figures import diagnose_where
 from workbench.figures.place import marked_machine
 from workbench.logs import read_campaign
+from workbench.names import powers
 from workbench.reports.diagnosis import words
 from workbench.reports.diagnosis.page import sections_of, write_diagnosis
 from workbench.reports.diagnosis.progress import progress_words, share_done
@@ -117,7 +118,7 @@ def _numbers(d: Diagnosis) -> list[Number]:
     corrected = d.verdict.word != "no_gap"
     low, high = s.ci95
     band = f"below {s.band_hz:.3g} Hz, on runs that were held out of the fit"
-    was = f"; before the correction {s.before:.3g} {s.unit}" if corrected else ""
+    was = powers(f"; before the correction {s.before:.3g} {s.unit}") if corrected else ""
     numbers = [
         Number(
             f"{w.quantity.capitalize()} residual", s.after, s.unit, s.after - s.before if corrected else None, "lower",
@@ -128,6 +129,8 @@ def _numbers(d: Diagnosis) -> list[Number]:
     if corrected:
         said = f"of the {w.quantity} residual, held out; 95 % interval {low:.3g} to {high:.3g}"
         numbers.append(Number("Shrinks by", s.factor, "×", help=said))
+    if s.speed_rmse_percent_after > words.RUN_AWAY:
+        return numbers
     by = s.speed_rmse_percent_after - s.speed_rmse_percent_before
     said = f"rms of the speed replayed open loop, in per cent of {w.scale}; adds up every bias from the first sample on"
     numbers.append(

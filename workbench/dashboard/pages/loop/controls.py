@@ -138,6 +138,11 @@ def _log_steps(rule: float, low: float, high: float) -> list[float]:
     return [float(f"{rule * STEP**k:.4g}") for k in range(down, up + 1)]
 
 
+def _shown(value: float) -> str:
+    """As the field beside it shows it: 121300, not 1.213e+05."""
+    return f"{float(f'{value:.4g}'):.10g}"
+
+
 def _slider(label: str, key: str, steps: Sequence[float], least: float) -> float:
     """A slider with a field beside it, in which any value may be typed."""
     now = st.session_state[key] = float(st.session_state[key])
@@ -155,4 +160,4 @@ def _slider(label: str, key: str, steps: Sequence[float], least: float) -> float
             label_visibility="collapsed",
         )  # fmt: skip
     with left:
-        return float(st.select_slider(label, options, key=key, format_func=lambda value: f"{value:.4g}"))
+        return float(st.select_slider(label, options, key=key, format_func=_shown))

@@ -15,6 +15,7 @@ from workbench.figures.study_page import save_study_page, start_of_move
 from workbench.figures.style import label
 from workbench.logs.signal_files import FORMS
 from workbench.metrics import Metric, View, shown_in
+from workbench.names import powers
 from workbench.references import BASELINE
 from workbench.study.conclude.decide import decision_table, verdict
 from workbench.study.conclude.price import price_sentence
@@ -35,7 +36,7 @@ def decision(result: StudyResult, sentence: DeltaGenerator) -> None:
         say(sentence, said, result.rows)
     uses = utilisation(result.rows, result.study.machine)
     if (alarmed := alarm(uses)) is not None:
-        st.error(plain(alarmed), icon=":material/warning:")
+        st.error(plain(powers(alarmed)), icon=":material/warning:")
     _failures(result.rows)
     if (shown := decision_table(result.rows)) is not None:
         table(replace(shown, rows=[[label(name), *cells] for name, *cells in shown.rows]))
@@ -74,7 +75,7 @@ def say(place: DeltaGenerator, sentence: str, rows: Sequence[Row]) -> None:
     without, rest = _left_out(rows)
     if without and rest:
         sentence = f"Of {', '.join(f'{kg:g}' for kg in rest)} kg only: {sentence[0].lower()}{sentence[1:]}"
-    place.info(plain(" ".join([sentence, price_sentence(rows) or ""]).strip()), icon=":material/gavel:")
+    place.info(plain(powers(" ".join([sentence, price_sentence(rows) or ""]).strip())), icon=":material/gavel:")
 
 
 def numbers_of(result: StudyResult) -> None:
@@ -103,7 +104,7 @@ def numbers_of(result: StudyResult) -> None:
     good = [row for row in rows if row.ok]
     said_first = f"**{label(kind).capitalize()}**{worst.replace(';', ',')}"
     said_first += "; below it the difference to the trapezoid." if kinds else "."
-    st.caption(f"{said_first} {plain(' '.join(sentences(good, peak_limit(result.study.machine))))}")
+    st.caption(f"{said_first} {plain(powers(' '.join(sentences(good, peak_limit(result.study.machine)))))}")
 
 
 def _worst(rows: Sequence[Row], metric: Metric) -> float:

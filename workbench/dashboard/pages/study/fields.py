@@ -50,7 +50,7 @@ def slider(
     def take() -> None:
         st.session_state[key] = float(st.session_state[typed])
 
-    left, right = st.columns([1.7, 1.0], vertical_alignment="bottom")
+    left, right = st.columns([1.4, 1.0], vertical_alignment="bottom")
     with right:
         st.number_input(
             f"{words}, typed", 0.0 if most is not None else low, max(end, high), key=typed, step=None, format="%.4g",

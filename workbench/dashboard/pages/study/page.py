@@ -76,8 +76,7 @@ def show() -> None:
     with guarded():
         _over_payload(beside_payloads(scenario, machine))
         _ramps(scenario, machine, result, sentence)
-        if (hangs := on_damping(scenario, machine)) is not None:
-            st.caption(plain(hangs))
+        _damping(scenario, machine)
 
 
 def _axis(desk: AxisDesk, machine: Axis, bad: Sequence[InputError], head: DeltaGenerator) -> None:
@@ -93,6 +92,12 @@ def _axis(desk: AxisDesk, machine: Axis, bad: Sequence[InputError], head: DeltaG
     sentence = axis_answer(*good)
     with guarded():
         _ramps(*good, sentence)
+        _damping(good[0], machine)
+
+
+def _damping(scenario: Scenario, machine: Hoist | Axis) -> None:
+    if (hangs := on_damping(scenario, machine)) is not None:
+        st.caption(plain(hangs))
 
 
 def _from_link() -> None:
