@@ -13,10 +13,12 @@ import pytest
 from tests.support.log_campaign import AXIS, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.diagnose.readiness.checks import check_runs
+from workbench.diagnose.readiness.rigid import rigid_of
 from workbench.errors import InputError
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Hoist, with_values
-from workbench.run import Run
+from workbench.run import Array, Run
+from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 
 RPM = 60.0 / (2.0 * math.pi)
@@ -245,3 +247,30 @@ def test_a_force_that_shakes_as_much_as_it_accelerates_says_nothing_of_units(axi
     runs = ("lift", "again")
     assert "in another unit" in refusal(changed(axis, runs, lambda run: shaken(run, 0.1)))
     assert not any("unit" in warning for warning in check_runs(changed(axis, runs, lambda run: shaken(run, 1.0))))
+
+
+def dahl(position: Array, distance: float) -> Array:
+    """Friction over its level that builds up over a distance: dz/dx = (1 − |z| sgn(z v))/distance."""
+    bend, before = np.zeros(len(position)), 0.0
+    for k, step in enumerate(np.diff(position, prepend=position[0]) / distance):
+        before = bend[k] = (before + step) / (1.0 + abs(step))
+    return bend
+
+
+def test_friction_that_follows_the_position_of_a_slow_run_is_no_wrong_sign(axis: Campaign):
+    """Each run against a friction that builds up over 20 mm; the second, slow one shows hardly anything else."""
+
+    def run(name: str, size: float, flipped: float = 1.0) -> Run:
+        first = axis.runs[0]
+        time = first.time_s
+        position = size * (1.0 - np.cos(math.pi * np.minimum(time, 2.0))) + 1e-5 * np.sin(9.0 * time)
+        position = position if name == "slow" else first["position_m"]
+        force = 95.1089 * np.gradient(np.gradient(position, time), time) + 200.0 * dahl(position, 0.02)
+        return replace(first, name=name, signals={"position_m": position, "force_n": flipped * force})
+
+    slow = replace(axis, runs=(run("quick", 0.0), run("slow", 0.015)))
+    bench = Bench(slow.machine, slow.runs)
+    quick, bent = (rigid_of(bench, j) for j in range(2))
+    assert quick.inertia == pytest.approx(1.0, abs=0.1) and bent.inertia is None
+    check_runs(slow)
+    assert "speed rises against force_n" in refusal(replace(axis, runs=(run("quick", 0.0, -1.0), run("slow", 0.015))))
