@@ -7,8 +7,9 @@ has a viscous part too, and the load of one that turns against gravity a wave ov
 effect of the library leaves inertia and load within a third of the nominal ones.
 
 Friction that builds up over a distance is a spring after each reversal: its force follows the position, as an inertia
-below zero would have it. A wrong sign shows an inertia below zero too, but then the input takes power from the motion, for
-friction is turned round with it. So an axis' run with an inertia below zero whose input gives power says nothing of it.
+below zero would have it. A wrong sign shows an inertia below zero too, but then the input takes power from the motion,
+for friction is turned round with it. So an axis' run with an inertia below zero whose input gives power says nothing of
+its inertia.
 """
 
 from __future__ import annotations
