@@ -13,10 +13,13 @@ import pytest
 from tests.support.log_campaign import AXIS, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.diagnose.readiness.checks import check_runs
+from workbench.diagnose.readiness.information import informative_band
+from workbench.diagnose.readiness.rigid import rigid_of
 from workbench.errors import InputError
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Hoist, with_values
-from workbench.run import Run
+from workbench.run import Array, Run
+from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 
 RPM = 60.0 / (2.0 * math.pi)
@@ -245,3 +248,51 @@ def test_a_force_that_shakes_as_much_as_it_accelerates_says_nothing_of_units(axi
     runs = ("lift", "again")
     assert "in another unit" in refusal(changed(axis, runs, lambda run: shaken(run, 0.1)))
     assert not any("unit" in warning for warning in check_runs(changed(axis, runs, lambda run: shaken(run, 1.0))))
+
+
+def dahl(position: Array, distance: float) -> Array:
+    """Friction over its level that builds up over a distance: dz/dx = (1 − |z| sgn(z v))/distance."""
+    bend, before = np.zeros(len(position)), 0.0
+    for k, step in enumerate(np.diff(position, prepend=position[0]) / distance):
+        before = bend[k] = (before + step) / (1.0 + abs(step))
+    return bend
+
+
+def test_friction_that_follows_the_position_of_a_slow_run_is_no_wrong_sign(axis: Campaign):
+    """Each run against a friction that builds up over 20 mm; the second, slow one shows hardly anything else."""
+
+    def run(name: str, size: float, flipped: float = 1.0) -> Run:
+        first = axis.runs[0]
+        time = first.time_s
+        position = size * (1.0 - np.cos(math.pi * np.minimum(time, 2.0))) + 1e-5 * np.sin(9.0 * time)
+        position = position if name == "slow" else first["position_m"]
+        force = 95.1089 * np.gradient(np.gradient(position, time), time) + 200.0 * dahl(position, 0.02)
+        return replace(first, name=name, signals={"position_m": position, "force_n": flipped * force})
+
+    slow = replace(axis, runs=(run("quick", 0.0), run("slow", 0.015)))
+    bench = Bench(slow.machine, slow.runs)
+    quick, bent = (rigid_of(bench, j) for j in range(2))
+    assert quick.inertia == pytest.approx(1.0, abs=0.1) and bent.inertia is None
+    check_runs(slow)
+    assert "speed rises against force_n" in refusal(replace(axis, runs=(run("quick", 0.0, -1.0), run("slow", 0.015))))
+
+
+def test_the_band_of_an_axis_ends_where_its_motion_is_not_the_inputs_work(axis: Campaign):
+    """A machine shaken at 30 to 70 Hz, by 2 m/s²: by its drive, and by something that the log does not show."""
+    run = axis.runs[0]
+    time = run.time_s
+    shaken = 2.0 * lowpass(time, np.random.default_rng(3).normal(size=len(time)), 70.0)
+    shaken -= lowpass(time, shaken, 30.0)
+    turn = 2.0 * math.pi * np.fft.rfftfreq(len(time), 0.001)
+    moved = np.fft.irfft(np.fft.rfft(shaken) / -(np.maximum(turn, 2.0 * math.pi) ** 2), len(time))
+    by_drive, by_itself = (
+        replace(run, signals={"position_m": run["position_m"] + moved, "force_n": run["force_n"] + mass * shaken})
+        for mass in (95.1089, 0.0)
+    )
+    whole = informative_band(Bench(axis.machine, [by_drive]), 0)
+    assert whole > 60.0
+    assert 20.0 < informative_band(Bench(axis.machine, [by_itself]), 0) < 33.0
+    light = replace(by_drive, signals={**by_drive.signals, "force_n": 0.5 * by_drive["force_n"]})
+    late = replace(by_drive, signals={**by_drive.signals, "force_n": np.roll(by_drive["force_n"], 5)})
+    for run_of_gap in (light, late):  # a gap is no reason to look away
+        assert informative_band(Bench(axis.machine, [run_of_gap]), 0) == pytest.approx(whole, rel=0.3)

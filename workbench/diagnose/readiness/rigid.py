@@ -5,6 +5,11 @@
 fitted by least squares to each run for itself, low-passed to half the band; an axis' friction
 has a viscous part too, and the load of one that turns against gravity a wave over its angle. Every
 effect of the library leaves inertia and load within a third of the nominal ones.
+
+Friction that builds up over a distance is a spring after each reversal: its force follows the position, as an inertia
+below zero would have it. A wrong sign shows an inertia below zero too, but then the input takes power from the motion,
+for friction is turned round with it. So an axis' run with an inertia below zero whose input gives power says nothing of
+its inertia.
 """
 
 from __future__ import annotations
@@ -25,6 +30,7 @@ SURE = 5.0  # standard errors
 SHOWN = 0.05  # of the input, rms: beside a lag of friction or load, less of it says nothing of the inertia
 MOST = 0.5  # of the input
 UNLIKE = 0.2  # of the input's variance: a run of which a rigid machine leaves more says nothing of its inertia
+WORKS = 0.2  # of the power's size: what the input gives on average, at least
 AS_WELL = 0.4  # of what the inertia takes in the run that shows it best: an axis' slower runs show friction's lag
 
 
@@ -32,7 +38,8 @@ AS_WELL = 0.4  # of what the inertia takes in the run that shows it best: an axi
 class Rigid:
     """Ratios of a run's fitted values to those of the nominal machine, with standard errors.
 
-    inertia: None where the run does not accelerate enough to tell, or is not like a rigid machine at all. hold: mean
+    inertia: None where the run does not accelerate enough to tell, or is not like a rigid machine at all: of an axis,
+    where more is left than the inertia takes. hold: mean
     load, None on an axis or where friction hides it. friction: in the input's unit, against the motion positive.
     shown: what the nominal inertia takes of the input, rms.
     """
@@ -66,10 +73,15 @@ def rigid_of(bench: Bench, j: int) -> Rigid:
     if independent < 2.0 * x.shape[1]:
         return Rigid(run.name, None, float("inf"), None, 0.0)
     values, std = _least_squares(x, y, independent)
+    power = y * speed[rows]
+    works = kind.friction.viscous and float(np.mean(power)) > WORKS * float(np.mean(np.abs(power)))
     size = max(float(np.std(y)), 1e-300)
     shown = float(np.sqrt(np.mean(x[:, 0] ** 2))) / size
-    like = float(np.var(y - x @ values)) < UNLIKE * size**2
-    told = like and std[0] < np.inf and abs(values[0]) > SURE * std[0] and abs(values[0]) * shown > SHOWN
+    left = float(np.var(y - x @ values)) / size**2
+    taken = abs(float(values[0])) * shown
+    like = left < UNLIKE and not (kind.friction.viscous and left > taken**2)
+    springs = values[0] < 0.0 and works  # with a wrong sign the input would take power from friction
+    told = like and not springs and std[0] < np.inf and abs(values[0]) > SURE * std[0] and taken > SHOWN
     hold = float(values[1]) / body.hold if body.hold and std[1] < 0.1 * body.hold else None
     return Rigid(run.name, float(values[0]) if told else None, float(std[0]), hold, float(values[2]), shown)
 
