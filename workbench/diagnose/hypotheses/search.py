@@ -105,8 +105,9 @@ def searched(
     """The search, with the size of discrepancy that the best hypothesis needs.
 
     Where the base parameters alone put the log's motion more than TOO_LATE sampling steps behind its input, the samples
-    are left out whose motion had ended by then. It begins with the default sizes. If the best hypothesis leaves a larger residual, the base parameters have absorbed
-    part of the gap. The search is then repeated with the sizes that the best hypothesis needs.
+    are left out whose motion had ended by then. It begins with the default sizes. If the best hypothesis leaves a
+    larger residual, the base parameters have absorbed part of the gap. The search is then repeated with the sizes that
+    the best hypothesis needs.
     """
 
     def begun(problem: Problem) -> Search:
