@@ -68,9 +68,8 @@ def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     k = KernelText(lanes, parameters)
     q, y = state_symbols(plant, effects)
     t, h, u, u_rate = (symbol(s) for s in ("t", "h", "u", "u_rate"))
-    q1, y1, _, errors = rodas3_step(
-        _bound(plant, effects, parameter_symbols(parameters, plant.parameters)), t, h, q, y, u, u_rate, len(effects.memory)
-    )
+    model = _bound(plant, effects, parameter_symbols(parameters, plant.parameters))
+    q1, y1, _, errors = rodas3_step(model, t, h, q, y, u, u_rate, len(effects.memory))
     states = [e.args[0] for e in (*q, *y)]
     k.add(1, "n = times.shape[0] // %d" % lanes, "m = 1", "steps = 0")
     k.add(1, "for k in range(n - 1):")
