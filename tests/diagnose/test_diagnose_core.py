@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
-from tests.support.noisy_runs import axis_runs, hoist_runs
+from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.fits import Projection, fit_knobs, linear_gain, start_of
@@ -29,8 +29,10 @@ from workbench.diagnose.hypotheses.knobs import (
     effect_knobs,
     setting_of,
 )
+from workbench.diagnose.hypotheses.merit import NOISE_KNOWN, discounted
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.scan import atoms, loudest
+from workbench.diagnose.hypotheses.search import Search
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machine import Axis, Hoist, default_hoist, with_values
 from workbench.run import Array, Run
@@ -264,6 +266,43 @@ def test_a_logs_timing_is_judged_by_what_a_step_of_some_size_changes():
         assert jacobian[:, 0] == pytest.approx(change[0] / step, abs=1e-9)
         sizes.append(rms(jacobian))
     assert max(sizes) < 1.5 * min(sizes)
+
+
+def test_a_late_logs_samples_are_left_out_whose_motion_had_ended_by_then(axis: Problem):
+    late_s = 0.1  # five samples
+    kept = axis.moving_after(late_s)
+    for all_rows, rows, run, moving in zip(axis.rows, kept.rows, axis.runs, axis.bench.moving, strict=True):
+        ends = np.minimum(np.searchsorted(run.time_s, run.time_s[all_rows] + late_s), len(run.time_s) - 1)
+        assert rows.tolist() == all_rows[moving[ends]].tolist()
+    assert 0.5 * axis.inputs < kept.inputs < axis.inputs
+    same = np.isin(np.concatenate([k * 10**6 + rows for k, rows in enumerate(axis.rows)]),
+                   np.concatenate([k * 10**6 + rows for k, rows in enumerate(kept.rows)]))  # fmt: skip
+    assert kept.residuals([{}])[0] == pytest.approx(axis.residuals([{}])[0][same], abs=1e-9 * axis.noise)
+    assert len(kept.errors.white) == len(kept.run_of_row) == kept.samples
+
+
+def test_no_sample_is_left_out_where_too_few_would_stay(axis: Problem):
+    assert axis.moving_after(1e6) is axis
+
+
+@pytest.mark.parametrize("late_samples", [0, 10])
+def test_the_base_fit_tells_how_late_a_log_is(late_samples: int):
+    machine = linear_axis()
+    step = 0.02
+    effects = {"speed_delay": {"delay_s": late_samples * step}} if late_samples else {}
+    runs = axis_runs(with_effects(machine, effects))
+    late_s = Search(Problem(machine, runs), []).late_s()
+    assert late_s == pytest.approx(late_samples * step, abs=0.5 * step)
+
+
+def test_what_an_axis_noise_may_hide_speaks_for_no_cause(axis: Problem):
+    share = axis.errors.at_speed[: axis.inputs]
+    allowed = ((1.0 + NOISE_KNOWN) ** 2 - 1.0) * axis.row_noise**2 + axis.errors.discrepancy[: axis.inputs] ** 2
+    after = np.zeros(axis.samples)
+    for times, expected in ((0.99, 0.0), (2.0, 50.0)):
+        before = np.zeros(axis.samples)
+        before[: axis.inputs] = math.sqrt(times * float(np.mean(share * allowed)) / float(np.mean(share)))
+        assert discounted(axis, {"torque_filter"}, 100.0, before, after) == pytest.approx(expected, abs=1e-6)
 
 
 # Signatures
