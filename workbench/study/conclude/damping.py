@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from workbench.kinds import load_of
 from workbench.kinds.load import Load
-from workbench.machine import Axis, Hoist, TwoInertia, with_values
+from workbench.machine import Axis, Hoist, with_values
 from workbench.metrics import Metric
 from workbench.references import BASELINE, planned_kinds
 from workbench.study.conclude.side_studies import at_heaviest
@@ -53,12 +53,12 @@ def on_another_damping(study: Study) -> str | None:
     the multi-body machine the lumped one says it. None where a run fails."""
     own = heaviest_runs(study)
     load = load_of(own[0].machine, own[0].payload_kg)
-    elastic = None if load is None or load.rigid else _elastic(own[0].machine, load)
-    if load is None or elastic is None:
+    if load is None or load.rigid:
         return (
             "No damping is assumed: the axis is one stiff inertia, so that a vibration of what it carries, and what a "
             "jerk limit saves of it, is in none of these figures."
         )
+    elastic = _elastic(load)
     rings = load.damping <= 1.5 * RINGING
     time_s = elastic.damped_s if rings else 2.0 * RINGING / load.angular_frequency_rad_s
     changes = {elastic.path: elastic.per_s * time_s}
@@ -79,19 +79,18 @@ def on_another_damping(study: Study) -> str | None:
     )
 
 
-def _elastic(machine: Hoist | Axis, load: Load) -> Elastic | None:
-    if isinstance(machine, TwoInertia):
-        return Elastic(
-            "coupling", "coupling.damping_nm_s_per_rad", load.stiffness_n_per_m, "settling_time_s",
-            "a coupling that rings", "a coupling with an elastomer spider",
-            2.0 * ELASTOMER / load.angular_frequency_rad_s,
-        )  # fmt: skip
+def _elastic(load: Load) -> Elastic:
+    """What carries an elastic load: the wire of one that hangs, else a coupling."""
     if load.hangs:
         paper = f"the paper's assumption of c/k = {PAPER_S:g} s"
         return Elastic(
             "wire", "wire.damping_time_s", 1.0, "wire_tension_swing_n", "a wire that rings", paper, PAPER_S
         )  # fmt: skip
-    return None
+    return Elastic(
+        "coupling", "coupling.damping_nm_s_per_rad", load.stiffness_n_per_m, "settling_time_s",
+        "a coupling that rings", "a coupling with an elastomer spider",
+        2.0 * ELASTOMER / load.angular_frequency_rad_s,
+    )  # fmt: skip
 
 
 def heaviest_runs(study: Study) -> list[RunSpec]:
