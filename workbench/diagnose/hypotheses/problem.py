@@ -109,13 +109,15 @@ class Problem:
 
     def moving_after(self, late_s: float) -> Problem:
         """The same campaign without the samples whose motion has ended in a log that shows it late_s too late: there
-        the torque is that of standstill already, which no law of friction foretells. The input's rows only."""
-        beside = copy(self)
-        ends = [np.minimum(np.searchsorted(run.time_s, run.time_s[at] + late_s), len(run.time_s) - 1)
-                for run, at in zip(self.bench.runs, self.rows, strict=True)]  # fmt: skip
-        kept = [moving[end] for moving, end in zip(self.bench.moving, ends, strict=True)]
+        the torque is that of standstill already, which no law of friction foretells. Itself where a run would keep too
+        few, and beside a dead line's tension."""
+        kept = []  # of each run's rows
+        for run, at, moving in zip(self.bench.runs, self.rows, self.bench.moving, strict=True):
+            then = np.searchsorted(run.time_s, run.time_s[at] + late_s)
+            kept.append(moving[np.minimum(then, len(run.time_s) - 1)])
         if self.has_tension or not all(np.count_nonzero(some) > LEAST_KEPT * len(some) for some in kept):
             return self
+        beside = copy(self)
         beside.rows = [at[some] for at, some in zip(self.rows, kept, strict=True)]
         beside.run_lengths = tuple(len(at) for at in beside.rows)
         beside.inputs = sum(beside.run_lengths)
