@@ -21,10 +21,11 @@ from workbench.diagnose.readiness.condition import condition
 from workbench.diagnose.readiness.information import informative_band
 from workbench.diagnose.readiness.motion_noise import motion_noise
 from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
-from workbench.diagnose.verdict.records import ReasonKind, Verdict, VerdictWord
+from workbench.diagnose.verdict.records import Left, ReasonKind, Verdict, VerdictWord
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest
@@ -33,7 +34,7 @@ from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 
 BASELINES = ("tolerances", "nominal")
-HARM = 1.02  # of the held-out residual without a correction: what is left in it by chance differs by less
+HARM = 1.0  # of the held-out residual without a correction: no name without a gain
 
 
 def diagnose(
@@ -103,7 +104,8 @@ def diagnose(
     say(Progress(Stage.CONSEQUENCES))
     refitted = refitted_machine(problem, keys, search.within_tolerances)
     changes, why_not = _consequences(campaign, refitted, corrected, judged.word) if study else (None, "Not asked for.")
-    sentence = sentence_of(judged, shrink, also, corrected.measured_correction is not None)
+    remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
+    sentence = sentence_of(judged, shrink, remainder, also, corrected.measured_correction is not None)
     verdict = Verdict(
         judged.word,
         judged.names,
@@ -111,9 +113,10 @@ def diagnose(
         also,
         sentence,
         judged.reasons,
-        judged.explained,
-        judged.left,
+        0.0 if judged.word == "no_gap" else 1.0 - remainder.share,
+        Left(remainder.rms, remainder.percent_of_input, remainder.relevant),
         steps(judged, problem.inputs),
+        remainder,
     )
     return Diagnosis(
         campaign=campaign,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -31,6 +31,7 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.cancellation import cancellation
+from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.probability import calibration, is_lost, rank
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord
 from workbench.diagnose.verdict.structure import lasting_share, loaded_share, repeated_share, sudden_share
@@ -55,6 +56,9 @@ OWN_BLOW = 0.002  # of that, what comes in a few moments at speed; the EMPS axis
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
 UNHEARD = 10.0  # as evidence: blows that come again, and a hypothesis without play
+VARIES = 0.06  # of an effect's energy, held out: a true cause has shown 0.02, 0.08 where it is a lag; mimics from 0.09 on
+AS_GOOD = 12.0  # merit within which another hypothesis is as good as the best
+NEARLY = 0.1  # the same, of the best one's merit
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
 
 
@@ -77,7 +81,8 @@ class Judged:
 
     held: the fit that the answer was judged on. left: what it leaves. floor: rms of noise and discrepancy, in the
     input's unit: what a machine without a gap leaves. explained: share of the gap's energy. counted:
-    merits as they were ranked. twins: groups of hypotheses that differ in name only.
+    merits as they were ranked. twins: groups of hypotheses that differ in name only. mimics: those that were not
+    established, with what speaks against each.
     """
 
     word: VerdictWord
@@ -94,6 +99,7 @@ class Judged:
     reasons: tuple[Reason, ...]
     counted: tuple[tuple[Names, float], ...]
     twins: tuple[tuple[Names, ...], ...] = ()
+    mimics: Mapping[Names, Constancy] = field(default_factory=dict)
 
     @property
     def of_answer(self) -> tuple[Names, ...]:
@@ -188,21 +194,23 @@ def beyond_trace(problem: Problem, fit: Fitted, name: str, merit: float) -> floa
 def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1.
 
-    barred: hypotheses that are not to be named, whatever their merit.
+    A cause is named where it is established, whatever else is left. barred: hypotheses that are not to be named,
+    whatever their merit.
     """
     weighed, score = weigh(search)
     weighed = tuple(w for w in weighed if w.names not in barred)
-    best = next((w for w in weighed if not w.rival), None)
-    stands = best is not None and best.merit > calibration()["threshold"]
-    held = best.fit if best is not None and stands else search.within_tolerances
+    best, mimics = established(search.problem, weighed, search.within_tolerances)
+    held, stands = search.within_tolerances, best is not None and best.merit > calibration()["threshold"]
     if best is not None and stands:
-        score = best.score
+        held, score = best.fit, best.score
     floor = math.hypot(search.problem.noise, discrepancy_rms(search.problem.with_discrepancy((1.0, 1.0))))
     left, share = left_of(search, held, floor)
     evidence = evidence_of(search, held, score, left, share)
+    if stands:
+        evidence["left"] = 0.0  # what an established cause leaves is a remainder
     vetoes = [w for w in weighed if w.rival and (best is None or advantage(search, w, best) > DECISIVE)]
-    counted = tuple(ranked_merits(weighed, vetoes))
-    twins = groups_of(search.problem, [w for w in weighed if not w.rival])
+    counted = tuple(ranked_merits(weighed, vetoes, mimics))
+    twins = groups_of(search.problem, [w for w in weighed if not w.rival and w.names not in mimics])
     rows = rank(counted, evidence, calibration(), twins, left.percent_of_input)
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, best, vetoes)
@@ -222,12 +230,52 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         reasons,
         counted,
         twins,
+        mimics,
     )
 
 
-def ranked_merits(weighed: Sequence[Weighed], vetoes: Sequence[Weighed]) -> list[tuple[Names, float]]:
-    """The merits to be ranked. An unlisted effect that is about as good as the best listed one is left out."""
-    return [(() if w.rival else w.names, w.merit) for w in weighed if not w.rival or w in vetoes]
+def established(problem: Problem, weighed: Sequence[Weighed], near: Fitted) -> tuple[Weighed | None, Mapping[Names, Constancy]]:
+    """The best hypothesis all of whose effects have one amount wherever they act (`constancies`), None if there is
+    none; and the hypotheses above the threshold that are not established, each with what speaks against it.
+
+    near: the fit without effects, within the tolerances. An effect that leaves more than that fit, or two that undo
+    each other, are not established either.
+    Only what is about as good as the best hypothesis is looked at, and what the best one is made of: behind a mimic the
+    next best imitates the same cause.
+    """
+    mimics: dict[Names, Constancy] = {}
+    listed = [w for w in weighed if not w.rival]
+    able = [w for w in listed if w.merit > calibration()["threshold"]]
+    for w in able:
+        as_good = w.merit > able[0].merit - max(AS_GOOD, NEARLY * able[0].merit)
+        if not as_good and not any(set(w.names) < set(names) for names in mimics):
+            continue
+        kind = problem.active.kind
+        varying = constancies(problem, w.fit, [find(name, kind) for name in w.names])
+        worst = max(varying, key=lambda one: one.share, default=None)
+        undone = cancellation(problem, w.fit, len(near.z))
+        if w.fit.rms(problem.inputs) > near.rms(problem.inputs):
+            worst = Constancy(w.names[-1], "residual", w.fit.rms(problem.inputs) / near.rms(problem.inputs) - 1.0)
+        elif undone > UNDONE:
+            worst = Constancy(w.names[-1], "the other effect", undone)
+        elif worst is None or worst.share <= VARIES:
+            return w, mimics
+        mimics[w.names] = worst
+    if able:  # none holds: what was not looked at is no better
+        return None, {w.names: mimics.get(w.names, next(iter(mimics.values()))) for w in able}
+    return next(iter(listed), None), mimics
+
+
+def ranked_merits(
+    weighed: Sequence[Weighed], vetoes: Sequence[Weighed], mimics: Collection[Names] = ()
+) -> list[tuple[Names, float]]:
+    """The merits to be ranked. An unlisted effect that is about as good as the best listed one is left out; a hypothesis
+    that is not established has none."""
+    return [
+        (() if w.rival else w.names, min(w.merit, 0.0) if w.names in mimics else w.merit)
+        for w in weighed
+        if not w.rival or w in vetoes
+    ]
 
 
 def input_rms(problem: Problem) -> float:

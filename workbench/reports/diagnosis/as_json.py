@@ -39,6 +39,7 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         "left": plain(
             {"rms": v.left.rms, "percent_of_input": v.left.percent_of_input, "relevant": v.left.relevant}, DIGITS
         ),
+        "remainder": plain(vars(v.remainder), DIGITS) if v.remainder else None,
         "places": []
         if d.where is None
         else [{"subsystem": p.subsystem, "probability": rounded(p.probability, DIGITS)} for p in d.where.places],
