@@ -44,10 +44,10 @@ def only_mends(problem: Problem, effect: str) -> bool:
     return problem.struck and lag
 
 
-def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score) -> float:
-    """The gain that a further effect could have by correcting the inexact law of this fit: SECOND of what the fit
+def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score, second: float = SECOND) -> float:
+    """The gain that a further effect could have by correcting the inexact law of this fit: `second` of what the fit
     explains, as rms; BESIDE_PLAY where that is a play with its blows."""
-    second = BESIDE_PLAY if problem.struck and PLAY in fit.effects else SECOND
+    second = BESIDE_PLAY if problem.struck and PLAY in fit.effects else second
     return second**2 * explained(problem, near, fit, score)
 
 

@@ -1,6 +1,6 @@
 """Whether an effect is the law that its part of the residual follows: its amount is the same wherever it is looked for.
 
-    r ~ f(w) p + B z,    share = held-out fall of |r|^2 by f / |p|^2
+    r ~ f(w) p + B z,    share = (held-out fall of |r|^2 by f, less CHANCE |r|^2) / |p|^2
 
 p is what the effect takes off the residual, r what the whole fit leaves, w one of the effect's own variables: those of
 its regime (speed, position, acceleration, load), the direction and the time. f is a free function of w (piecewise linear,
@@ -24,8 +24,10 @@ from workbench.diagnose.location.variables import spacing, variables
 from workbench.diagnose.location.where import free_of
 from workbench.effects import Effect
 
+CHANCE = 0.05  # of what the fit leaves: so much of a remainder looks like a change of the cause's amount
 EVERYWHERE = ("all", "time")  # regimes of the variables over which every amount is constant
 OWN = {"low_speed": ("speed",), "all": ("load", "position")}  # regime of an effect -> of its variables, where it differs
+SENSED = ("load",)  # of a sensor that errs everywhere: it knows no place
 
 
 @dataclass(frozen=True)
@@ -53,12 +55,14 @@ def constancies(problem: Problem, fit: Fitted, effects: Sequence[Effect]) -> tup
         if own <= 0.0 or (part.effect.id == PLAY and problem.struck):
             continue
         regime = part.effect.regime
-        regimes = (*EVERYWHERE, *OWN.get(regime, (regime,)))
+        sensor = part.effect.subsystem(problem.active.kind).endswith("sensor")
+        regimes = (*EVERYWHERE, *(SENSED if sensor and regime == "all" else OWN.get(regime, (regime,))))
         shares = {}
         for variable in variables(problem, left):
             if variable.regime in regimes:
                 shape, bend = hats(variable)
-                shares[variable.name] = (energy - float(weight @ on_top.after(rows[:, None] * shape, bend) ** 2)) / own
+                after = on_top.after(rows[:, None] * shape, bend)
+                shares[variable.name] = ((1.0 - CHANCE) * energy - float(weight @ after**2)) / own
         if shares:
             name = max(shares, key=lambda key: shares[key])
             found.append(Constancy(part.effect.id, name, shares[name]))

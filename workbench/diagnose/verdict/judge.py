@@ -48,6 +48,7 @@ TRACE = 3.0  # standard deviations of an effect's trace, by chance
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
+LAW = 0.15  # of what a law explains, rms: so far a real machine is off the simpler law; EMPS 0.1 off viscous friction
 FREER = 5.0  # merit by which a law of more freedom has to be better than a simpler one
 OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
 OWN_AGAIN = 0.007  # of that, what comes again with place or speed; the EMPS axis leaves 0.005
@@ -169,16 +170,16 @@ def _not_freer(search: SearchResult, mine: Weighed, beside: Mapping[Names, Weigh
     ]
     if not simpler:
         return mine
-    ahead = [(mine.merit - other.merit, advantage(search, mine, other)) for other in simpler]
+    ahead = [(mine.merit - other.merit, advantage(search, mine, other, LAW)) for other in simpler]
     lost = max(raw - real + min(max(FREER - real, 0.0), FREER) for raw, real in ahead)
     return replace(mine, merit=mine.merit - lost)
 
 
-def advantage(search: SearchResult, mine: Weighed, other: Weighed) -> float:
+def advantage(search: SearchResult, mine: Weighed, other: Weighed, law: float = SECOND) -> float:
     """How much better a hypothesis is than another one whose inexact law it may only correct: the difference of the
-    tolerances in full, that of the data above the other one's inexactness."""
+    tolerances in full, that of the data above the other one's inexactness, `law` of what it explains, rms."""
     prior = other.fit.prior - mine.fit.prior
-    least = inexact(search.problem, search.within_tolerances, other.fit, other.score)
+    least = inexact(search.problem, search.within_tolerances, other.fit, other.score, law)
     return prior + beyond(mine.merit - other.merit - prior, least)
 
 
@@ -254,7 +255,8 @@ def established(problem: Problem, weighed: Sequence[Weighed], near: Fitted) -> t
         varying = constancies(problem, w.fit, [find(name, kind) for name in w.names])
         worst = max(varying, key=lambda one: one.share, default=None)
         undone = cancellation(problem, w.fit, len(near.z))
-        if w.fit.rms(problem.inputs) > near.rms(problem.inputs):
+        struck = problem.struck and PLAY in w.names  # what it leaves are the rebounds
+        if not struck and w.fit.rms(problem.inputs) > near.rms(problem.inputs):
             worst = Constancy(w.names[-1], "residual", w.fit.rms(problem.inputs) / near.rms(problem.inputs) - 1.0)
         elif undone > UNDONE:
             worst = Constancy(w.names[-1], "the other effect", undone)
