@@ -67,7 +67,8 @@ def test_with_what_the_label_says_the_bent_axis_leaves_what_the_machine_does(emp
     assert abs(after**2 - 1.0) < 0.2 * (before**2 - 1.0)
 
 
-@pytest.mark.parametrize("name", [name for name in SINGLES if name != "drift"])
+# Half of one level is taken up there by both levels' tolerances of 15 % with those of the mass and of the offset.
+@pytest.mark.parametrize("name", [name for name in SINGLES if name not in ("drift", "coulomb_one_way")])
 def test_with_what_the_label_says_the_bent_hoist_leaves_what_the_machine_does(shared_data: Path, name: str):
     before, after = explained(known_of(shared_data / "campaigns" / "20"), name)
     assert before > 1.1
