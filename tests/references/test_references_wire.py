@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from workbench.errors import InputError
-from workbench.kinds import load_of
-from workbench.kinds.load import Load
+from workbench.kinds import Load, load_of
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.references import (
     Limits,

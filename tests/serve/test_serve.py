@@ -16,8 +16,8 @@ from benchmarks.serve import Client, Served, case_at, closed_loop, off_percent
 from tests.support.commands import Commands
 from workbench.errors import InputError
 from workbench.export.compile import host_compiler
+from workbench.kinds.axis import LinearAxis, RotaryAxis
 from workbench.machine import default_hoist, save_machine
-from workbench.machine.axis import LinearAxis, RotaryAxis
 from workbench.serve.pace import MOST_BEHIND_S, Pace, lines
 from workbench.serve.plant import LiveAxis, LivePlant
 from workbench.serve.points import FLAGS

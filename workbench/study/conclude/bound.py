@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from workbench.errors import InputError
-from workbench.kinds import kind_of, load_of
-from workbench.kinds.load import Load
+from workbench.kinds import Load, kind_of, load_of
 from workbench.metrics import set_of
 from workbench.references import BASELINE, LimitPair, Shape, move_shape, planned_kind, planned_kinds
 from workbench.references.optimal import GIVEN_AWAY, least_peak_move

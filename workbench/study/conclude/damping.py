@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from workbench.kinds import load_of
-from workbench.kinds.load import Load
+from workbench.kinds import Load, load_of
 from workbench.machine import Axis, Hoist, with_values
 from workbench.metrics import Metric
 from workbench.references import BASELINE, planned_kinds

@@ -23,10 +23,9 @@ from pydantic_core import CoreSchema
 
 from workbench.control import AnyController, Events
 from workbench.errors import InputError
-from workbench.machine.axis_drive import LinearDrive, RotaryDrive
-from workbench.machine.hoist import BY_NAME, Drive
-from workbench.machine.quantities import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Speed
-from workbench.machine.record import Record
+from workbench.kinds.axis import LinearDrive, RotaryDrive
+from workbench.kinds.hoist import BY_NAME, Drive
+from workbench.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Record, Speed
 from workbench.references import ReferenceKind, Step, planned_kind, planned_kinds, recorded_kinds, usual_kinds
 from workbench.study.variations.axes import SampleBlock, SweepBlock
 

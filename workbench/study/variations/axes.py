@@ -17,8 +17,7 @@ from pydantic import (
 )
 
 from workbench.errors import nearest
-from workbench.machine.quantities import Finite, Positive
-from workbench.machine.record import Record
+from workbench.record import Finite, Positive, Record
 
 MOST_VALUES = 100_000
 

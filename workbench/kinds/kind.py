@@ -15,10 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from workbench.kinds.closed_loop import ClosedLoop
-from workbench.kinds.load import Load
-from workbench.kinds.sizes import Sizes
-from workbench.plants import Plant
+from workbench.kinds.plant import Plant
 from workbench.run import Array, Run
 from workbench.trace.expr import Scalar
 
@@ -43,7 +40,7 @@ class SignalSet:
 
 
 @dataclass(frozen=True)
-class Drive:
+class Input:
     """The input. quantity: in words; unit: for people; suffix: of keys. parts: signals that are its parts, each
     motor's; the input is their sum."""
 
@@ -246,13 +243,156 @@ class Limits:
     motors: int
 
 
+@dataclass(frozen=True)
+class Sizes:
+    """What is large on one machine, SI; sizes["force/speed"] is a quotient of two.
+
+    force: a hoist's weight of the empty carriage, an axis' largest input. torque: of all motors
+    together, nominal; an axis' input. speed: of the carriage at nominal motor speed; an axis'
+    largest. motor_speed: nominal. length: of the wire's fall; an axis' travel. radius,
+    drum_angle: of the drum, and how far it turns for the whole length. mass: of the carriage.
+    inertia: of drive and drum at the motor; of an axis.
+    """
+
+    kind: str
+    force: float
+    torque: float
+    speed: float
+    motor_speed: float
+    length: float
+    radius: float
+    drum_angle: float
+    mass: float
+    inertia: float
+
+    def __getitem__(self, size: str) -> float:
+        numerator, _, denominator = size.partition("/")
+        value = 1.0
+        for word in numerator.split("*"):
+            value *= self._one(word)
+        for word in denominator.split("*") if denominator else ():
+            value /= self._one(word)
+        return value
+
+    def _one(self, word: str) -> float:
+        return 1.0 if word == "1" else float(getattr(self, word))
+
+    @staticmethod
+    def check(size: str) -> None:
+        """KeyError for a quotient that names no size."""
+        for word in size.replace("/", "*").split("*"):
+            if word != "1" and (word == "kind" or word not in Sizes.__dataclass_fields__):
+                known = ", ".join(name for name in Sizes.__dataclass_fields__ if name != "kind")
+                raise KeyError(f"no size '{word}'; sizes: 1, {known}")
+
+
+@dataclass(frozen=True)
+class Load:
+    """Drive and load as two masses in the direction of the load's motion; forces in N (rotary axis: N m) at the load.
+
+    drive_kg: motors and drum, as felt at the load. mass_kg: what hangs on the wire. stiffness_n_per_m: of all falls
+    together, inf for a rigid machine. damping_time_s: damping over stiffness. hold_n: what carries the load, up
+    positive. friction_up_n, friction_down_n: magnitudes. force_limit_n: of all motors. hangs: it pulls on a wire, which
+    cannot push. Equations: drive_kg a = u - F,
+    mass_kg x'' = F - hold - friction with F = stiffness (z + damping_time z'), z the wire's stretch.
+    """
+
+    drive_kg: float
+    mass_kg: float
+    stiffness_n_per_m: float
+    damping_time_s: float
+    hold_n: float
+    friction_up_n: float
+    friction_down_n: float
+    force_limit_n: float
+    hangs: bool = True
+
+    @property
+    def rigid(self) -> bool:
+        return math.isinf(self.stiffness_n_per_m)
+
+    @property
+    def angular_frequency_rad_s(self) -> float:
+        """Of the load on its wire while the drive moves as asked, undamped."""
+        return math.sqrt(self.stiffness_n_per_m / self.mass_kg)
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio of the same."""
+        return 0.0 if self.rigid else 0.5 * self.damping_time_s * self.angular_frequency_rad_s
+
+    def steady_force_n(self, direction: float) -> float:
+        """Along an even motion up (+1) or down (-1): weight and friction; negative where the load drives."""
+        friction = self.friction_up_n if direction > 0.0 else self.friction_down_n
+        return direction * self.hold_n + friction
+
+
+@dataclass(frozen=True)
+class TopSpeed:
+    """speed: what moves may go at most, m/s or rad/s; inf where nothing is stated. reason: of a limit beyond it, with
+    {limit} for it."""
+
+    speed: float
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """The closed loop of one kind. Functions take the machine's record first.
+
+    position, speed: the plant's signals at the encoder. references: the signals that the controller follows.
+    recorded: the signals that a run keeps. rail: the lowest and the highest place of what moves, infinite where
+    nothing ends it; top: a place that it never reaches. per_way: of the driven coordinate, per way of what moves.
+    top_speed: of what moves. speed_scale, input_scale: what errors and inputs are judged against, in SI of the
+    driven coordinate. inertia(p), load(p, position), friction(p, speed): what a feed-forward knows, of the plant's
+    symbols. start: what a start position is, in words. position_loop: whether the controller has one, so that the
+    machine knows its place. even_speed: of the driven coordinate, at which the loop is linearised in motion.
+    places: of what moves, at which a loop is looked at unless told. drawn: keys of machine.yaml that a study draws
+    by their tolerances: what changes the motion, and not the log alone. input_limit: the largest input, inf where
+    none is stated; peak_limit: what the metric of the peak is held against; nominal: the same without end, None
+    where none is stated; drive_words: the drive in a line; giver: who gives it, in words. swing: what an anti-
+    resonance is. where(payload_kg, place): an operating point in words. more_often: (what a family is over, one of
+    them), in words. motion_words: hoisting, lowering, at_rest as this kind says them.
+    """
+
+    position: str
+    speed: str
+    references: tuple[str, ...]
+    recorded: tuple[str, ...]
+    rail: Callable[[Any], tuple[float, float]]
+    top: Callable[[Any], float]
+    per_way: Callable[[Any], float]
+    top_speed: Callable[[Any], TopSpeed]
+    speed_scale: Callable[[Any], float]
+    input_scale: Callable[[Any], float]
+    total_inertia: Callable[[Any, float], float]
+    even_speed: Callable[[Any], float]
+    places: Callable[[Any], tuple[float, ...]]
+    start: str
+    drawn: tuple[str, ...]
+    input_limit: Callable[[Any], float]
+    peak_limit: Callable[[Any], float]
+    nominal: Callable[[Any], float | None]
+    drive_words: Callable[[Any], str]
+    giver: str
+    swing: str
+    where: Callable[[float, float], str]
+    more_often: tuple[str, str]
+    motion_words: Mapping[str, str]
+    position_loop: bool = False
+    inertia: Callable[[Any], Scalar] | None = None
+    load: Callable[[Any, Scalar], Scalar] | None = None
+    friction: Callable[[Any, Scalar], Scalar] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Kind:
     """One kind of machine. Functions take its machine record first; `plant` holds its physics.
 
-    noun: what such a machine is called. family: names under which effects are declared that suit it, its own
-    first. words: what {n}, {m}, {input}, {up}, {dn} stand for in names of effects' parameters.
-    reference: (the reference's signal, the signal that follows it). lever: way of what moves per way of the driven
+    noun: what such a machine is called. record: what its machine.yaml holds. family: names under which effects are
+    declared that suit it, its own first. words: what {n}, {m}, {input}, {up}, {dn} stand for in names of
+    effects' parameters. reference: (the reference's signal, the signal that follows it).
+    lever: way of what moves per way of the driven
     coordinate; None where the two are one. nominal_speed: what speeds are judged against; None: the largest
     measured. motor_torque: one motor's nominal torque, N m. weight(machine, payload_kg): of what hangs, N.
     speed_scale: (in words, in one word). sensor: keys of the input's gain and offset.
@@ -275,10 +415,11 @@ class Kind:
 
     name: str
     noun: str
+    record: type[Any]
     plant: Plant
     family: tuple[str, ...]
     words: Mapping[str, str]
-    drive: Drive
+    drive: Input
     moved: Moved
     directions: Directions
     signals: SignalSet

@@ -1,13 +1,7 @@
-"""A machine's measured correction at work: a table of a force (torque) over one variable, a level for each way.
+"""`measured_correction`: a measured force or torque that the model lacks, as a table; for an unknown cause.
 
-    F = −(held(x) + S(v) friction(x)),  friction = forward or backward, by the way
-
-What both ways have in common, such as a weight that is off, is `held`: it stays at standstill.
-The rest is friction and turns over there within the machine's own standstill: S is linear. With
-levels that are both positive nothing is held and the table only ever takes energy.
-
-It is no effect of the library, so that no fit pays for it: its piece joins those at work where
-the machine has a table. Its number of points is rounded up to one of two, so few kernels serve all.
+A force (torque) against the motion over one variable, a level for each way. It is no effect:
+it has no cause, no name, and holds within the runs it was measured in only.
 """
 
 from __future__ import annotations
@@ -15,19 +9,82 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import cache, partial
-from typing import Any
+from itertools import pairwise
+from typing import Any, ClassVar
 
-from workbench.kinds import KINDS, Port
-from workbench.machine import Axis, Hoist, MeasuredCorrection
-from workbench.plants import Effects
+from pydantic import field_validator, model_validator
+
+from workbench.kinds.kind import Kind, Port
+from workbench.kinds.plant import Effects
+from workbench.record import Finite, Record
 from workbench.trace.expr import Scalar, clip, floor, where
+
+FEWEST, MOST = 3, 33
+TURN = 2.0 * math.pi
+Numbers = tuple[Finite, ...]
+
+
+class MeasuredCorrection(Record):
+    """What the three forms share. forward, backward: against the motion positive, in N or N m, at each of `at`.
+
+    Linear between the points; beyond the ends the last value stands. A periodic table covers one turn
+    and closes by itself. Over a speed or a payload `at` holds magnitudes.
+    """
+
+    over: str
+    acts_on: str
+    at: Numbers
+
+    PERIODIC: ClassVar[tuple[str, ...]] = ()
+    MAGNITUDES: ClassVar[tuple[str, ...]] = ()
+    UNITS: ClassVar[Mapping[str, str]] = {}  # acts_on -> the unit that its levels' keys end in
+
+    @property
+    def forward(self) -> tuple[float, ...]:
+        return self._levels("forward")
+
+    @property
+    def backward(self) -> tuple[float, ...]:
+        return self._levels("backward")
+
+    def _levels(self, way: str) -> tuple[float, ...]:
+        return getattr(self, f"{way}_{self.UNITS[self.acts_on]}") or ()
+
+    @property
+    def periodic(self) -> bool:
+        return self.over in self.PERIODIC
+
+    @field_validator("at")
+    @classmethod
+    def _rises(cls, at: tuple[float, ...]) -> tuple[float, ...]:
+        if not FEWEST <= len(at) <= MOST:
+            raise ValueError(f"{len(at)} points, expected {FEWEST} to {MOST}")
+        for i, (before, after) in enumerate(pairwise(at)):
+            if after <= before:
+                raise ValueError(f"{after:g} (point {i + 1}) after {before:g}, expected rising values")
+        return at
+
+    @model_validator(mode="after")
+    def _fits(self) -> MeasuredCorrection:
+        if self.over in self.MAGNITUDES and self.at[0] < 0.0:
+            raise ValueError(f"at begins at {self.at[0]:g}, expected at least 0: {self.over} is a magnitude here")
+        # Rounded to some digits, a whole turn may lie just within one.
+        if self.periodic and self.at[-1] - self.at[0] > TURN * (1.0 - 1e-3):
+            raise ValueError(
+                f"at spans {self.at[-1] - self.at[0]:.4g} rad, expected less than one turn, {TURN:.4g}: "
+                "the table closes by itself"
+            )
+        for name, values in (("forward", self.forward), ("backward", self.backward)):
+            if len(values) != len(self.at):
+                raise ValueError(f"{name} has {len(values)} values, at has {len(self.at)}; expected as many")
+        return self
+
 
 NAME = "measured_correction"
 SEGMENTS = (17, 33)  # between points; a periodic table has one more than points on a line
-TURN = 2.0 * math.pi
 
 
-def correction_of(machine: Hoist | Axis, kind: str) -> tuple[Effects, Mapping[str, float]] | None:
+def correction_of(machine: Any, kind: Kind) -> tuple[Effects, Mapping[str, float]] | None:
     """The machine's measured correction as pieces for its plant, with their numbers by symbol; None without one."""
     correction = machine.measured_correction
     if correction is None:
@@ -50,10 +107,10 @@ def _symbols(segments: int) -> tuple[str, ...]:
 
 
 @cache
-def _pieces(kind: str, over: str, acts_on: str, periodic: bool, segments: int) -> Effects:
+def _pieces(kind: Kind, over: str, acts_on: str, periodic: bool, segments: int) -> Effects:
     """One object for one kind of table: kernels are found by it."""
-    port = KINDS[kind].ports[acts_on]
-    variable = next(table.of for table in KINDS[kind].tables if table.over == over)
+    port = kind.ports[acts_on]
+    variable = next(table.of for table in kind.tables if table.over == over)
     piece = partial(_force, variable, port, periodic, segments)
     return Effects({port.place: [piece]}, (*_symbols(segments), "start_time_s"))
 
