@@ -157,6 +157,22 @@ class AxisDrive(Record):
     speed_filter_s: Lag = 0.001
     speed_delay_s: Delay = 0.001
 
+    KEYS: ClassVar[tuple[str, str, str]]  # of the limit, the nominal input and the top speed
+
+    @property
+    def limit(self) -> float:
+        """N or N m; inf where none is stated."""
+        stated = getattr(self, self.KEYS[0])
+        return math.inf if stated is None else float(stated)
+
+    @property
+    def nominal(self) -> float | None:
+        return getattr(self, self.KEYS[1])  # type: ignore[no-any-return]
+
+    @property
+    def top_speed(self) -> float | None:
+        return getattr(self, self.KEYS[2])  # type: ignore[no-any-return]
+
 
 class LinearDrive(AxisDrive):
     """force_limit_n: the largest force, either way; nominal_force_n: the one that it gives without end. top_speed_m_s:
@@ -167,18 +183,7 @@ class LinearDrive(AxisDrive):
     top_speed_m_s: Speed | None = None
     encoder_counts_per_m: Annotated[int, COUNTS] = 10_000_000
 
-    @property
-    def limit(self) -> float:
-        """N; inf where none is stated."""
-        return math.inf if self.force_limit_n is None else self.force_limit_n
-
-    @property
-    def nominal(self) -> float | None:
-        return self.nominal_force_n
-
-    @property
-    def top_speed(self) -> float | None:
-        return self.top_speed_m_s
+    KEYS: ClassVar[tuple[str, str, str]] = ("force_limit_n", "nominal_force_n", "top_speed_m_s")
 
     @property
     def encoder_counts_per_turn(self) -> float:
@@ -196,18 +201,7 @@ class RotaryDrive(AxisDrive):
     top_speed_rad_s: Speed | None = None
     encoder_counts_per_turn: Annotated[int, COUNTS] = 1_048_576
 
-    @property
-    def limit(self) -> float:
-        """N m; inf where none is stated."""
-        return math.inf if self.torque_limit_nm is None else self.torque_limit_nm
-
-    @property
-    def nominal(self) -> float | None:
-        return self.nominal_torque_nm
-
-    @property
-    def top_speed(self) -> float | None:
-        return self.top_speed_rad_s
+    KEYS: ClassVar[tuple[str, str, str]] = ("torque_limit_nm", "nominal_torque_nm", "top_speed_rad_s")
 
 
 _IDEAL = {"torque_lag_s": 0.0, "speed_filter_s": 0.0, "speed_delay_s": 0.0}
@@ -373,19 +367,6 @@ def friction(v: Scalar, p: Any, sign: Scalar | None = None) -> Scalar:
     return level(s, p) * s + p.B * v
 
 
-def accelerations(
-    t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
-) -> list[Scalar]:
-    """Acceleration of the axis under the input u (N or N m)."""
-    (x,), (v,) = q, y
-    M = p.M + effects.at("axis_inertia", p, t=t, x=x)
-    load = p.G * sin(x) + p.C
-    sign = switch_at(t, v, p, effects)
-    own = friction(v, p, sign)
-    extra = effects.at("axis_force", p, t=t, v=v, x=x, angle=x, switch=sign, load=load, friction=own)
-    return [(u - own - load + extra) / M]
-
-
 def equilibrium(position: float, p: Any) -> tuple[list[float], float]:
     """Standing still at a position, and the input that holds it without friction's help."""
     return [position], p.G * sin(position) + p.C
@@ -401,24 +382,43 @@ def band_hz(p: Any) -> float:
     return 90.0
 
 
-def energy(q: Sequence[Scalar], y: Sequence[Scalar], p: Any) -> Scalar:
-    """Kinetic and load energy, J, the sine load's zero at angle 0."""
-    return p.M * (y[0] * y[0]) / 2.0 + p.G * (1.0 - cos(q[0])) + p.C * q[0]
-
-
 def dissipation(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any) -> Scalar:
     """Power lost in friction, W; never negative."""
     return friction(y[0], p) * y[0]
 
 
-def _plant(kind: str, position: str, speed: str, drive: str, parameters: Mapping[str, str | float]) -> Plant:
-    acceleration = "acceleration_m_s2" if kind == "axis-linear" else "acceleration_rad_s2"
+def axis_plant(
+    kind: str,
+    position: str,
+    speed: str,
+    drive: str,
+    parameters: Mapping[str, str | float],
+    inertia: Callable[[Any], Scalar] = lambda p: p.M,
+) -> Plant:
+    """An axis' plant. inertia(p): all that moves, kg or kg m^2; p.M is what effects on the inertia are a share of."""
+    acceleration = "acceleration_m_s2" if drive == "force_n" else "acceleration_rad_s2"
+
+    def accelerations(
+        t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
+    ) -> list[Scalar]:
+        """Acceleration of the axis under the input u (N or N m)."""
+        (x,), (v,) = q, y
+        M = inertia(p) + effects.at("axis_inertia", p, t=t, x=x)
+        load = p.G * sin(x) + p.C
+        sign = switch_at(t, v, p, effects)
+        own = friction(v, p, sign)
+        extra = effects.at("axis_force", p, t=t, v=v, x=x, angle=x, switch=sign, load=load, friction=own)
+        return [(u - own - load + extra) / M]
 
     def outputs(
         t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
     ) -> Mapping[str, Scalar]:
         (a,) = accelerations(t, q, y, u, p, effects)
         return {position: q[0], speed: y[0], acceleration: a}
+
+    def energy(q: Sequence[Scalar], y: Sequence[Scalar], p: Any) -> Scalar:
+        """Kinetic and load energy, J, the sine load's zero at angle 0."""
+        return inertia(p) * (y[0] * y[0]) / 2.0 + p.G * (1.0 - cos(q[0])) + p.C * q[0]
 
     return Plant(
         kind=kind,
@@ -438,7 +438,7 @@ def _plant(kind: str, position: str, speed: str, drive: str, parameters: Mapping
     )
 
 
-AXIS_LINEAR = _plant(
+AXIS_LINEAR = axis_plant(
     "axis-linear",
     "position_m",
     "velocity_m_s",
@@ -453,7 +453,7 @@ AXIS_LINEAR = _plant(
         "C": "gravity.constant_n",
     },
 )
-AXIS_ROTARY = _plant(
+AXIS_ROTARY = axis_plant(
     "axis-rotary",
     "angle_rad",
     "speed_rad_s",
@@ -665,6 +665,7 @@ def axis_kind(
     machine: type[Axis],
     plant: Plant,
     *,
+    example: Mapping[str, Any],
     family: tuple[str, ...],
     drive: Input,
     moved: Moved,
@@ -687,6 +688,7 @@ def axis_kind(
         "record": machine,
         "noun": "axis",
         "plant": plant,
+        "example": lambda: machine.model_validate(example),
         "family": family,
         "words": {"n": unit, "m": moved.unit, "input": unit, "up": "forward", "dn": "backward"},
         "drive": drive,
@@ -735,6 +737,11 @@ def axis_kind(
 LINEAR = axis_kind(
     LinearAxis,
     AXIS_LINEAR,
+    example={
+        "mass_kg": 95.0,
+        "gravity": {"constant_n": 3.0},
+        "friction": {"coulomb_forward_n": 20.0, "coulomb_backward_n": 18.0, "viscous_n_s_per_m": 200.0},
+    },
     family=("axis-linear", "axis"),
     drive=Input("force", "N", "n"),
     moved=Moved("axis", "m", "position of the axis", placed_by_log=True),
@@ -743,6 +750,11 @@ LINEAR = axis_kind(
 ROTARY = axis_kind(
     RotaryAxis,
     AXIS_ROTARY,
+    example={
+        "inertia_kg_m2": 0.4,
+        "gravity": {"sine_nm": 6.0, "constant_nm": 0.5},
+        "friction": {"coulomb_forward_nm": 1.5, "coulomb_backward_nm": 1.2, "viscous_nm_s_per_rad": 0.1},
+    },
     family=("axis-rotary", "axis"),
     drive=Input("torque", "N m", "nm"),
     moved=Moved("axis", "rad", "position of the axis", placed_by_log=True),

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -72,6 +73,7 @@ from workbench.record import (
 from workbench.run import Array, Run
 from workbench.trace.derive import derivative
 from workbench.trace.expr import Expr, Scalar, absolute, atan, clip, maximum, where
+from workbench.yaml_strict import load, validate
 
 
 class Motor(Record):
@@ -583,6 +585,7 @@ HOIST = Plant(
 )
 
 
+EXAMPLE = Path(__file__).parents[1] / "machine" / "default_hoist.yaml"  # engineering estimates of a pipe racker's winch
 SPEED, TORQUE = "speed_motor_rad_s", "torque_motor_nm"
 MOTORS = ("torque_motor1_nm", "torque_motor2_nm")
 SPEED_REFERENCE, HEIGHT, TENSION = "speed_reference_rad_s", "position_carriage_m", "tension_dead_line_n"
@@ -785,6 +788,7 @@ CLOSED_LOOP = ClosedLoop(
 
 KIND = Kind(
     record=Hoist,
+    example=lambda: validate(Hoist, load(EXAMPLE)),
     name=HOIST.kind,
     noun="hoist",
     plant=HOIST,
@@ -814,6 +818,22 @@ KIND = Kind(
         BaseValue("wire.youngs_modulus_pa", "wire_stiffness"),
         BaseValue("sensors.torque_gain", "torque_gain"),
         BaseValue("sensors.torque_offset_nm", "torque_offset_nm", spread="absolute", signed=True),
+    ),
+    held=(
+        "motor.count",
+        "gearbox.ratio",
+        "winch.drum_diameter_m",
+        "winch.pin_diameter_m",
+        "winch.inertia_kg_m2",
+        "winch.mass_kg",
+        "sheave.diameter_m",
+        "sheave.pin_diameter_m",
+        "sheave.inertia_kg_m2",
+        "sheave.mass_kg",
+        "wire.effective_area_m2",
+        "wire.segment_length_m",
+        "wire.damping_time_s",
+        "gravity_m_s2",
     ),
     free=(
         "guide.coulomb_hoisting_n",

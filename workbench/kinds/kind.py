@@ -389,9 +389,9 @@ class ClosedLoop:
 class Kind:
     """One kind of machine. Functions take its machine record first; `plant` holds its physics.
 
-    noun: what such a machine is called. record: what its machine.yaml holds. family: names under which effects are
-    declared that suit it, its own first. words: what {n}, {m}, {input}, {up}, {dn} stand for in names of
-    effects' parameters. reference: (the reference's signal, the signal that follows it).
+    noun: what such a machine is called. record: what its machine.yaml holds. example(): one.
+    family: names under which effects are declared that suit it, its own first. words: what {n}, {m}, {input}, {up},
+    {dn} stand for in names of effects' parameters. reference: (the reference's signal, the signal that follows it).
     lever: way of what moves per way of the driven
     coordinate; None where the two are one. nominal_speed: what speeds are judged against; None: the largest
     measured. motor_torque: one motor's nominal torque, N m. weight(machine, payload_kg): of what hangs, N.
@@ -416,6 +416,7 @@ class Kind:
     name: str
     noun: str
     record: type[Any]
+    example: Callable[[], Any]
     plant: Plant
     family: tuple[str, ...]
     words: Mapping[str, str]
@@ -459,6 +460,7 @@ class Kind:
     to_log: tuple[str, ...] = ()
     zero_input: str = ""
     cross_checks: Callable[..., Iterator[CrossCheck]] | None = None
+    held: tuple[str, ...] = ()
 
     @property
     def looped(self) -> ClosedLoop:

@@ -360,6 +360,18 @@ def _kind() -> Kind:
     own = axis_kind(
         TwoInertia,
         TWO_INERTIA,
+        example={
+            "motor": {
+                "inertia_kg_m2": 0.02,
+                "friction": {"coulomb_forward_nm": 0.6, "coulomb_backward_nm": 0.5, "viscous_nm_s_per_rad": 0.02},
+            },
+            "coupling": {"stiffness_nm_per_rad": 900.0, "damping_nm_s_per_rad": 1.5},
+            "load": {
+                "inertia_kg_m2": 0.05,
+                "friction": {"coulomb_forward_nm": 0.8, "coulomb_backward_nm": 0.8, "viscous_nm_s_per_rad": 0.05},
+                "gravity": {"sine_nm": 0.0, "constant_nm": 0.3},
+            },
+        },
         family=("two_inertia", "axis-rotary", "axis"),
         drive=Input("torque", "N m", "nm"),
         moved=Moved("motor", "rad", "angle of the motor", placed_by_log=True),
@@ -380,6 +392,14 @@ def _kind() -> Kind:
             BaseValue("coupling.damping_nm_s_per_rad", "damping"),
         ),
         "free": (*own.free, "load.inertia_kg_m2", "coupling.stiffness_nm_per_rad"),
+        # Friction of the load shows at the motor as the motor's own does, play by its effect.
+        "held": (
+            "coupling.backlash_rad",
+            "load.friction.coulomb_forward_nm",
+            "load.friction.coulomb_backward_nm",
+            "load.friction.viscous_nm_s_per_rad",
+            "load.friction.standstill_speed_rad_s",
+        ),
         "rigid": _rigid,
         "transmitted": _transmitted,
         "sized_by_runs": {**own.sized_by_runs, "coupling.backlash_rad": 0.01},
