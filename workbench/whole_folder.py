@@ -12,8 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from workbench.errors import InputError
-
-MOST_REPLACED = 200_000_000  # bytes of a file that is looked into before it is replaced
+from workbench.input_file import read_input
 
 
 def is_free(folder: Path) -> bool:
@@ -97,13 +96,11 @@ def check_replaceable(path: Path, mark: str) -> None:
     """InputError unless nothing stands there, an empty file, or a JSON file with the key `mark`."""
     if not os.path.lexists(path):
         return
+    if not path.is_file():
+        raise InputError("is no file that can be replaced", file=path)
     try:
-        if not path.is_file():
-            raise InputError("is no file that can be replaced", file=path)
-        content = path.read_bytes() if path.stat().st_size < MOST_REPLACED else b"-"
+        content = read_input(path, "json")
         existing = json.loads(content) if content else {mark: None}
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", file=path) from error
     except (ValueError, RecursionError):
         existing = None
     if not (isinstance(existing, dict) and mark in existing):
