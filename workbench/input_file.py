@@ -9,9 +9,9 @@ import difflib
 import os
 import stat
 from collections.abc import Mapping
+from io import BufferedReader
 from pathlib import Path
 from types import MappingProxyType
-from typing import BinaryIO
 
 from workbench.errors import InputError
 
@@ -29,7 +29,7 @@ MOST_BYTES: Mapping[str, tuple[int, str]] = MappingProxyType(
 )
 
 
-def open_input(path: str | os.PathLike[str], kind: str) -> BinaryIO:
+def open_input(path: str | os.PathLike[str], kind: str) -> BufferedReader:
     """The open file. InputError for what is not there, no regular file, too large for its kind, or not readable."""
     file = Path(path)
     try:

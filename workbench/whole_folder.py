@@ -8,6 +8,7 @@ import math
 import os
 import re
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -16,10 +17,8 @@ from pathlib import Path
 from workbench.errors import InputError
 from workbench.input_file import read_input
 
-try:
+if sys.platform != "win32":  # there, what a killed writer leaves stays
     import fcntl
-except ImportError:  # Windows: what a killed writer leaves stays there
-    fcntl = None  # type: ignore[assignment]
 
 _HIDDEN = re.compile(r"\..+\.new-[a-z0-9_]{8}\.part")
 
@@ -77,7 +76,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 def sweep(parent: Path) -> None:
     """Remove hidden folders whose writer was killed: the lock that each writer holds on its own goes with it."""
-    if fcntl is None:
+    if sys.platform == "win32":
         return
     for left in parent.iterdir():
         if _HIDDEN.fullmatch(left.name):
@@ -94,7 +93,7 @@ def _locked(target: Path) -> tuple[Path, int]:
     """A hidden folder beside `target`, and the open handle that holds its lock (of the null device without locks)."""
     while True:
         hidden = Path(tempfile.mkdtemp(prefix=f".{target.name}.new-", suffix=".part", dir=target.parent))
-        if fcntl is None:
+        if sys.platform == "win32":
             return hidden, os.open(os.devnull, os.O_RDONLY)
         handle = os.open(hidden, os.O_RDONLY)
         with contextlib.suppress(OSError):  # a file system without locks: then nobody else gets one either

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _FUNCTIONS = "sin|cos|tan|asin|acos|atan|arcsin|arccos|arctan|sinh|cosh|tanh|exp|log|log10|sqrt|abs|pow"
 _TOKEN = re.compile(rf"\s+|[-+*/(),]|X1?\b|(\d+\.?\d*|\.\d+)([eE][-+]?\d{{1,3}})?|({_FUNCTIONS})(?=\()")
 LONGEST_FORMULA = 500
+_CLOSED: dict[str, Any] = {"process_bus_logging": False}
 
 
 def open_mdf(file: Path) -> Opened:
@@ -33,7 +34,7 @@ def open_mdf(file: Path) -> Opened:
 
     _without_temporary_files()
     # As a stream: a path may be copied, unpacked, or looked for under another name. What is attached stays packed.
-    mdf: Any = MDF(file.open("rb"), process_bus_logging=False)
+    mdf: Any = MDF(file.open("rb"), **_CLOSED)
     places: list[tuple[int, int]] = []
     titles: list[str] = []
     for g, group in enumerate(mdf.groups):
