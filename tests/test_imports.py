@@ -20,6 +20,7 @@ LAYERS = [
     ("errors", "names", "record", "verb"),
     ("tables", "json_records"),
     ("shown",),
+    ("input_file",),
     ("yaml_strict", "whole_folder"),
     ("run",),
     ("log_formats",),

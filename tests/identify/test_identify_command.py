@@ -132,7 +132,7 @@ def test_written_machine_is_the_identified_one_with_its_record(written: Path, id
     assert record["campaign"] == "lifts"
     assert record["runs"] == ["empty", "half", "full"]
     assert record["version"] == __version__
-    assert str(record["date"]).startswith("20")
+    assert "date" not in record  # the same runs, the same bytes
     assert set(record["parameters"]) == set(identified.fit.values())
     assert all(entry["std_error"] > 0.0 for entry in record["parameters"].values())
 

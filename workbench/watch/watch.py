@@ -112,6 +112,9 @@ class Watch:
         except OSError as error:
             self._once(f"{arrived.file}: cannot be read: {error.strerror}")
             return 0
+        except InputError as error:
+            self._once(str(error))
+            return 0
         self._arrivals.done(arrived.file)
         if self.store.known(digest):
             return 0

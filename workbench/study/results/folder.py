@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from workbench.errors import InputError
+from workbench.input_file import readable_file
 from workbench.run import Run
 from workbench.study.results import arrow
 from workbench.study.results.index import INDEX
@@ -108,7 +109,7 @@ class SavedRuns(Mapping[str, Run]):
 
         path = self._folder / self._rows[run_id].run_id / SIGNALS
         try:
-            with pq.ParquetFile(path) as file:
+            with pq.ParquetFile(readable_file(path, "table")) as file:
                 if file.metadata.num_rows > MOST_SAMPLES:
                     raise InputError("holds more samples than a run has: the result is damaged", file=path)
                 columns = arrow.columns(file.read(use_threads=False))

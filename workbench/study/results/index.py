@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from workbench.errors import InputError
+from workbench.input_file import readable_file
 from workbench.study.results import arrow
 from workbench.study.results.digests import check_whole
 from workbench.study.results.row import Row, metrics_of
@@ -59,7 +60,7 @@ def read_table(file: Path) -> Any:
 
     try:
         # ParquetFile, since read_table imports pandas and the datasets.
-        with pq.ParquetFile(file) as index:
+        with pq.ParquetFile(readable_file(file, "table")) as index:
             if index.metadata.num_rows > MOST_ROWS or index.metadata.num_columns > MOST_COLUMNS:
                 raise InputError("is no index of a study: it has too many rows or columns", file=file)
             table = index.read(use_threads=False)
