@@ -425,7 +425,7 @@ def test_a_state_of_another_machine_or_of_other_rules_is_refused(tmp_path: Path)
         Store(tmp_path, HOIST, Rules(1000.0, 50))
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "watch.sqlite").write_text("no store" * 100)
-    with pytest.raises(InputError, match="is no store of a watch"):
+    with pytest.raises(InputError, match="file is not a database"):
         Store(tmp_path / "bad", HOIST, FEW)
 
 

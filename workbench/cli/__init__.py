@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import logging
 import os
@@ -130,7 +131,8 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
     except (InputError, OSError, MemoryError) as error:
         if os.environ.get("WORKBENCH_DEBUG") == "1":
             raise
-        click.echo(f"error: {_sentence(error, words)}", err=True)
+        with contextlib.suppress(OSError):  # a full disk may hold what stderr is sent to
+            click.echo(f"error: {_sentence(error, words)}", err=True)
         sys.exit(EXIT_BAD_INPUT)
 
 
