@@ -7,6 +7,7 @@ import json
 import multiprocessing
 import os
 import pickle
+import re
 import signal
 import socket
 import subprocess
@@ -15,13 +16,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from tests.support.batches import ROOT, RUNS, SCENARIO, environment
 from workbench.cluster import spread_on
-from workbench.cluster.spread import _next_done
 from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
 from workbench.errors import InputError
 from workbench.study.execute.batch import Progress, run_batch
@@ -271,17 +270,48 @@ def test_a_way_of_speaking_that_is_not_set_up_is_one_sentence(address, said):
         pass
 
 
-def test_a_cluster_that_has_lost_its_last_worker_is_given_up_in_time(monkeypatch):
-    def nothing_is_done(futures, timeout, return_when):
-        raise TimeoutError
+def test_a_cluster_that_has_lost_its_last_worker_is_given_up_in_time(computers, study, tmp_path, monkeypatch):
+    monkeypatch.setattr("workbench.cluster.spread.WITHOUT_WORKERS_S", 2.0)
 
-    threads = iter([{"one": 1}, {}, {}])
-    client = SimpleNamespace(nthreads=lambda: next(threads))
-    monkeypatch.setattr("distributed.wait", nothing_is_done)
-    monkeypatch.setattr("workbench.cluster.spread.WITHOUT_WORKERS_S", 1e-9)
-    with pytest.raises(InputError, match=r"has had no worker for .* what is done is kept"):
-        _next_done(client, "tcp://here:1", ["a chunk"])
-    assert next(threads, None) is None
+    def kill_both() -> None:
+        for worker in computers.workers:
+            worker.kill()
+
+    wanted = pytest.raises(InputError, match=r"has had no worker for 2 s; what is done is kept")
+    with wanted, spread_on(computers.address) as spread:
+        run_batch(study, place_for(study, tmp_path / "out"), spread=spread, tell=killing_after(2, kill_both))
+
+
+@pytest.mark.parametrize("cluster", ["local:2", "computers"])
+def test_a_stopped_worker_is_said_after_its_time_and_others_take_its_work(
+    cluster, request, study, index, tmp_path, monkeypatch
+):
+    """SIGSTOP, not SIGKILL: the connection stays open and nothing comes over it. With a fifth of the times."""
+    monkeypatch.setattr("workbench.cluster.spread.SILENT_S", 2.0)
+    monkeypatch.setattr("workbench.cluster.spread.GIVEN_UP_S", 6.0)
+    monkeypatch.setattr("workbench.cluster.spread.FETCH_S", 6.0)
+    said: list[tuple[float, str]] = []
+    stopped: list[tuple[float, int]] = []
+    made = request.getfixturevalue("computers") if cluster == "computers" else None
+
+    def stop_one() -> None:
+        pid = made.workers[0].pid if made else multiprocessing.active_children()[0].pid
+        assert pid is not None
+        os.kill(pid, signal.SIGSTOP)
+        stopped.append((time.monotonic(), pid))
+
+    with spread_on(made.address if made else cluster, lambda text: said.append((time.monotonic(), text))) as spread:
+        run_batch(study, place_for(study, tmp_path / "out"), spread=spread, tell=killing_after(2, stop_one))
+        done = time.monotonic()
+    ((at, _),) = stopped
+    assert (tmp_path / "out" / "index.parquet").read_bytes() == index
+    first, second = said
+    assert "has been silent for" in first[1] and "after 6 s others take its work" in first[1]
+    assert 1.0 < first[0] - at < 8.0 < 5.0 + second[0] - at
+    assert re.fullmatch(r"chunks \d+(, \d+)* go to other workers", second[1])
+    assert done - at < 40.0
+    if made is None:
+        assert multiprocessing.active_children() == [], "a stopped process is ended with the rest"
 
 
 def test_a_process_that_dies_at_its_start_is_one_sentence(monkeypatch):

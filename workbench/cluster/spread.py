@@ -10,9 +10,10 @@ import re
 import signal
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
+from itertools import count, islice
 from typing import Any
 
 from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
@@ -22,12 +23,16 @@ from workbench.study.execute.batch import Spread
 from workbench.study.execute.store import Chunk
 from workbench.study.scenario.load import Study
 
+Say = Callable[[str], None]
 RETRIES = 3
 # Tasks handed out for each worker thread: one in work, one waiting, so that nobody idles.
 AHEAD = 2
 CONNECT_S = 10.0
 WITHOUT_WORKERS_S = 60.0  # after which a cluster that has lost its last worker is given up
-LOOK_S = 5.0  # between two looks at who is left
+LOOK_S = 1.0  # between two looks at who is left
+SILENT_S = 10.0  # without a heartbeat: it is said
+GIVEN_UP_S = 30.0  # without a heartbeat: other workers take the work
+FETCH_S = 60.0  # for the answer of a worker that is done
 CLOSE_S = 5.0
 _CONNECTED = "connected"
 _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -35,10 +40,11 @@ WAIT_FOR_WORKERS_S = 60.0
 
 
 @contextmanager
-def spread_on(cluster: str) -> Iterator[Spread]:
+def spread_on(cluster: str, say: Say = lambda text: None) -> Iterator[Spread]:
     """A way to run chunks on `cluster`: `local:N` for N processes on this computer, or a scheduler's address.
 
-    The processes of `local:N` live as long as the block; they listen on the loopback interface only.
+    The processes of `local:N` live as long as the block; they listen on the loopback interface only. say: gets a
+    line when a worker falls silent, and when others take its work.
     InputError for a text that is neither, without the extra `cluster`, and where nobody answers.
     """
     local = re.fullmatch(r"local:([1-9]\d{0,3})", cluster)
@@ -46,7 +52,7 @@ def spread_on(cluster: str) -> Iterator[Spread]:
         raise InputError(f"'{cluster}' is no cluster; expected tcp://host:port, or local:N for N processes here")
     client = _local_client(int(local[1])) if local else _in_time(cluster)
     try:
-        yield lambda study, numbers: _while_it_lives(_chunks(client, cluster, study, numbers), cluster)
+        yield lambda study, numbers: _while_it_lives(_chunks(client, cluster, study, numbers, say), cluster)
     finally:
         # Whatever goes wrong at the end is no news: what is finished is kept, and the answer is out.
         with contextlib.suppress(Exception):
@@ -183,41 +189,99 @@ def _while_it_lives(chunks: Iterator[tuple[int, Chunk]], cluster: str) -> Iterat
         raise InputError("the cluster is gone; what is done is kept", file=cluster) from error
 
 
-def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int]) -> Iterator[tuple[int, Chunk]]:
-    """The chunks as they come. As many are handed out as there are hands: the memory stays small everywhere."""
+class _Workers:
+    """The workers of a cluster, and for how long each has been silent by this computer's clock."""
+
+    def __init__(self, client: Any, say: Say) -> None:
+        self.client, self.say = client, say
+        self.heard: dict[str, tuple[float, float]] = {}  # address -> its last heartbeat, when that was seen here
+        self.told: set[str] = set()
+
+    def silent(self) -> set[str]:
+        """Those without a heartbeat for GIVEN_UP_S; of SILENT_S it is said, once."""
+        now = time.monotonic()
+        last = {address: worker["last_seen"] for address, worker in self.client.scheduler_info()["workers"].items()}
+        self.heard = {
+            address: (beat, now if self.heard.get(address, (None,))[0] != beat else self.heard[address][1])
+            for address, beat in last.items()
+        }
+        quiet = {address: now - seen for address, (_, seen) in self.heard.items()}
+        self.told &= {address for address, seconds in quiet.items() if seconds >= SILENT_S}
+        for address, seconds in quiet.items():
+            if seconds >= SILENT_S and address not in self.told:
+                self.told.add(address)
+                self.say(
+                    f"worker {address} has been silent for {seconds:.0f} s; after {GIVEN_UP_S:g} s others take its work"
+                )
+        return {address for address, seconds in quiet.items() if seconds >= GIVEN_UP_S}
+
+    def threads(self, silent: Collection[str] = ()) -> dict[str, int]:
+        """Address -> threads of those that are not silent."""
+        return {address: n for address, n in self.client.nthreads().items() if address not in silent}
+
+
+def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int], say: Say) -> Iterator[tuple[int, Chunk]]:
+    """The chunks as they come. As many are handed out as there are hands: the memory stays small everywhere.
+
+    A chunk whose worker is silent for GIVEN_UP_S is handed to another one too; the first answer counts, all are alike.
+    """
     from distributed import KilledWorker
 
     # With each task, since what is kept on one worker dies with it; some kilobytes.
     effects = files_behind(study.machine.effects, "hoist")
     ask = (pickle.dumps(study), study.fingerprint, versions(), effects)
-    waiting = iter(numbers)
+    waiting, tries = iter(numbers), count()
     of: dict[Any, int] = {}
     lost: list[int] = []
+    workers, silent = _Workers(client, say), set[str]()
 
-    def hand_out(how_many: int) -> None:
-        for _, number in zip(range(how_many), waiting, strict=False):
-            data, fingerprint, wanted, effects = ask
+    def hand_out(numbers: Iterable[int]) -> None:
+        only = {"workers": list(workers.threads(silent))} if silent else {}
+        for number in numbers:
             future = client.submit(
-                run_remote_chunk, data, number, fingerprint, wanted, effects, retries=RETRIES, pure=False,
-                key=f"{study.scenario.name}-{fingerprint}-{number:06d}",
+                run_remote_chunk, *ask[:1], number, *ask[1:], retries=RETRIES, pure=False, **only,
+                key=f"{study.scenario.name}-{study.fingerprint}-{number:06d}-{next(tries)}",
             )  # fmt: skip
             of[future] = number
 
-    hand_out(AHEAD * _threads(client))
+    alone_since, looked = None, time.monotonic()
+    hand_out(islice(waiting, AHEAD * max(1, sum(workers.threads().values()))))
     while of:
-        future = _next_done(client, cluster, of)
-        number = of.pop(future)
+        future = _next_done(of, silent, client)
+        now = time.monotonic()
+        if future is None or now - looked >= LOOK_S:
+            looked, silent = now, workers.silent()
+            alone_since = None if workers.threads(silent) else alone_since or now
+            if alone_since is not None and now - alone_since >= WITHOUT_WORKERS_S:
+                problem = (
+                    f"has had no worker for {WITHOUT_WORKERS_S:g} s; what is done is kept, the same command goes on"
+                )
+                raise InputError(problem, file=cluster)
+            if silent and alone_since is None:
+                stuck = _on(silent, of, client)
+                elsewhere = {number for future, number in of.items() if future not in stuck}
+                if again := sorted({of[future] for future in stuck} - elsewhere):
+                    hand_out(again)
+                    say(f"chunks {', '.join(map(str, again))} go to other workers")
+        if future is None:
+            continue
+        number = of[future]
         try:
-            chunk = future.result()
+            chunk = future.result(timeout=FETCH_S)
+        except TimeoutError:
+            continue  # it lies on a worker that does not answer; the next look sees to that
         except KilledWorker:
             lost.append(number)
-        else:
-            if isinstance(chunk, OtherProgram):
-                raise InputError(f"worker on {chunk.where} has {chunk.what}; the numbers would differ", file=cluster)
+            chunk = None
+        for other in [other for other, of_it in of.items() if of_it == number]:
+            del of[other]
+            other.release()
+        if isinstance(chunk, OtherProgram):
+            raise InputError(f"worker on {chunk.where} has {chunk.what}; the numbers would differ", file=cluster)
+        if chunk is not None:
             yield number, chunk
-        future.release()
         # A cluster may grow and shrink while it works.
-        hand_out(max(1, AHEAD * _threads(client) - len(of)))
+        hand_out(islice(waiting, max(1, AHEAD * sum(workers.threads(silent).values()) - len(of))))
     if lost:
         raise InputError(
             f"chunks {', '.join(map(str, sorted(lost)))} took their workers down {RETRIES} times; out of memory there? "
@@ -226,23 +290,21 @@ def _chunks(client: Any, cluster: str, study: Study, numbers: Sequence[int]) -> 
         )
 
 
-def _next_done(client: Any, cluster: str, futures: Collection[Any]) -> Any:
-    """One that is done. InputError when there has been no worker for too long: nobody would do the rest."""
+def _next_done(of: Collection[Any], silent: Collection[str], client: Any) -> Any:
+    """One that is done and can be had; None where there is none within LOOK_S."""
     from distributed import wait
 
-    alone_since: float | None = None
-    while True:
-        try:
-            return next(iter(wait(list(futures), timeout=LOOK_S, return_when="FIRST_COMPLETED").done))
-        except TimeoutError:
-            now = time.monotonic()
-            alone_since = None if client.nthreads() else alone_since or now
-            if alone_since is not None and now - alone_since >= WITHOUT_WORKERS_S:
-                problem = (
-                    f"has had no worker for {WITHOUT_WORKERS_S:g} s; what is done is kept, the same command goes on"
-                )
-                raise InputError(problem, file=cluster) from None
+    out_of_reach = _on(silent, of, client) if silent else set()
+    try:
+        return next(iter(wait([f for f in of if f not in out_of_reach], LOOK_S, "FIRST_COMPLETED").done))
+    except (TimeoutError, ValueError):  # ValueError: nothing to wait for
+        if len(out_of_reach) == len(of):
+            time.sleep(LOOK_S)
+        return None
 
 
-def _threads(client: Any) -> int:
-    return max(1, sum(client.nthreads().values()))
+def _on(silent: Collection[str], of: Collection[Any], client: Any) -> set[Any]:
+    """Those that only silent workers have, in work or done."""
+    keys = {key for address, own in client.processing().items() if address in silent for key in own}
+    keys |= {key for key, holders in client.who_has(list(of)).items() if holders and set(holders) <= set(silent)}
+    return {future for future in of if future.key in keys}
