@@ -15,7 +15,7 @@ def command(results: Path, out: Path | None) -> None:
     from workbench.cli.show import print_text
     from workbench.reports.study.page import write_study_report
     from workbench.reports.study.words import conclusions
-    from workbench.study.results.finished import read_finished
+    from workbench.study.store import read_finished
 
     result = read_finished(results)
     path = out or results / "report.html"

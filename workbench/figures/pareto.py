@@ -11,10 +11,9 @@ from workbench.figures.panels import Panels
 from workbench.figures.style import BLACK, MARKERS, SPARE, label, line
 from workbench.figures.thin import MOST_POINTS
 from workbench.run import Array
-from workbench.study.conclude.pareto import Front, cost
-from workbench.study.results.labels import drawn_in
-from workbench.study.results.row import Row
-from workbench.study.variations.varying import SweptAxis, run_in_words, set_in
+from workbench.study.labels import SweptAxis, drawn_in, run_in_words, set_in
+from workbench.study.pareto import Front, cost
+from workbench.study.rows import Row
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -11,12 +11,11 @@ from workbench.figures.save import Section, save_page
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_axis import axis_overview
 from workbench.kinds import kind_of
-from workbench.study.conclude.answer import answer
-from workbench.study.conclude.decide import decision_table
-from workbench.study.conclude.tables import run_table
-from workbench.study.execute.run import StudyResult, peak_limit
-from workbench.study.results.row import Row, with_payload
-from workbench.study.variations.varying import set_in
+from workbench.study.decide import answer, decision_table
+from workbench.study.labels import set_in
+from workbench.study.rows import Row, with_payload
+from workbench.study.run import StudyResult, peak_limit
+from workbench.study.tables import run_table
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -16,13 +16,12 @@ from workbench.figures.study_sweep import changing, metrics_over_axis
 from workbench.kinds import kind_of
 from workbench.metrics import View, shown_in
 from workbench.run import Run
-from workbench.study.conclude.pareto import fronts
-from workbench.study.conclude.rank import rank_correlations
-from workbench.study.conclude.variation_sentences import sweeps_limits
-from workbench.study.execute.run import peak_limit
-from workbench.study.results.finished import Finished
-from workbench.study.results.row import Row, metrics_of, with_payload
-from workbench.study.variations.varying import SweptAxis, drawn_columns, swept_axes
+from workbench.study.findings import sweeps_limits
+from workbench.study.labels import SweptAxis, drawn_columns, swept_axes
+from workbench.study.pareto import fronts, rank_correlations
+from workbench.study.rows import Row, metrics_of, with_payload
+from workbench.study.run import peak_limit
+from workbench.study.store import Finished
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

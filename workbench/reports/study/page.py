@@ -9,7 +9,7 @@ from workbench.figures.save import Section, save_page
 from workbench.reports.study.figures import figures_of
 from workbench.reports.study.tables import decision, run_tables, what_was_run
 from workbench.reports.study.words import conclusions
-from workbench.study.results.finished import Finished
+from workbench.study.store import Finished
 
 MARK = "workbench report"
 

@@ -8,13 +8,12 @@ from typing import Any
 
 from workbench.kinds import kind_of
 from workbench.metrics import View, shown_in
-from workbench.study.conclude import tables
-from workbench.study.conclude.decide import decision_table
-from workbench.study.conclude.utilisation import utilisation, utilisation_table
-from workbench.study.results.finished import Finished
-from workbench.study.results.labels import field_label, shown
-from workbench.study.results.row import Row, metrics_of
-from workbench.study.variations.varying import drawn_columns, swept_axes
+from workbench.study import tables
+from workbench.study.decide import decision_table
+from workbench.study.findings import utilisation, utilisation_table
+from workbench.study.labels import drawn_columns, field_label, shown, swept_axes
+from workbench.study.rows import Row, metrics_of
+from workbench.study.store import Finished
 from workbench.tables import Table, words
 
 MOST_LINES = 60

@@ -9,17 +9,15 @@ from pydantic import ValidationError
 
 from workbench.errors import InputError
 from workbench.references import BASELINE, planned_kinds
-from workbench.study.conclude.bound import from_the_bound
-from workbench.study.conclude.damping import on_another_damping
-from workbench.study.conclude.decide import verdict
-from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.utilisation import alarm, utilisation
-from workbench.study.execute.run import peak_limit
-from workbench.study.results.finished import Finished
-from workbench.study.results.row import Row, metrics_of
-from workbench.study.scenario.load import plan_study
-from workbench.study.scenario.record import Scenario
-from workbench.study.variations.varying import run_in_words, swept_axes
+from workbench.study.decide import verdict
+from workbench.study.findings import alarm, sentences, utilisation
+from workbench.study.labels import run_in_words, swept_axes
+from workbench.study.load import plan_study
+from workbench.study.rows import Row, metrics_of
+from workbench.study.run import peak_limit
+from workbench.study.scenario import Scenario
+from workbench.study.side import from_the_bound, on_another_damping
+from workbench.study.store import Finished
 
 
 def conclusions(result: Finished) -> list[str]:

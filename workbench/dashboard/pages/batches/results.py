@@ -12,10 +12,9 @@ from workbench.dashboard import session
 from workbench.dashboard.jobs.job import Job, result_folder
 from workbench.dashboard.pages.batches.work import CSV, REPORT
 from workbench.dashboard.widgets import Number, chart, numbers, plain, table
-from workbench.study.results.finished import Finished, read_finished
-from workbench.study.results.index import INDEX, read_table
-from workbench.study.results.row import Row, metrics_of
-from workbench.study.variations.varying import run_in_words, swept_axes
+from workbench.study.labels import run_in_words, swept_axes
+from workbench.study.rows import INDEX, Row, metrics_of, read_table
+from workbench.study.store import Finished, read_finished
 
 if TYPE_CHECKING:
     from workbench.reports.study.figures import Noted
@@ -132,7 +131,7 @@ def _figures(job: Job, figures: Sequence[Noted]) -> None:
 
 def _runs(folder: Path, count: int) -> None:
     from workbench.reports.study.tables import run_tables
-    from workbench.study.results.index import rows_of
+    from workbench.study.rows import rows_of
 
     index = read_table(folder / INDEX)
     for run_table in run_tables(rows_of(index)):

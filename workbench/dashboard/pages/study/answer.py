@@ -17,13 +17,10 @@ from workbench.logs.signal_files import FORMS
 from workbench.metrics import Metric, View, shown_in
 from workbench.names import powers
 from workbench.references import BASELINE
-from workbench.study.conclude.decide import decision_table, verdict
-from workbench.study.conclude.price import price_sentence
-from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.utilisation import SIGN, alarm, utilisation
-from workbench.study.execute.run import StudyResult, peak_limit
-from workbench.study.results.row import Row, metrics_of
-from workbench.study.results.signals import labelled_runs
+from workbench.study.decide import decision_table, price_sentence, verdict
+from workbench.study.findings import SIGN, alarm, sentences, utilisation
+from workbench.study.rows import Row, metrics_of
+from workbench.study.run import StudyResult, labelled_runs, peak_limit
 
 MOST_CARDS = 4  # numbers side by side
 WHOLE, RAMP, OWN = "whole run", "start of the first move", "from … to …"
