@@ -21,7 +21,7 @@ from workbench.machine import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
 from workbench.metrics.metric import largest
 from workbench.reports.declared_pages import metrics_page
-from workbench.reports.study.figures import figures_of
+from workbench.reports.study import figures_of
 from workbench.study import tables
 from workbench.study.findings import sentences
 from workbench.study.load import plan_study

@@ -39,7 +39,7 @@ from workbench.references import (
 from workbench.references.limits import Step
 from workbench.references.time_optimal import shortest_move, shortest_ramp
 from workbench.reports.declared_pages import references_page
-from workbench.reports.study.words import conclusions
+from workbench.reports.study import conclusions
 from workbench.study.findings import sentences
 from workbench.study.scenario import json_schema
 from workbench.study.store import read_finished

@@ -15,10 +15,7 @@ import pytest
 from tests.support.commands import Commands
 from workbench.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.reports.study.figures import figures_of
-from workbench.reports.study.page import write_study_report
-from workbench.reports.study.tables import run_tables, what_was_run
-from workbench.reports.study.words import conclusions
+from workbench.reports.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
 from workbench.study.batch import run_batch
 from workbench.study.load import load_study
 from workbench.study.store import Finished, place_for, read_finished

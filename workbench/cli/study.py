@@ -82,18 +82,20 @@ def _spread(cluster: str | None) -> Iterator[Spread]:
 
 def _run(study: Study, place: ResultFolder, spread: Spread, tell: Tell) -> None:
     from workbench.figures.study_page import save_study_page
+    from workbench.study.answer import ANSWER, write_answer
     from workbench.study.batch import run_batch
 
     # Curves of more runs than this are a tangle, and a page of megabytes.
     fits = study.scenario.outputs.signals != "none" and len(study.specs) <= MOST_ON_PAGE
     page = {"study.html": save_study_page} if fits else {}
-    run_batch(study, place, spread=spread, tell=tell, extras=page)
+    run_batch(study, place, spread=spread, tell=tell, extras={ANSWER: write_answer} | page)
 
 
 def _report(study: Study, place: ResultFolder) -> None:
     from workbench.cli.show import print_table, print_text
     from workbench.study import tables
-    from workbench.study.decide import answer, decision_table
+    from workbench.study.answer import answer, read_answer
+    from workbench.study.decide import decision_table
     from workbench.study.labels import swept_axes
     from workbench.study.rows import read_rows
 
@@ -109,7 +111,8 @@ def _report(study: Study, place: ResultFolder) -> None:
         click.echo()
         print_table(decision)
     # A study that is there already is shown as it is: nothing is run.
-    print_text(["", *answer(study, rows, simulate=not place.finished), ""])
+    kept = read_answer(place.folder)
+    print_text(["", *(answer(study, rows, simulate=False) if kept is None else kept.sentences), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")
     if place.note:

@@ -209,3 +209,7 @@ def _points(rows: Sequence[Row], names: Sequence[str]) -> tuple[Point, ...]:
     if all(not isinstance(point[0], str) for point in points):
         return tuple(sorted(points, key=lambda point: float(point[0])))
     return tuple(points)
+
+
+def listed(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"

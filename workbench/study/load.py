@@ -27,10 +27,11 @@ from workbench.errors import InputError, nearest
 from workbench.kinds import LOOPED, STUDIED, kind_of, looped, of_kind, studied
 from workbench.logs import read_campaign
 from workbench.machine import SHIPPED, AnyKind, Axis, Hoist, default_hoist, load_machine, shipped
-from workbench.metrics import added
+from workbench.metrics import added, set_of
 from workbench.references import Plan
 from workbench.references import digests_of as digests_of_references
 from workbench.shown import Brief
+from workbench.study.decide import criteria_for
 from workbench.study.grid import Recording, RunList, plan_runs
 from workbench.study.layers import Layered, layer_of, read_layers, together
 from workbench.study.scenario import RecordedBlock, Scenario, check_kind
@@ -140,6 +141,7 @@ def plan_study(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[st
         _check_multibody(study.machine)
     assert study.specs.duration_s > 0.0  # made here, so that what is wrong is said now
     study.plans  # noqa: B018
+    criteria_for(set_of(kind.name), study.machine, 0.0, scenario.decide)
     return study
 
 

@@ -260,3 +260,24 @@ def _as_text(table: Any, names: Iterable[str]) -> Any:
             column = arrow.texts([_text(value) for value in table[name].to_pylist()])
             table = table.set_column(table.column_names.index(name), name, column)
     return table
+
+
+ASTRAY_M = 0.05  # of a hoist
+SWINGS_PER_S = 2.0  # of motion, each by more than nominal torque: no motion asks for that, a loop that hunts does
+MOST_SWINGS = 10.0  # fewer may come of a single event, such as a wire that tightens with a jerk
+
+
+def hunts(row: Row) -> bool:
+    """Whether the torque swings to and fro as it does in a loop only that is not stable."""
+    return (row.metrics.get("torque_swings") or 0.0) > MOST_SWINGS and swings_per_s(row) > SWINGS_PER_S
+
+
+def swings_per_s(row: Row) -> float:
+    """Torque swings a second of motion."""
+    return row["torque_swings"] / max(row["move_time_s"], 1.0)
+
+
+def is_astray(row: Row) -> bool:
+    """Whether a run ends where its reference does not."""
+    judged = metrics_of([row])
+    return abs(row[judged.end]) > judged.astray * (row[judged.window] if judged.window else 1.0)

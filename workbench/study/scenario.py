@@ -210,6 +210,14 @@ DriveChanges = create_model(
 )
 
 
+class CriterionBlock(Record):
+    """A criterion of the decision. most, least: limits that nothing may break; weight: 0 leaves it out of the sum."""
+
+    most: Finite | None = None
+    least: Finite | None = None
+    weight: NotNegative | None = None
+
+
 class SolverBlock(Record):
     """step_s: the longest step of the plant between two samples of the controller."""
 
@@ -233,7 +241,8 @@ class Scenario(Record):
     machine: `default`, `lightly_damped`, or a machine.yaml, sought beside the file. machine_overrides: its values by
     dotted name or in blocks. plant: the lumped equations, or rigid bodies and joints. drive: the machine's
     drive, key by key. lead_s, settle_s: held at rest before the first and after the last move. extends: another
-    scenario that this one goes on from.
+    scenario that this one goes on from. decide: metric, or torque_reserve_percent, -> its limits and weight in the
+    decision. ask: the number that the study is for, sought beside its runs.
     """
 
     format: Literal[1] = 1
@@ -260,6 +269,8 @@ class Scenario(Record):
     seed: Annotated[int, Field(ge=0, strict=True)] = 0
     sweep: SweepBlock | None = None
     sample: SampleBlock | None = None
+    decide: dict[str, CriterionBlock] = Field(default_factory=dict)
+    ask: Literal["largest payload", "highest deceleration", "smallest motor"] | None = None
 
     @field_validator("payloads_kg")
     @classmethod
@@ -308,6 +319,8 @@ def check_kind(scenario: Scenario, machine: Hoist | Axis, varied: set[str]) -> N
     _controller(scenario, kind, machine)
     if kind.payload:
         return
+    if scenario.ask in ("largest payload", "smallest motor"):
+        raise InputError(f"'{scenario.ask}' is a question for a hoist; expected 'highest deceleration'", place="ask")
     if scenario.payloads_kg is not None:
         raise InputError(
             f"{of_kind(machine)} carries no payload; leave it out, and sweep machine.{kind.free[0]} for other loads",

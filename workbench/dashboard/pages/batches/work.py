@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from workbench.dashboard.jobs.progress import Teller
-from workbench.reports.study.page import write_study_report
+from workbench.reports.study import write_study_report
 from workbench.study.batch import Progress, run_batch
 from workbench.study.load import load_study
 from workbench.study.rows import INDEX, read_table

@@ -17,7 +17,7 @@ from workbench.logs.signal_files import FORMS
 from workbench.metrics import Metric, View, shown_in
 from workbench.names import powers
 from workbench.references import BASELINE
-from workbench.study.decide import decision_table, price_sentence, verdict
+from workbench.study.decide import decision_table, verdict
 from workbench.study.findings import SIGN, alarm, sentences, utilisation
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, labelled_runs, peak_limit
@@ -28,7 +28,7 @@ WHOLE, RAMP, OWN = "whole run", "start of the first move", "from … to …"
 
 def decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne is used."""
-    said = verdict(result.rows)
+    said = verdict(result.rows, machine=result.study.machine, given=result.study.scenario.decide)
     if said is not None:
         say(sentence, said, result.rows)
     uses = utilisation(result.rows, result.study.machine)
@@ -72,7 +72,7 @@ def say(place: DeltaGenerator, sentence: str, rows: Sequence[Row]) -> None:
     without, rest = _left_out(rows)
     if without and rest:
         sentence = f"Of {', '.join(f'{kg:g}' for kg in rest)} kg only: {sentence[0].lower()}{sentence[1:]}"
-    place.info(plain(powers(" ".join([sentence, price_sentence(rows) or ""]).strip())), icon=":material/gavel:")
+    place.info(plain(powers(sentence)), icon=":material/gavel:")
 
 
 def numbers_of(result: StudyResult) -> None:
