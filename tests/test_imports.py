@@ -34,7 +34,7 @@ LAYERS = [
     ("simulate",),
     ("identify", "analysis", "imports"),
     ("study",),
-    ("cluster", "export", "testing", "serve"),
+    ("export", "testing", "serve"),
     ("consequences",),
     ("diagnose",),
     ("blind", "watch"),

@@ -16,7 +16,7 @@ from workbench.dashboard.ahead import OF_STREAMLIT, streamlit_scripts
 from workbench.dashboard.pages.study.controls import Controls, Desk, scenario_of
 from workbench.dashboard.pages.study.runs import RUNS, results
 from workbench.machine import default_hoist, shipped_hoist
-from workbench.study.execute.run import StudyResult
+from workbench.study.run import StudyResult
 
 MACHINE = default_hoist()
 SCENARIO = scenario_of(Desk(Controls(references=("ruckig",), payloads_kg=(0.0,))), MACHINE)

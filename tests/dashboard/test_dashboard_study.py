@@ -39,12 +39,10 @@ from workbench.figures.style import GROUND, INK, for_dark
 from workbench.logs.signal_files import as_csv, as_mat, as_parquet
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.metrics import find
-from workbench.study.conclude.side_studies import over_payload, over_ramps
-from workbench.study.execute.run import StudyResult, run_study
-from workbench.study.results.signals import labelled_runs
-from workbench.study.scenario.load import load_study, plan_study
-from workbench.study.scenario.record import Scenario
-from workbench.study.scenario.standalone import read_standalone, standalone_text
+from workbench.study.load import load_study, plan_study, read_standalone, standalone_text
+from workbench.study.run import StudyResult, labelled_runs, run_study
+from workbench.study.scenario import Scenario
+from workbench.study.side import over_payload, over_ramps
 from workbench.yaml_strict import loads
 
 ROOT = Path(__file__).resolve().parents[2]

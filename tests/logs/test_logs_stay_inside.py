@@ -16,6 +16,8 @@ import pyarrow.parquet
 import pytest
 from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
+from workbench.study.results.digests import read_manifest
+from workbench.study.results.index import read_table
 
 from benchmarks.attack.mangle import finished_result
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
@@ -23,8 +25,6 @@ from workbench.errors import InputError
 from workbench.input_file import MOST_BYTES, open_input, readable_file
 from workbench.log_formats.opening import open_log
 from workbench.logs import read_campaign
-from workbench.study.results.digests import read_manifest
-from workbench.study.results.index import read_table
 from workbench.whole_folder import whole_folder
 
 SECRET = "root:x:0:0:the whole of a file of the server" * 20

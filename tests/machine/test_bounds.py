@@ -14,7 +14,7 @@ from workbench.machine import default_hoist
 from workbench.machine.files import RECORDS, machine_from, machine_text
 from workbench.record import LARGEST
 from workbench.reports.declared_pages import bounded, bounds_page
-from workbench.study.scenario.record import Scenario
+from workbench.study.scenario import Scenario
 from workbench.yaml_strict import loads
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

@@ -12,16 +12,13 @@ from tests.support import axes
 from workbench.dashboard.pages.study.axis.desk import axis_scenario, usual_desk
 from workbench.machine import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
-from workbench.study.conclude.bound import from_the_bound
-from workbench.study.conclude.damping import ELASTOMER, RINGING, damping_sentence, on_another_damping
-from workbench.study.conclude.decide import BEST, Choice, choices, decision_table, verdict
-from workbench.study.conclude.price import DEAR, price_sentence
-from workbench.study.conclude.utilisation import alarm, utilisation
-from workbench.study.execute.run import StudyResult, run_study
-from workbench.study.results.row import Row
-from workbench.study.scenario.load import load_study, plan_study
-from workbench.study.scenario.standalone import changed
-from workbench.study.variations.varying import run_in_words
+from workbench.study.decide import BEST, DEAR, Choice, choices, decision_table, price_sentence, verdict
+from workbench.study.findings import alarm, utilisation
+from workbench.study.labels import run_in_words
+from workbench.study.load import changed, load_study, plan_study
+from workbench.study.rows import Row
+from workbench.study.run import StudyResult, run_study
+from workbench.study.side import ELASTOMER, RINGING, damping_sentence, from_the_bound, on_another_damping
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCES = ("trapezoid", "ruckig", "ruckig_equal_time", "ruckig_least_peak", "optimal")

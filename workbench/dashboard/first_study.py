@@ -33,7 +33,7 @@ from workbench.engine.cache import cache_folder, own_bytes
 from workbench.machine import Axis, Hoist
 from workbench.machine.files import machine_text
 from workbench.metrics import columns
-from workbench.study.scenario.record import Scenario
+from workbench.study.scenario import Scenario
 
 LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "ruckig", "pydantic")
 ENDING = ".study"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from workbench.machine import Hoist
-    from workbench.study.scenario.record import Scenario
+    from workbench.study.scenario import Scenario
 
 SOON_S = 3.0  # until the first page, which needs the same processor, has been drawn
 LATER_S = 7.0  # until a visitor looks at another page

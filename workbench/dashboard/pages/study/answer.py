@@ -17,13 +17,10 @@ from workbench.logs.signal_files import FORMS
 from workbench.metrics import Metric, View, shown_in
 from workbench.names import powers
 from workbench.references import BASELINE
-from workbench.study.conclude.decide import decision_table, verdict
-from workbench.study.conclude.price import price_sentence
-from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.utilisation import SIGN, alarm, utilisation
-from workbench.study.execute.run import StudyResult, peak_limit
-from workbench.study.results.row import Row, metrics_of
-from workbench.study.results.signals import labelled_runs
+from workbench.study.decide import decision_table, verdict
+from workbench.study.findings import SIGN, alarm, sentences, utilisation
+from workbench.study.rows import Row, metrics_of
+from workbench.study.run import StudyResult, labelled_runs, peak_limit
 
 MOST_CARDS = 4  # numbers side by side
 WHOLE, RAMP, OWN = "whole run", "start of the first move", "from … to …"
@@ -31,7 +28,7 @@ WHOLE, RAMP, OWN = "whole run", "start of the first move", "from … to …"
 
 def decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne is used."""
-    said = verdict(result.rows)
+    said = verdict(result.rows, machine=result.study.machine, given=result.study.scenario.decide)
     if said is not None:
         say(sentence, said, result.rows)
     uses = utilisation(result.rows, result.study.machine)
@@ -75,7 +72,7 @@ def say(place: DeltaGenerator, sentence: str, rows: Sequence[Row]) -> None:
     without, rest = _left_out(rows)
     if without and rest:
         sentence = f"Of {', '.join(f'{kg:g}' for kg in rest)} kg only: {sentence[0].lower()}{sentence[1:]}"
-    place.info(plain(powers(" ".join([sentence, price_sentence(rows) or ""]).strip())), icon=":material/gavel:")
+    place.info(plain(powers(sentence)), icon=":material/gavel:")
 
 
 def numbers_of(result: StudyResult) -> None:

@@ -14,13 +14,11 @@ from workbench.dashboard import first_study
 from workbench.machine import Axis, Hoist
 from workbench.machine.files import machine_text
 from workbench.metrics import columns
-from workbench.study.conclude.damping import damping_sentence
-from workbench.study.conclude.side_studies import over_payload, over_ramps
-from workbench.study.execute.run import StudyResult, run_study
-from workbench.study.results.row import Row
-from workbench.study.scenario.load import Study, plan_study
-from workbench.study.scenario.record import Scenario
-from workbench.study.scenario.standalone import changed
+from workbench.study.load import Study, changed, plan_study
+from workbench.study.rows import Row
+from workbench.study.run import StudyResult, run_study
+from workbench.study.scenario import Scenario
+from workbench.study.side import damping_sentence, over_payload, over_ramps
 
 log = logging.getLogger(__name__)
 
