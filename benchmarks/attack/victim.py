@@ -89,7 +89,7 @@ def _campaign(kind: str, content: bytes, folder: Path) -> Campaign:
 
 
 def _upload(kind: str, content: bytes, folder: Path) -> Campaign:
-    from workbench.dashboard.uploads.campaign import Uploaded, read_uploaded
+    from workbench.dashboard.uploads import Uploaded, read_uploaded
 
     if kind == "zip":
         return read_uploaded([Uploaded("lifts.zip", content)], folder)

@@ -16,8 +16,8 @@ import pyarrow.parquet
 import pytest
 from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
-from workbench.study.results.digests import read_manifest
-from workbench.study.results.index import read_table
+from workbench.study.rows import read_manifest
+from workbench.study.rows import read_table
 
 from benchmarks.attack.mangle import finished_result
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
