@@ -24,7 +24,7 @@ from workbench.run import Run
 from workbench.study import tables
 from workbench.study.answer import answer, read_answer
 from workbench.study.decide import decision_table
-from workbench.study.findings import sentences, sweeps_limits, utilisation, utilisation_table
+from workbench.study.findings import sentences, utilisation, utilisation_table
 from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
 from workbench.study.load import plan_study
 from workbench.study.pareto import fronts, rank_correlations
@@ -280,7 +280,7 @@ def figures_of(result: Finished) -> list[Noted]:
         return []
     axes, drawn = swept_axes(result.rows), drawn_columns(result.rows)
     figures: list[Noted] = []
-    if sweeps_limits(good):
+    if any(".limits." in column for axis in axes for column in axis.columns):
         figures += _paretos(good, axes)
     elif beside := [row for row in _beside(result) if row.ok]:
         figures += _over_time(good, beside)
