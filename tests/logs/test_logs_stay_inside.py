@@ -16,8 +16,6 @@ import pyarrow.parquet
 import pytest
 from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
-from workbench.study.rows import read_manifest
-from workbench.study.rows import read_table
 
 from benchmarks.attack.mangle import finished_result
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
@@ -25,6 +23,7 @@ from workbench.errors import InputError
 from workbench.input_file import MOST_BYTES, open_input, readable_file
 from workbench.log_formats.opening import open_log
 from workbench.logs import read_campaign
+from workbench.study.rows import read_manifest, read_table
 from workbench.whole_folder import whole_folder
 
 SECRET = "root:x:0:0:the whole of a file of the server" * 20
