@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.attack import watch_states
 from benchmarks.attack.mangle import AXIS_RUNS, CUT, OF_A_RESULT, ROOT, RUNS, finished_result, good, mangled, signals_of
 from workbench.errors import InputError
 from workbench.logs import Campaign, read_campaign
@@ -57,6 +58,8 @@ def read(kind: str, content: bytes, folder: Path) -> Ended:
             return _scenario(content, folder)
         if kind == "controller":
             return _controller(content, folder)
+        if kind in watch_states.KINDS:
+            return Ended(*watch_states.read(kind, content, folder))
         if kind in OF_A_RESULT:
             return _result(kind, content, folder)
         return _judged(
@@ -86,7 +89,7 @@ def _campaign(kind: str, content: bytes, folder: Path) -> Campaign:
 
 
 def _upload(kind: str, content: bytes, folder: Path) -> Campaign:
-    from workbench.dashboard.uploads.campaign import Uploaded, read_uploaded
+    from workbench.dashboard.uploads import Uploaded, read_uploaded
 
     if kind == "zip":
         return read_uploaded([Uploaded("lifts.zip", content)], folder)
@@ -109,11 +112,10 @@ def _controller(content: bytes, folder: Path) -> Ended:
 
 def _result(kind: str, content: bytes, folder: Path) -> Ended:
     """Report on a result with one file mangled, and compare it with the whole one. Of half, no hash is known."""
-    from workbench.reports.study.page import write_study_report
-    from workbench.study.compare.as_json import as_json
-    from workbench.study.compare.compare import compare, judged, parse_limits, regressions
-    from workbench.study.results.finished import read_finished
-    from workbench.study.results.index import read_rows
+    from workbench.reports.study import write_study_report
+    from workbench.study.compare import as_json, compare, judged, parse_limits, regressions
+    from workbench.study.rows import read_rows
+    from workbench.study.store import read_finished
 
     whole, damaged = finished_result(), folder / "small"
     shutil.copytree(whole, damaged)
@@ -129,7 +131,7 @@ def _result(kind: str, content: bytes, folder: Path) -> Ended:
 
 
 def _scenario(content: bytes, folder: Path) -> Ended:
-    from workbench.study.scenario.load import load_study
+    from workbench.study.load import load_study
 
     for whole in (ROOT / "scenarios").glob("*.yaml"):  # what it may extend
         shutil.copy(whole, folder)

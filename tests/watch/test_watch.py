@@ -21,8 +21,8 @@ from benchmarks.watch import friction_grows, healthy, month, sensor_drifts
 from tests.support.commands import Commands
 from tests.support.log_campaign import csv_text
 from workbench.errors import InputError
+from workbench.kinds.axis import LinearAxis
 from workbench.machine import default_hoist, save_machine, with_values
-from workbench.machine.axis import LinearAxis
 from workbench.run import Array, Run
 from workbench.serve.plant import LiveAxis
 from workbench.watch.change import Detector, learn, threshold
@@ -425,7 +425,7 @@ def test_a_state_of_another_machine_or_of_other_rules_is_refused(tmp_path: Path)
         Store(tmp_path, HOIST, Rules(1000.0, 50))
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "watch.sqlite").write_text("no store" * 100)
-    with pytest.raises(InputError, match="is no store of a watch"):
+    with pytest.raises(InputError, match="file is not a database"):
         Store(tmp_path / "bad", HOIST, FEW)
 
 

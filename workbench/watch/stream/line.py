@@ -65,7 +65,7 @@ class Line:
         self._cutter, self._logs, self._clock = Cutter(rules), Logs(folder), clock
         self._stop, self._begun = threading.Event(), threading.Event()
         self._failed: InputError | None = None
-        self._connected = False
+        self._connected = self._full = False
         self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), name="stream", daemon=True)
 
     def start(self) -> None:
@@ -185,13 +185,19 @@ class Line:
             else:
                 self.notes.put(Note(f"{self.address}: {bad.reason}, at {when}"))
         while cutter.cycles:
-            cut = cutter.cycles.popleft()
+            cut = cutter.cycles[0]
             try:
                 self._log(cut)
             except InputError as error:
                 self.notes.put(Note(str(error), f"the cycle at {_when(cut.begin_s)}", f"stream {cut.begin_s!r}"))
-            except OSError as error:
-                self.notes.put(Note(f"{self._logs.folder}: a cycle could not be written: {error.strerror or error}"))
+            except OSError as error:  # it waits for room
+                if not self._full:
+                    reason = f"a cycle cannot be written: {error.strerror or error}; it is tried again"
+                    self.notes.put(Note(f"{self._logs.folder}: {reason}"))
+                self._full = True
+                return
+            cutter.cycles.popleft()
+            self._full = False
 
     def _log(self, cut: Cut) -> None:
         nodes = self._nodes
