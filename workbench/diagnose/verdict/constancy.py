@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-
 from workbench.diagnose.hypotheses.contributions import parts_of
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.merit import PLAY
@@ -26,7 +25,10 @@ from workbench.effects import Effect
 
 CHANCE = 0.05  # of what the fit leaves: so much of a remainder looks like a change of the cause's amount
 EVERYWHERE = ("all", "time")  # regimes of the variables over which every amount is constant
-OWN = {"low_speed": ("speed",), "all": ("load", "position")}  # regime of an effect -> of its variables, where it differs
+OWN = {
+    "low_speed": ("speed",),
+    "all": ("load", "position"),
+}  # regime of an effect -> of its variables, where it differs
 SENSED = ("load",)  # of a sensor that errs everywhere: it knows no place
 
 

@@ -57,7 +57,9 @@ OWN_BLOW = 0.002  # of that, what comes in a few moments at speed; the EMPS axis
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
 UNHEARD = 10.0  # as evidence: blows that come again, and a hypothesis without play
-VARIES = 0.06  # of an effect's energy, held out: a true cause has shown 0.02, 0.08 where it is a lag; mimics from 0.09 on
+VARIES = (
+    0.06  # of an effect's energy, held out: a true cause has shown 0.02, 0.08 where it is a lag; mimics from 0.09 on
+)
 AS_GOOD = 12.0  # merit within which another hypothesis is as good as the best
 NEARLY = 0.1  # the same, of the best one's merit
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
@@ -235,7 +237,9 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     )
 
 
-def established(problem: Problem, weighed: Sequence[Weighed], near: Fitted) -> tuple[Weighed | None, Mapping[Names, Constancy]]:
+def established(
+    problem: Problem, weighed: Sequence[Weighed], near: Fitted
+) -> tuple[Weighed | None, Mapping[Names, Constancy]]:
     """The best hypothesis all of whose effects have one amount wherever they act (`constancies`), None if there is
     none; and the hypotheses above the threshold that are not established, each with what speaks against it.
 
