@@ -14,7 +14,7 @@ from workbench.diagnose.isolation.isolability import isolability
 from workbench.diagnose.isolation.next_run import next_run
 from workbench.diagnose.location.gap import gap_of
 from workbench.diagnose.location.where import where_of
-from workbench.diagnose.machines import corrected_machine, of_first_run, refitted_machine
+from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Tell
 from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.condition import condition
@@ -95,7 +95,6 @@ def diagnose(
     unknown = explain(problem, search.within_tolerances) if judged.word == "unknown" else None
     if fit is not None:
         corrected = corrected_machine(problem, keys, fit)
-        warnings = (*warnings, *of_first_run(problem, fit))
     elif unknown is not None:
         corrected = explained_machine(problem, unknown)
     else:

@@ -42,13 +42,15 @@ class Active:
     effects: Effects = NO_EFFECTS
     values: Mapping[str, float] = field(default_factory=dict)
     sensors: tuple[Effect, ...] = ()
+    of_runs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # run -> symbol -> its own value
 
     def __bool__(self) -> bool:
         return self.effects is not NO_EFFECTS or bool(self.sensors)
 
-    def values_of(self, start_time_s: float) -> dict[str, float]:
+    def values_of(self, start_time_s: float, run: str = "") -> dict[str, float]:
         """The numbers of one run, which began at that time of its campaign, at its time 0."""
-        return {**self.values, RUN_SYMBOLS[0]: start_time_s} if self.effects is not NO_EFFECTS else dict(self.values)
+        values = {**self.values, **self.of_runs.get(run, {})}
+        return {**values, RUN_SYMBOLS[0]: start_time_s} if self.effects is not NO_EFFECTS else values
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,17 @@ class Alone:
     sensors_left_out: tuple[str, ...]
 
 
+def at_work(machine: Hoist | Axis) -> Mapping[str, Mapping[str, float]]:
+    """Effect -> its parameters, of everything that machine.yaml puts to work: effects, allowances, the lateness of the
+    log (a delay of the speed sensor beside the machine's own)."""
+    late = machine.log.speed_late_s
+    wanted = {**machine.allowances, **machine.effects}
+    if late > 0.0:
+        known = wanted.get("speed_delay", {})
+        wanted["speed_delay"] = {**known, "delay_s": known.get("delay_s", 0.0) + late}
+    return wanted
+
+
 def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "effects") -> Active:
     """The machine's own effects, `chosen` ones (a scenario's, a candidate's) in place of or beside them.
 
@@ -79,7 +92,7 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     value, and for an effect whose size is not said.
     """
     kind = plant_of(machine).kind
-    wanted = {**machine.effects, **(chosen or {})}
+    wanted = {**at_work(machine), **(chosen or {})}
     if not wanted:
         return _corrected(Active(kind), machine)
     sizes = sizes_of(machine)
@@ -91,18 +104,34 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     sensors = tuple(
         effect for effect in effects_for(kind).values() if effect in chosen_effects.values() and effect.on_sensor
     )
+    of_runs = {
+        run: {s: x for name, own in wanted_own.items() for s, x in _own(chosen_effects, name, own, sizes, place).items()}
+        for run, wanted_own in machine.log.of_runs.items()
+    }
     if not in_plant:
-        return _corrected(Active(kind, values=MappingProxyType(values), sensors=sensors), machine)
+        return _corrected(Active(kind, values=MappingProxyType(values), sensors=sensors, of_runs=of_runs), machine)
     own = {effect.id for effect in library_effects()}
     held = _in_plants(kind) if all(effect.id in own for effect in in_plant) else _with_users(kind)
     everything = {symbol: value for effect in held for symbol, value in vanished(effect, sizes).items()}
-    return _corrected(Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors), machine)
+    active = Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors, of_runs)
+    return _corrected(active, machine)
+
+
+def _own(
+    chosen: Mapping[str, Effect], name: str, own: Mapping[str, float], sizes: Sizes, place: str
+) -> dict[str, float]:
+    """symbol -> a run's own values of an effect. InputError for one that the machine does not have."""
+    if name not in chosen:
+        raise InputError(f"{name} is no effect of this machine; {nearest(name, chosen)}", place="log.of_runs")
+    given = {r.name: r.symbol for r in chosen[name].ranges(sizes)}
+    numbers = _numbers(chosen[name], own, sizes, place)
+    return {given[parameter]: numbers[given[parameter]] for parameter in own}
 
 
 def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
     """As `of`, but without the rest of the library at its vanishing values: for a model that stays as it is."""
     kind, whole = plant_of(machine).kind, of(machine, chosen)
-    wanted = tuple(find(name, kind) for name in {**machine.effects, **(chosen or {})})
+    wanted = tuple(find(name, kind) for name in {**at_work(machine), **(chosen or {})})
     in_plant = tuple(effect for effect in wanted if not effect.on_sensor)
     numbers = {name: whole.values[name] for effect in in_plant for name in vanished(effect, sizes_of(machine))}
     pieces = compiled(kind, in_plant) if in_plant else NO_EFFECTS

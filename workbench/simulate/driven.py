@@ -77,7 +77,8 @@ class Bench:
         self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
         self.model = plant_model(machine, active)
         self.base = [
-            self.model.values(machine, run.payload_kg, run.start_time_s - float(run.time_s[0])) for run in self.runs
+            self.model.values(machine, run.payload_kg, run.start_time_s - float(run.time_s[0]), run.name)
+            for run in self.runs
         ]
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
         # The motion behind the log: what a late speed sensor shows is brought forward first.
