@@ -105,7 +105,9 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
         effect for effect in effects_for(kind).values() if effect in chosen_effects.values() and effect.on_sensor
     )
     of_runs = {
-        run: {s: x for name, own in wanted_own.items() for s, x in _own(chosen_effects, name, own, sizes, place).items()}
+        run: {
+            s: x for name, own in wanted_own.items() for s, x in _own(chosen_effects, name, own, sizes, place).items()
+        }
         for run, wanted_own in machine.log.of_runs.items()
     }
     if not in_plant:

@@ -51,6 +51,15 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         },
         "shrink": {name: value for name, value in vars(d.shrink).items() if name not in ("by_run", "sentences")},
     }
+    fixed["delivered"] = plain(
+        {
+            "residual_rms": d.delivered.residual_rms,
+            "speed_rmse_percent": d.delivered.speed_rmse_percent,
+            "band_hz": g.band_hz,
+            "runs": [vars(run) for run in d.delivered.runs],
+        },
+        DIGITS,
+    )
     steps = {"steps": [plain(vars(step), DIGITS) for step in v.steps]}
     return fixed | plain({key: fixed[key] for key in ("gap", "shrink")}, DIGITS) | steps | details(d)
 
