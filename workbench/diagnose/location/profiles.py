@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.records import Profile
@@ -15,7 +14,7 @@ from workbench.run import Array
 
 SMOOTH = 1e-2  # of the data's weight: bends between bins cost so much; what lies between is bridged
 BLOCKS = 8  # of a run's time, where runs cannot be held out against each other
-RIDGE = 1e-12  # of a parameter's own columns
+RIDGE = 1e-9  # of the largest: directions of the parameters that nothing shows
 NEVER_SEEN = 1e-12  # of the columns' energy: a bin that nothing lies in
 DRAWS = 400  # of the bootstrap
 LEAST_RUNS = 3  # to hold out one
@@ -150,9 +149,11 @@ class OnTop:
 
     def __init__(self, problem: Problem, left: Array, free: Free) -> None:
         """left: (inputs,) the fit's residual; free: its parameters."""
-        self.left, self._columns = left, free.columns
-        gram = free.columns.T @ free.columns
-        self._root = cho_factor(gram + np.diag(free.hold**2 + RIDGE * np.diag(gram)))
+        self.left, self._inputs = left, len(left)
+        rows = np.vstack([free.columns, np.diag(free.hold)])
+        sizes = np.linalg.norm(rows, axis=0)
+        u, s, _ = np.linalg.svd(rows / np.where(sizes > 0.0, sizes, 1.0), full_matrices=False)
+        self._base = u[:, s > RIDGE * max(s[0], 1e-300)] if len(s) else u
         self._folds = run_of(problem) if len(problem.runs) >= LEAST_RUNS else blocks(problem)
         self._nothing = Free(np.zeros((len(left), 0)), np.zeros(0), np.zeros(0), np.zeros(0))
 
@@ -161,7 +162,8 @@ class OnTop:
         sizes = np.sum(columns**2, axis=0)
         seen = sizes > NEVER_SEEN * np.sum(sizes)
         shown = columns[:, seen]
-        shown = shown - self._columns @ cho_solve(self._root, self._columns.T @ shown)
+        base = self._base[: self._inputs]
+        shown = shown - base @ (base.T @ shown)
         return self.left - held_out(self.left, shown, bend[np.ix_(seen, seen)], self._nothing, self._folds)
 
 

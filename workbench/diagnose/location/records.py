@@ -30,9 +30,9 @@ class Gap:
 
 @dataclass(frozen=True)
 class RunResidual:
-    """One run under the delivered machine, as `replay` prints it: rms while moving, N m (N). before: refitted within the
-    tolerances; after: as delivered. share: of the gap's energy that this run holds; differs: whether it alone holds
-    most of what stays."""
+    """One run under the delivered machine, as `replay` prints it: rms while moving, N m (N). before: refitted within
+    the tolerances; after: as delivered. share: of the gap's energy that this run holds; differs: whether it alone
+    holds most of what stays."""
 
     name: str
     share: float
@@ -44,8 +44,8 @@ class RunResidual:
 
 @dataclass(frozen=True)
 class Delivered:
-    """What `replay` gives with the delivered machine.yaml, in the band of the gap: rms of the residual while moving, N m
-    (N); speed error in open loop, per cent; and each run."""
+    """What `replay` gives with the delivered machine.yaml, in the band of the gap: rms of the residual while moving,
+    N m (N); speed error in open loop, per cent; and each run."""
 
     residual_rms: float
     speed_rmse_percent: float

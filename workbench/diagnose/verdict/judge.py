@@ -23,6 +23,7 @@ from workbench.diagnose.hypotheses.merit import (
     beyond_discrepancy,
     discrepancy_rms,
     inexact,
+    lag_explains,
     of_blows,
     only_mends,
 )
@@ -129,7 +130,7 @@ def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
         if len(names) != 1:
             continue
         gain = none.value - scores[names].value
-        merit = beyond_discrepancy(problem, search.base, fit, gain) - cost(problem, len(fit.z) - len(search.base.z))
+        merit = beyond_discrepancy(problem, search.base, fit, gain, scores[names].sizes) - cost(problem, len(fit.z) - len(search.base.z))
         merit = of_blows(problem, names, beyond_trace(problem, fit, names[0], merit))
         singles[names] = weighed(names, scores[names], merit)
     all_weighed = {names: _not_freer(search, w, singles, kind) for names, w in singles.items()}
@@ -148,7 +149,7 @@ def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
 def _added(search: SearchResult, first: Weighed, names: Names, score: Score) -> float:
     """The merit that one more effect adds to a hypothesis."""
     problem, fit = search.problem, search.fits[names]
-    gain = beyond_discrepancy(problem, first.fit, fit, first.score.value - score.value)
+    gain = beyond_discrepancy(problem, first.fit, fit, first.score.value - score.value, score.sizes)
     prior = first.fit.prior - fit.prior
     (last,) = set(names) - set(first.names)
     least = inexact(problem, search.within_tolerances, first.fit, first.score)
@@ -200,6 +201,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     A cause is named where it is established, whatever else is left. barred: hypotheses that are not to be named,
     whatever their merit.
     """
+    if search.problem.struck and lag_explains(search.problem, search.within_tolerances, search.fits):
+        search = replace(search, problem=search.problem.without_blows())
     weighed, score = weigh(search)
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(search.problem, weighed, search.within_tolerances)
@@ -211,7 +214,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     evidence = evidence_of(search, held, score, left, share)
     if stands:
         evidence["left"] = 0.0  # what an established cause leaves is a remainder
-    vetoes = [w for w in weighed if w.rival and (best is None or advantage(search, w, best) > DECISIVE)]
+    vetoes = [w for w in weighed if w.rival and (best is None or advantage(search, w, best, LAW) > DECISIVE)]
     counted = tuple(ranked_merits(weighed, vetoes, mimics))
     twins = groups_of(search.problem, [w for w in weighed if not w.rival and w.names not in mimics])
     rows = rank(counted, evidence, calibration(), twins, left.percent_of_input)
@@ -264,6 +267,8 @@ def established(
             worst = Constancy(w.names[-1], "residual", w.fit.rms(problem.inputs) / near.rms(problem.inputs) - 1.0)
         elif undone > UNDONE:
             worst = Constancy(w.names[-1], "the other effect", undone)
+        elif _on_bound(w.fit, len(near.z)):
+            worst = Constancy(w.names[-1], "a bound", 1.0)
         elif worst is None or worst.share <= VARIES:
             return w, mimics
         mimics[w.names] = worst
