@@ -151,7 +151,8 @@ def differing(delivered: Delivered) -> list[str]:
     total = sum(run.after**2 - run.noise**2 for run in delivered.runs)
     return [
         f"{len(delivered.runs) - 1} runs agree; {run.name} holds "
-        f"{100.0 * (run.after**2 - run.noise**2) / total:.0f} % of what stays: another machine, payload or setting? Look at it, or leave it out with --runs."
+        f"{100.0 * (run.after**2 - run.noise**2) / total:.0f} % of what stays: "
+        "another machine, payload or setting? Look at it, or leave it out with --runs."
         for run in delivered.runs
         if run.differs
     ]

@@ -2,8 +2,8 @@
 
     explained = 1 - (after² - noise²) / (before² - noise²),    remainder = (after² - noise²) / (before² - noise²)
 
-before and after are the rms of the held-out runs' residual without and with the answer, noise that of the sensors in the
-same band. Every real machine leaves something; it vetoes no name.
+before and after are the rms of the held-out runs' residual without and with the answer, noise that of the sensors in
+the same band. Every real machine leaves something; it vetoes no name.
 """
 
 from __future__ import annotations

@@ -62,6 +62,8 @@ VARIES = (
     0.06  # of an effect's energy, held out: a true cause has shown 0.02, 0.08 where it is a lag; mimics from 0.09 on
 )
 AS_GOOD = 12.0  # merit within which another hypothesis is as good as the best
+BENDS = 0.1  # of a remainder's chi^2: so much of it the base parameters take up
+HALF = 0.5  # of the best one's merit: what a part of it has to have
 NEARLY = 0.1  # the same, of the best one's merit
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
 
@@ -130,7 +132,9 @@ def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
         if len(names) != 1:
             continue
         gain = none.value - scores[names].value
-        merit = beyond_discrepancy(problem, search.base, fit, gain, scores[names].sizes) - cost(problem, len(fit.z) - len(search.base.z))
+        merit = beyond_discrepancy(problem, search.base, fit, gain, scores[names].sizes) - cost(
+            problem, len(fit.z) - len(search.base.z)
+        )
         merit = of_blows(problem, names, beyond_trace(problem, fit, names[0], merit))
         singles[names] = weighed(names, scores[names], merit)
     all_weighed = {names: _not_freer(search, w, singles, kind) for names, w in singles.items()}
@@ -243,45 +247,50 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 def established(
     problem: Problem, weighed: Sequence[Weighed], near: Fitted
 ) -> tuple[Weighed | None, Mapping[Names, Constancy]]:
-    """The best hypothesis all of whose effects have one amount wherever they act (`constancies`), None if there is
-    none; and the hypotheses above the threshold that are not established, each with what speaks against it.
+    """The best hypothesis all of whose effects hold as laws (`constancies`), None if there is none; and the hypotheses
+    above the threshold that are not established, each with what speaks against it.
 
-    near: the fit without effects, within the tolerances. An effect that leaves more than that fit, or two that undo
-    each other, are not established either.
-    Only what is about as good as the best hypothesis is looked at, and what the best one is made of: behind a mimic the
-    next best imitates the same cause.
+    near: the fit without effects, within the tolerances. A hypothesis that leaves more than that fit, whose two effects
+    undo each other, or that sits on a bound is not established either: the next about as good is looked at. Behind a
+    mimic only what it is made of is, for whatever else is about as good imitates the same cause.
     """
     mimics: dict[Names, Constancy] = {}
     listed = [w for w in weighed if not w.rival]
     able = [w for w in listed if w.merit > calibration()["threshold"]]
+    imitated = False
     for w in able:
-        as_good = w.merit > able[0].merit - max(AS_GOOD, NEARLY * able[0].merit)
-        if not as_good and not any(set(w.names) < set(names) for names in mimics):
+        part = any(set(w.names) < set(names) for names in mimics) and w.merit > HALF * able[0].merit
+        as_good = not imitated and w.merit > able[0].merit - max(AS_GOOD, NEARLY * able[0].merit)
+        if not (part or as_good):
             continue
-        kind = problem.active.kind
-        varying = constancies(problem, w.fit, [find(name, kind) for name in w.names])
-        worst = max(varying, key=lambda one: one.share, default=None)
-        undone = cancellation(problem, w.fit, len(near.z))
-        struck = problem.struck and PLAY in w.names  # what it leaves are the rebounds
-        if not struck and w.fit.rms(problem.inputs) > near.rms(problem.inputs):
-            worst = Constancy(w.names[-1], "residual", w.fit.rms(problem.inputs) / near.rms(problem.inputs) - 1.0)
-        elif undone > UNDONE:
-            worst = Constancy(w.names[-1], "the other effect", undone)
-        elif _on_bound(w.fit, len(near.z)):
-            worst = Constancy(w.names[-1], "a bound", 1.0)
-        elif worst is None or worst.share <= VARIES:
+        why = _against(problem, w, near)
+        if why is None:
+            effects = [find(name, problem.active.kind) for name in w.names]
+            why = next((one for one in constancies(problem, near, w.fit, effects) if one.broken), None)
+            imitated |= why is not None
+        if why is None:
             return w, mimics
-        mimics[w.names] = worst
+        mimics[w.names] = why
     if able:  # none holds: what was not looked at is no better
         return None, {w.names: mimics.get(w.names, next(iter(mimics.values()))) for w in able}
     return next(iter(listed), None), mimics
 
 
+def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
+    """What speaks against a fit, whatever its law."""
+    last, more = w.names[-1], w.fit.rms(problem.inputs) / max(near.rms(problem.inputs), 1e-300) - 1.0
+    if more > 0.0 and not (problem.struck and PLAY in w.names):  # what a play leaves are the rebounds
+        return Constancy(last, "residual", more)
+    if (undone := cancellation(problem, w.fit, len(near.z))) > UNDONE:
+        return Constancy(last, "the other effect", undone)
+    return Constancy(last, "a bound", 1.0) if _on_bound(w.fit, len(near.z)) else None
+
+
 def ranked_merits(
     weighed: Sequence[Weighed], vetoes: Sequence[Weighed], mimics: Collection[Names] = ()
 ) -> list[tuple[Names, float]]:
-    """The merits to be ranked. An unlisted effect that is about as good as the best listed one is left out; a hypothesis
-    that is not established has none."""
+    """The merits to be ranked. An unlisted effect that is about as good as the best listed one is left out; a
+    hypothesis that is not established has none."""
     return [
         (() if w.rival else w.names, min(w.merit, 0.0) if w.names in mimics else w.merit)
         for w in weighed
@@ -318,7 +327,11 @@ def evidence_of(search: SearchResult, held: Fitted, score: Score, left: Left, sh
     if search.problem.struck:  # what stays beside a blow are its rebounds, which no law foretells
         return {"left": 0.0 if PLAY in held.effects else UNHEARD, "prior": 0.0, "bound": 0.0, "against": 0.0}
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
-    bent = SECOND**2 * explained(search.problem, search.base, held, score) if held.effects else 0.0
+    bent = 0.0
+    if held.effects:  # an inexact law bends the base parameters, and so does a remainder
+        noise = search.problem.noise / max(held.rms(search.problem.inputs), 1e-300)
+        bent = SECOND**2 * explained(search.problem, search.base, held, score)
+        bent += BENDS * max(1.0 - noise**2, 0.0) * held.chi2
     return {
         "left": open_share * unexplained(search.problem, held, left, score.excess),
         "prior": max(tolerance_excess(search.problem, held, bent) - BY_CHANCE[bool(held.effects)], 0.0),
