@@ -14,8 +14,7 @@ from tests.support.scenario_text import GOOD, write
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
 from workbench.effects import forget_users, load_effects, names
-from workbench.effects.registry import files_behind
-from workbench.effects.user_file import UserFile
+from workbench.effects.registry import UserFile, files_behind
 from workbench.machine import default_hoist, load_machine, save_machine
 from workbench.study.execute.store import Chunk
 from workbench.study.results.index import read_rows

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT
 from tests.support.effect_machines import MACHINES, linear_axis
 from workbench.effects import (
     Effect,
@@ -27,7 +26,6 @@ from workbench.effects import (
     sizes_of,
 )
 from workbench.effects.declare import KINDS, problems
-from workbench.effects.page import page
 from workbench.errors import InputError
 from workbench.machine import default_hoist, load_machine, save_machine, with_values
 from workbench.plants import NO_EFFECTS, PLACES, plant_of
@@ -226,6 +224,13 @@ def test_a_user_s_effect_is_one_file_and_no_other_edit(tmp_path: Path):
         (OWN.replace("0.01, 0.02", "0.01, 2.0"), "starts at 2, outside 0 to 1"),
         (OWN.replace(", vanishes_at=0.0", ""), "no parameter has a value at which it vanishes"),
         (OWN.replace('"force", 0.0', '"weight", 0.0'), "no size 'weight'"),
+        (
+            OWN.replace('"force", 0.0', '"force/speed/speed/speed", 0.0'),
+            "effect downward_pull: force_n: size 'force/speed/speed/speed' divides 3 times; expected one quotient, "
+            "force/speed*speed*speed",
+        ),
+        (OWN.replace('"force", 0.0', '"force/", 0.0'), "no size ''"),
+        (OWN.replace('place={"hoist"', 'place={"hoits"'), "no kind 'hoits'; did you mean 'hoist'?"),
     ],
 )
 def test_a_file_that_is_no_good_is_refused_by_name(tmp_path: Path, text: str, said: str):
@@ -272,8 +277,3 @@ def test_every_place_of_the_plants_is_one_that_some_effect_uses():
 
 def test_every_kind_of_plant_has_its_effects():
     assert {plant_of(machine).kind for machine in MACHINES.values()} == set(KINDS)
-
-
-def test_the_page_in_the_docs_is_up_to_date():
-    said = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
-    assert said == page(), "make it anew: python -m workbench.effects.page > docs/effects.md"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 
 from workbench.effects.loading import know
-from workbench.effects.user_file import UserFile
+from workbench.effects.registry import UserFile
 from workbench.errors import InputError
 from workbench.study.execute.batch import run_chunk
 from workbench.study.execute.store import Chunk

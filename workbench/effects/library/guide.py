@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from workbench.effects.declare import Parameter, effect
-from workbench.effects.parameter import INEXACT
+from workbench.effects.declare import INEXACT, Parameter, effect
 from workbench.trace.expr import Scalar, absolute, exp, where
 
 GUIDE = {"hoist": "guide_force_n", "axis": "axis_force"}
