@@ -14,7 +14,7 @@ from tests.support.effect_machines import MACHINES, linear_axis
 from workbench.control import PiSettings
 from workbench.effects import effects_for, logged, of
 from workbench.engine import kernels
-from workbench.engine.text import parameter_symbols, state_symbols
+from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.kinds import kind_of
 from workbench.machine import Hoist, default_hoist
 from workbench.plants import HOIST, PLANTS

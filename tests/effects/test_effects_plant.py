@@ -15,8 +15,8 @@ from workbench.effects import Active, all_off, effects_for, find, library_effect
 from workbench.effects.declare import KINDS, Effect
 from workbench.engine import kernels
 from workbench.engine.preamble import PREAMBLE
+from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.engine.statics import hang_still
-from workbench.engine.text import parameter_symbols, state_symbols
 from workbench.machine import with_values
 from workbench.plants import HOIST, NO_EFFECTS, PLANTS, Effects
 from workbench.run import Array

@@ -15,8 +15,8 @@ import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
-from workbench.engine import cache, native
-from workbench.engine.cache import cache_folder, load_functions
+from workbench.engine import native
+from workbench.engine.native import cache_folder, load_functions
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -67,7 +67,7 @@ def unedited(results: Results) -> Results:
 
 EDITS = {
     "an equation of the hoist": ("kinds/hoist.py", "a_s = (s.r * (s.W2", "a_s = (0.9 * s.r * (s.W2", "hoist"),
-    "an equation of the axis": ("kinds/axis.py", "p.G * sin(x)", "1.001 * p.G * sin(x)", "axis"),
+    "an equation of the axis": ("kinds/axis.py", "load = p.G * sin(x)", "load = 1.001 * p.G * sin(x)", "axis"),
     "the preamble": (
         "engine/preamble.py",
         "return sign_of_turn(m) * sine_of_rest(m, x)",
@@ -133,9 +133,9 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("WORKBENCH_CACHE", str(tmp_path / "file" / "kernels"))
-    cache._fallback_folder.cache_clear()
+    native._fallback_folder.cache_clear()
     yield tmp_path
-    cache._fallback_folder.cache_clear()
+    native._fallback_folder.cache_clear()
 
 
 def test_a_temporary_folder_of_somebody_else_is_not_used(temporary, monkeypatch):
@@ -184,15 +184,15 @@ def test_a_folder_that_others_can_write_to_is_made_its_owner_s_alone(temporary, 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
 def test_a_pipe_a_link_and_a_file_of_somebody_else_are_no_kernels(tmp_path, monkeypatch):
     path, pipe, link = (tmp_path / name for name in ("kernel", "pipe", "link"))
-    cache._write(path, {"run": b"code"})
-    assert cache._read(path) == {"run": b"code"}
+    native._write(path, {"run": b"code"})
+    assert native._read(path) == {"run": b"code"}
     os.mkfifo(pipe)
     link.symlink_to(path)
-    assert cache._read(pipe) is None
-    assert cache._read(link) is None
+    assert native._read(pipe) is None
+    assert native._read(link) is None
     somebody_else = os.getuid() + 1
     monkeypatch.setattr(os, "getuid", lambda: somebody_else)
-    assert cache._read(path) is None
+    assert native._read(path) is None
 
 
 def test_a_temporary_folder_that_is_a_file_is_not_used(temporary):
@@ -225,8 +225,8 @@ def forgetful(kernel_cache: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def forget(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache, "_loaded", {})
-    monkeypatch.setattr(cache, "_native", None)
+    monkeypatch.setattr(native, "_loaded", {})
+    monkeypatch.setattr(native, "_native", None)
 
 
 @pytest.mark.parametrize(
@@ -254,7 +254,7 @@ def test_a_spoilt_kernel_file_is_made_anew(forgetful, monkeypatch, spoil):
 def test_a_kernel_of_the_disk_is_not_compiled_again(forgetful, monkeypatch):
     doubled()
     forget(monkeypatch)
-    monkeypatch.setattr(cache, "_module", lambda *_, **__: pytest.fail("compiled although it is there"))
+    monkeypatch.setattr(native, "_module", lambda *_, **__: pytest.fail("compiled although it is there"))
     assert doubled() == [2.0, 4.0]
 
 
@@ -270,8 +270,8 @@ def test_a_kernel_is_compiled_though_a_full_disk_cannot_keep_it(forgetful, monke
 def test_another_processor_has_kernels_of_its_own(forgetful, monkeypatch):
     doubled()
     forget(monkeypatch)
-    here = dict(cache.host())
-    monkeypatch.setattr(cache, "host", lambda: {**here, "features": "-avx2"})
+    here = dict(native.host())
+    monkeypatch.setattr(native, "host", lambda: {**here, "features": "-avx2"})
     doubled()
     assert len(list(forgetful.glob("*.kernel"))) == 2
 
@@ -325,7 +325,7 @@ BREAKS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
         native, "_check_convention", lambda *_: (_ for _ in ()).throw(native.NotNativeError("another order"))
     ),
     "the probe computes something else": lambda patch: patch.setattr(
-        cache, "load_function", lambda code, letters: lambda *_: 0
+        native, "load_function", lambda code, letters: lambda *_: 0
     ),
 }
 

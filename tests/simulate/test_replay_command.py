@@ -23,7 +23,7 @@ from workbench.machine import default_hoist, save_machine, with_values
 from workbench.reports.numbers import change_percent, figures, with_error
 from workbench.reports.replay import page as replay_page
 from workbench.reports.replay.report import sentences, to_json
-from workbench.simulate.band import check_band
+from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import replay_runs
 from workbench.whole_folder import whole_folder, write_json
 

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from workbench.simulate.lowpass import inside, lowpass, noise_rms
-from workbench.simulate.lowpass_at import LowpassAt
+from workbench.simulate.lowpass import LowpassAt, inside, lowpass, noise_rms
 from workbench.simulate.motion import moving
 
 TIME = np.arange(0.0, 40.0, 0.01)

@@ -29,7 +29,7 @@ from types import MappingProxyType
 from typing import Any
 
 from workbench.dashboard.warm import started
-from workbench.engine.cache import cache_folder, own_bytes
+from workbench.engine.native import cache_folder, own_bytes
 from workbench.machine import Axis, Hoist
 from workbench.machine.files import machine_text
 from workbench.metrics import columns

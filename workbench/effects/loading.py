@@ -19,7 +19,7 @@ import numpy as np
 from workbench.effects.active import RUN_SYMBOLS, compiled
 from workbench.effects.declare import Effect, declared_in
 from workbench.effects.registry import UserFile, read_user_file, replace_file
-from workbench.engine.text import parameter_symbols, state_symbols
+from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.errors import InputError
 from workbench.plants import PLANTS, Effects
 from workbench.run import Array

@@ -10,8 +10,8 @@ import numpy as np
 
 from workbench.control import lag_step
 from workbench.effects import Active, Effect, alone, find, joined, sizes_of
-from workbench.engine.live import LiveStep
 from workbench.engine.source import LAG
+from workbench.engine.stepped import LiveStep
 from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
