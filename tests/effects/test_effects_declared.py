@@ -28,7 +28,7 @@ from workbench.effects import (
 from workbench.effects.declare import KINDS, problems
 from workbench.errors import InputError
 from workbench.machine import default_hoist, load_machine, save_machine, with_values
-from workbench.plants import NO_EFFECTS, PLACES, plant_of
+from workbench.plants import PLACES
 from workbench.run import Run
 
 # The names that others rely on; see docs/formats.md.
@@ -123,11 +123,6 @@ def test_parameters_have_the_units_of_the_machine():
     assert effect.parameters[0].named("axis-rotary") == "viscous_forward_nm_s_per_rad"
 
 
-def test_nothing_chosen_is_the_plain_plant():
-    assert of(default_hoist()).effects is NO_EFFECTS
-    assert not of(default_hoist())
-
-
 def test_singles_and_pairs_share_one_kernel():
     machine = default_hoist()
     one = of(machine, {"friction_viscous": {"viscous_n_s_per_m": 2000.0}})
@@ -142,13 +137,6 @@ def test_what_is_not_said_starts_as_declared_and_what_is_not_chosen_vanishes():
     assert active.values["drum_eccentricity__phase_rad"] == 0.0
     assert active.values["payload_mass_error__payload_scale"] == 1.0
     assert active.values["friction_stribeck__stribeck_speed_m_s"] > 0.0
-
-
-def test_a_scenario_s_effect_stands_in_place_of_the_machine_s():
-    machine = default_hoist().model_copy(update={"effects": {"wire_mass": {"mass_kg_per_m": 3.0}}})
-    active = of(machine, {"wire_mass": {"mass_kg_per_m": 5.0}})
-    assert active.values["wire_mass__mass_kg_per_m"] == 5.0
-    assert of(machine).values["wire_mass__mass_kg_per_m"] == 3.0
 
 
 @pytest.mark.parametrize(
@@ -273,7 +261,3 @@ def test_an_entry_point_s_effects_are_known(monkeypatch: pytest.MonkeyPatch):
 def test_every_place_of_the_plants_is_one_that_some_effect_uses():
     used = {effect.place_on(kind) for kind in KINDS for effect in effects_for(kind).values()}
     assert set(PLACES) <= used
-
-
-def test_every_kind_of_plant_has_its_effects():
-    assert {plant_of(machine).kind for machine in MACHINES.values()} == set(KINDS)

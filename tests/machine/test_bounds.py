@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, get_args
 
 import pytest
@@ -16,8 +15,6 @@ from workbench.machine.files import RECORDS, machine_from, machine_text
 from workbench.record import LARGEST
 from workbench.study.scenario.record import Scenario
 from workbench.yaml_strict import loads
-
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def boundless(record: type[BaseModel], prefix: str = "") -> Iterator[str]:
