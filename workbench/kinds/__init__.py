@@ -76,36 +76,3 @@ def looped(machine: AnyMachine) -> AnyMachine | None:
 def of_kind(machine: Any) -> str:
     """a machine of kind 'axis', for messages."""
     return f"a machine of kind '{machine.kind}'"
-
-
-__all__ = [
-    "HOIST",
-    "KINDS",
-    "LINEAR",
-    "LOOPED",
-    "ROTARY",
-    "STANDSTILL_LOG_STD",
-    "STUDIED",
-    "TIME",
-    "TWO_INERTIA",
-    "BaseValue",
-    "ClosedLoop",
-    "CrossCheck",
-    "DeadLine",
-    "Discrepancy",
-    "Kind",
-    "Limits",
-    "Load",
-    "Port",
-    "RigidBody",
-    "SignalSet",
-    "Sizes",
-    "Table",
-    "TopSpeed",
-    "Trace",
-    "kind_of",
-    "load_of",
-    "looped",
-    "of_kind",
-    "studied",
-]

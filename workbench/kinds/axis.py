@@ -168,11 +168,11 @@ class AxisDrive(Record):
 
     @property
     def nominal(self) -> float | None:
-        return getattr(self, self.KEYS[1])  # type: ignore[no-any-return]
+        return getattr(self, self.KEYS[1])
 
     @property
     def top_speed(self) -> float | None:
-        return getattr(self, self.KEYS[2])  # type: ignore[no-any-return]
+        return getattr(self, self.KEYS[2])
 
 
 class LinearDrive(AxisDrive):

@@ -23,9 +23,8 @@ from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.plants import Plant, plant_of
 from workbench.run import Array, Run
-from workbench.simulate.band import default_band
 from workbench.simulate.blows import bridged
-from workbench.simulate.lowpass import inside, lowpass, noise_rms
+from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving
 from workbench.simulate.plant_model import PlantModel, plant_model
 

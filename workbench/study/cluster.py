@@ -21,8 +21,7 @@ from itertools import count, islice
 from typing import Any
 
 from workbench.effects.loading import know
-from workbench.effects.registry import files_behind
-from workbench.effects.user_file import UserFile
+from workbench.effects.registry import UserFile, files_behind
 from workbench.errors import InputError, one_line
 from workbench.study.batch import Spread, run_chunk
 from workbench.study.load import Study

@@ -18,8 +18,7 @@ from workbench.kinds import kind_of
 from workbench.run import Array, Run
 from workbench.simulate.blows import beside, blows_of
 from workbench.simulate.driven import Bench
-from workbench.simulate.lowpass import lowpass, noise_rms
-from workbench.simulate.lowpass_at import LowpassAt
+from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the discrepancy, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
