@@ -24,8 +24,7 @@ from workbench.references import (
     planned_kinds,
     ramp_shape,
 )
-from workbench.references.optimal import GIVEN_AWAY, least_peak_move
-from workbench.references.response import forces_n, least_peak_limits, peak_force_n
+from workbench.references.response import least_peak_limits, peak_force_n
 from workbench.references.shaper import EI, ZV, ZVD, impulses
 from workbench.study.execute.run import run_study
 from workbench.study.scenario.load import plan_study
@@ -93,44 +92,6 @@ def test_a_shaped_ramp_ends_at_the_speed():
 
 def test_a_load_that_hardly_swings_is_not_shaped():
     assert impulses(ZVD, replace(STEADY, damping_time_s=0.2)) == ((0.0, 1.0),)
-
-
-@pytest.mark.parametrize("load", [STEADY, RINGING], ids=["damped", "ringing"])
-@pytest.mark.parametrize("distance", [6.0, -6.0, 0.8])
-def test_no_reference_of_the_same_time_has_a_lower_peak_than_the_optimum(load: Load, distance: float):
-    names = ("trapezoid", "ruckig_equal_time", "ruckig_least_peak", "optimal")
-    shapes = {name: move_shape(planned_kind(name), distance, LIMITS, load) for name in names}
-    times = {name: shape.duration_s for name, shape in shapes.items()}
-    peaks = {name: peak_force_n(shape, load) for name, shape in shapes.items()}
-    assert max(times.values()) - min(times.values()) < 2e-6
-    assert peaks["optimal"] <= 1.002 * min(peaks.values())
-    assert peaks["ruckig_least_peak"] <= peaks["ruckig_equal_time"] * (1.0 + 1e-6)
-
-
-def test_the_optimum_of_a_rigid_load_is_one_slow_ramp_up_and_the_hardest_stop():
-    """Hoisting, only speeding up adds to the peak: all spare time goes there, so a = speed²/(2 (speed T - d))."""
-    rigid = Load(70000.0, 17000.0, math.inf, 0.0, 166770.0, 6000.0, 4500.0, 1e9)
-    time = 10.0 / 0.7 + 0.7 / 0.6
-    shape = least_peak_move(10.0, 0.7, time, rigid)
-    peak = peak_force_n(shape, rigid) - rigid.steady_force_n(1.0)
-    least = 0.7**2 / (2.0 * (0.7 * time - 10.0)) * 87000.0
-    given_away = GIVEN_AWAY * peak_force_n(shape, rigid)
-    assert least < peak < 1.2 * least + given_away  # corners of the ramp and the stop itself take the rest
-
-
-def test_the_optimum_keeps_to_speed_torque_and_a_taut_wire():
-    limit = replace(RINGING, force_limit_n=1.2 * RINGING.hold_n)
-    shape = move_shape(planned_kind("optimal"), -5.0, LIMITS, limit)
-    _, speed, _ = shape.at(np.linspace(0.0, shape.duration_s, 5000))
-    assert np.abs(speed).max() <= 0.7 * (1.0 + 1e-3)
-    assert np.abs(forces_n(shape, limit)[1]).max() <= 1.21 * limit.hold_n
-    assert left_to_swing(shape, limit) < 2e-3
-
-
-def test_a_time_that_the_torque_does_not_allow_is_an_error():
-    weak = replace(STEADY, force_limit_n=0.9 * STEADY.hold_n)
-    with pytest.raises(InputError, match="keeps to torque"):
-        move_shape(planned_kind("optimal"), 5.0, LIMITS, weak)
 
 
 def test_a_reference_that_knows_its_machine_is_refused_without_one():
