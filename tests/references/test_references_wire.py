@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -24,8 +25,10 @@ from workbench.references import (
     planned_kinds,
     ramp_shape,
 )
+from workbench.references.limits import raised
 from workbench.references.response import least_peak_limits, peak_force_n
 from workbench.references.shaper import EI, ZV, ZVD, impulses
+from workbench.references.time_optimal import shortest_move
 from workbench.study.execute.run import run_study
 from workbench.study.scenario.load import plan_study
 from workbench.study.scenario.record import Scenario
@@ -121,6 +124,47 @@ def test_a_jog_reaches_its_speed_and_comes_to_rest(name: str):
     assert speed == pytest.approx([0.5, 0.0], abs=1e-9)
 
 
+def test_equal_time_takes_the_speed_that_the_motors_leave_first():
+    """Long moves: d/v + v/a + a/j = T is a quadratic in v; acceleration and jerk stay."""
+    time, a, j, d = 12.0 / 0.7 + 0.7 / 0.6, 0.6, 0.8, 12.0
+    half = 0.5 * a * (time - a / j)
+    wanted = half - math.sqrt(half * half - a * d)
+    used = move_shape(planned_kind("ruckig_equal_time"), d, LIMITS, STEADY).limits
+    assert used.speed_m_s == pytest.approx(wanted) and 0.73 < wanted < STEADY.top_speed_m_s
+    assert (used.acceleration_m_s2, used.jerk_m_s3) == (a, j)
+    assert raised(LIMITS, used) == "speed from 0.7 to 0.735 m/s"
+
+
+def test_equal_time_goes_to_acceleration_and_jerk_only_for_what_the_motors_cannot_do():
+    used = {
+        top: move_shape(planned_kind("ruckig_equal_time"), 12.0, LIMITS, replace(STEADY, top_speed_m_s=top)).limits
+        for top in (0.0, 0.71, 0.73)
+    }
+    assert [limits.speed_m_s for limits in used.values()] == [0.7, 0.71, 0.73]
+    factors = [limits.acceleration_m_s2 / 0.6 for limits in used.values()]
+    assert factors == sorted(factors, reverse=True) and all(f > 1.0 for f in factors)
+    assert "acceleration" in raised(LIMITS, used[0.73]) and "jerk" in raised(LIMITS, used[0.73])
+
+
+@pytest.mark.parametrize("load", [STEADY, RINGING], ids=["damped", "ringing"])
+@pytest.mark.parametrize("distance", [12.0, -3.0, 0.5])
+def test_no_other_way_of_equal_time_within_the_top_speed_has_a_lower_peak_by_two_per_cent(load: Load, distance: float):
+    """Brute force over speeds, each with the acceleration and jerk times s, s² that give the time."""
+    own = move_shape(planned_kind("ruckig_equal_time"), distance, LIMITS, load)
+    time = move_time_s(planned_kind("trapezoid"), distance, LIMITS)
+    assert own.duration_s == pytest.approx(time, abs=1e-9)
+    for speed in np.linspace(0.7, load.top_speed_m_s, 5):
+        limits = Limits(float(speed), 0.6, 0.8)
+        low, high = 0.7, 40.0
+        for _ in range(50):
+            s = math.sqrt(low * high)
+            slow = shortest_move(distance, limits.ramps_faster(s)).duration_s > time
+            low, high = (s, high) if slow else (low, s)
+        if high >= 1.0:
+            other = peak_force_n(shortest_move(distance, limits.ramps_faster(high)), load)
+            assert peak_force_n(own, load) <= 1.02 * other
+
+
 def test_the_pair_of_least_peak_leaves_the_trapezoid_only_where_the_load_outweighs_the_drive():
     """A jerk phase takes its time from the ramp, and drive and load then accelerate harder for all of it; it saves the
     load's overshoot at most."""
@@ -149,3 +193,11 @@ def test_a_loop_whose_feed_forward_knows_the_wire_comes_within_a_few_per_cent_of
     least = peak_force_n(shape, RINGING) * MACHINE.lift_m_per_rad / 2.0
     assert peaks["wire"] < min(peaks["none"], peaks["stiff"])
     assert least < peaks["wire"] < 1.05 * least
+
+
+@pytest.mark.parametrize("name", WITH_A_MACHINE)
+def test_no_kind_lets_a_library_warn_where_nothing_is_damped(name: str):
+    undamped = replace(STEADY, damping_time_s=0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert peak_force_n(move_shape(planned_kind(name), 2.0, LIMITS, undamped), undamped) > STEADY.hold_n

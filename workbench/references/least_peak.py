@@ -111,7 +111,7 @@ class MoveProblem:
     ) -> None:
         self.distance_m, self.speed_m_s, self.load, self.still = distance_m, speed_m_s, load, still
         self.direction, self.duration_s = math.copysign(1.0, distance_m), time_s
-        self.scale_n = load.hold_n + load.friction_up_n + load.mass_kg
+        self.scale_n = abs(load.hold_n) + load.friction_up_n + load.mass_kg + load.drive_kg
         self.steady = load.steady_force_n(self.direction) / self.scale_n
         self.taut = load.hangs and load.hold_n > 0.0 and not load.rigid
         self.room = (1.0 - TAUT) * load.hold_n / self.scale_n  # that the wire's force may fall by

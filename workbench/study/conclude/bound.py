@@ -12,6 +12,7 @@ from workbench.kinds.load import Load
 from workbench.metrics import set_of
 from workbench.references import BASELINE, LimitPair, Shape, move_shape, planned_kind, planned_kinds
 from workbench.references.least_peak import least_peak
+from workbench.references.limits import raised
 from workbench.references.response import peak_force_n
 from workbench.study.conclude.decide import words_of
 from workbench.study.conclude.side_studies import at_heaviest
@@ -133,21 +134,23 @@ def _longer(moves: Moves, base: Moves) -> str:
 
 
 def _free_pair(moves: Mapping[str, Moves], distances: Sequence[float], limits: LimitPair, asked: _Asked) -> list[str]:
-    """Where the study takes one of the pairs of acceleration and jerk that give the trapezoid's time: which are free,
-    and which has the least peak."""
+    """Where the study takes a jerk-limited move in the trapezoid's time: which limit that exceeds and by how much, and
+    of all pairs of acceleration and jerk at the speed limit the one of the least peak."""
     if not {EQUAL, FREE} & set(moves):
         return []
     unit = kind_of(asked.spec.machine).moved.unit
-    pairs = []
-    for name in (EQUAL, FREE):
-        own = moves.get(name) or _moves(name, distances, limits, asked.load)
-        a, j = own[0].limits.acceleration_m_s2, own[0].limits.jerk_m_s3
-        pairs.append(f"{a:.3g} {unit}/s² and {_short(j)} {unit}/s³ ({asked.said(asked.peak(own))})")
-    trapezoid = limits.towards(distances[0]).acceleration_m_s2
-    same = own[0].limits.acceleration_m_s2 < (1.0 + SAME) * trapezoid
+    equal, free = (moves.get(name) or _moves(name, distances, limits, asked.load) for name in (EQUAL, FREE))
+    own, used, top = limits.towards(distances[0]), equal[0].limits, asked.load.top_speed_m_s
+    exceeded = raised(own, used, unit) or "no limit"
+    if top > 0.0 and used.speed_m_s > own.speed_m_s:
+        exceeded += f" ({100.0 * used.speed_m_s / top:.3g} % of the drive's top speed)"
+    best = free[0].limits
+    same = best.acceleration_m_s2 < (1.0 + SAME) * own.acceleration_m_s2
     return [
-        f"In that time the acceleration is free, and each has its jerk: {EQUAL} takes {pairs[0]}; of all pairs the "
-        f"least peak is at {pairs[1]}{', the trapezoid but for its corners' if same else ''}."
+        f"To keep that time {EQUAL} exceeds {exceeded}: {asked.said(asked.peak(equal))}. Of all pairs of acceleration "
+        f"and jerk at {own.speed_m_s:.3g} {unit}/s the least peak is at "
+        f"{best.acceleration_m_s2:.3g} {unit}/s² and {_short(best.jerk_m_s3)} {unit}/s³, {asked.said(asked.peak(free))}"
+        f"{', the trapezoid but for its corners' if same else ''}."
     ]
 
 
