@@ -21,10 +21,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from workbench.cluster import spread_on
-from workbench.study.execute.batch import Spread, chunk_sizes, on_this_computer, run_batch, run_chunk
-from workbench.study.results.folder import place_for
-from workbench.study.scenario.load import Study, load_study
+from workbench.study.batch import Spread, chunk_sizes, on_this_computer, run_batch, run_chunk
+from workbench.study.cluster import spread_on
+from workbench.study.load import Study, load_study
+from workbench.study.store import place_for
 
 SCENARIO = """\
 format: 1

@@ -44,7 +44,7 @@ def results(tree: Path, campaigns: list[Path], study: Path | None, out: Path, di
                 if file.exists():
                     texts[f"{command} {campaign.name} {file.name}"] = OWN.sub("", file.read_text(encoding="utf-8"))
     if study is not None:
-        from workbench.study.results.index import read_rows
+        from workbench.study.rows import read_rows
 
         run(tree, "study", study, "--out", out / "study")
         texts[f"study {study.name} index.parquet"] = "\n".join(map(repr, read_rows(out / "study")))

@@ -11,7 +11,7 @@ import pytest
 
 from workbench.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.study.results.row import Row
+from workbench.study.rows import Row
 from workbench.testing import StudyRows, assert_metric
 from workbench.testing import study_rows as study_rows
 

@@ -18,13 +18,10 @@ from workbench.identify import identify as module
 from workbench.logs import Campaign
 from workbench.machine import default_hoist
 from workbench.reports.replay.report import _percent
-from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.utilisation import alarm, utilisation
-from workbench.study.execute.store import Part
-from workbench.study.results.digests import check_whole, read_manifest
-from workbench.study.results.index import INDEX, read_rows
-from workbench.study.results.row import Row
-from workbench.study.scenario.load import load_study
+from workbench.study.findings import alarm, sentences, utilisation
+from workbench.study.load import load_study
+from workbench.study.rows import INDEX, Row, check_whole, read_manifest, read_rows
+from workbench.study.store import Part
 from workbench.whole_folder import replace_json
 from workbench.yaml_strict import readable_file
 

@@ -263,7 +263,7 @@ def test_every_name_of_the_api_page_exists_and_says_what_it_is():
 
 
 def test_the_first_what_if_of_the_start_page_is_a_study(tmp_path: Path):
-    from workbench.study.scenario.load import load_study
+    from workbench.study.load import load_study
 
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
     text = (DOCS / "start.md").read_text(encoding="utf-8")

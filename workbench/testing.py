@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from workbench.study.results.row import Row
+    from workbench.study.rows import Row
 
 StudyRows = Callable[[str | os.PathLike[str]], "list[Row]"]
 MOST_LINES = 10
@@ -41,8 +41,8 @@ def study_rows(request: pytest.FixtureRequest) -> StudyRows:
 
 def run_scenario(file: str | os.PathLike[str]) -> list[Row]:
     """Run a scenario here and now and write nothing. InputError for a file that cannot be run."""
-    from workbench.study.execute.run import run_study
-    from workbench.study.scenario.load import load_study
+    from workbench.study.load import load_study
+    from workbench.study.run import run_study
 
     return list(run_study(load_study(file)).rows)
 
@@ -61,7 +61,7 @@ def assert_metric(
     `run_id` or a swept field. A run that failed, and a choice of no run, fail the assertion.
     """
     __tracebackhide__ = True
-    from workbench.study.compare.compare import metric_named
+    from workbench.study.compare import metric_named
 
     if below is None and above is None:
         raise TypeError("assert_metric needs below, above or both")

@@ -153,9 +153,9 @@ def good(kind: str, variant: int) -> bytes:
 @cache
 def finished_result() -> Path:
     """A small study's result, made once in a process and taken away at its end."""
-    from workbench.study.execute.batch import run_batch
-    from workbench.study.results.folder import place_for
-    from workbench.study.scenario.load import load_study
+    from workbench.study.batch import run_batch
+    from workbench.study.load import load_study
+    from workbench.study.store import place_for
 
     base = Path(tempfile.mkdtemp(prefix="attack-result-"))
     atexit.register(shutil.rmtree, base, ignore_errors=True)

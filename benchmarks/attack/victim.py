@@ -89,7 +89,7 @@ def _campaign(kind: str, content: bytes, folder: Path) -> Campaign:
 
 
 def _upload(kind: str, content: bytes, folder: Path) -> Campaign:
-    from workbench.dashboard.uploads.campaign import Uploaded, read_uploaded
+    from workbench.dashboard.uploads import Uploaded, read_uploaded
 
     if kind == "zip":
         return read_uploaded([Uploaded("lifts.zip", content)], folder)
@@ -112,11 +112,10 @@ def _controller(content: bytes, folder: Path) -> Ended:
 
 def _result(kind: str, content: bytes, folder: Path) -> Ended:
     """Report on a result with one file mangled, and compare it with the whole one. Of half, no hash is known."""
-    from workbench.reports.study.page import write_study_report
-    from workbench.study.compare.as_json import as_json
-    from workbench.study.compare.compare import compare, judged, parse_limits, regressions
-    from workbench.study.results.finished import read_finished
-    from workbench.study.results.index import read_rows
+    from workbench.reports.study import write_study_report
+    from workbench.study.compare import as_json, compare, judged, parse_limits, regressions
+    from workbench.study.rows import read_rows
+    from workbench.study.store import read_finished
 
     whole, damaged = finished_result(), folder / "small"
     shutil.copytree(whole, damaged)
@@ -132,7 +131,7 @@ def _result(kind: str, content: bytes, folder: Path) -> Ended:
 
 
 def _scenario(content: bytes, folder: Path) -> Ended:
-    from workbench.study.scenario.load import load_study
+    from workbench.study.load import load_study
 
     for whole in (ROOT / "scenarios").glob("*.yaml"):  # what it may extend
         shutil.copy(whole, folder)

@@ -24,7 +24,7 @@ from workbench.errors import InputError
 from workbench.machine import Hoist, save_machine, with_values
 from workbench.reports.loop.case import read_controller
 from workbench.reports.loop.tuning import controller_text, warning
-from workbench.study.scenario.record import Scenario
+from workbench.study.scenario import Scenario
 from workbench.yaml_strict import loads
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,7 +13,7 @@ from tests.support.scenario_text import study_of, write
 from workbench.errors import InputError
 from workbench.machine import Hoist, default_hoist, save_machine
 from workbench.multibody.exudyn_import import engine
-from workbench.study.execute.run import run_study
+from workbench.study.run import run_study
 
 SHORT = """\
 name: short
@@ -76,7 +76,7 @@ def test_a_study_runs_on_the_plant_that_its_scenario_names(tmp_path: Path):
 
 
 def study_of_text(folder: Path, text: str):
-    from workbench.study.scenario.load import load_study
+    from workbench.study.load import load_study
 
     return load_study(write(folder, text))
 

@@ -12,14 +12,14 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.scenario_text import GOOD, write
 from tests.support.simulated_campaign import simulated_campaign
-from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
 from workbench.effects import forget_users, load_effects, names
 from workbench.effects.registry import files_behind
 from workbench.effects.user_file import UserFile
 from workbench.machine import default_hoist, load_machine, save_machine
-from workbench.study.execute.store import Chunk
-from workbench.study.results.index import read_rows
-from workbench.study.scenario.load import load_study
+from workbench.study.cluster import OtherProgram, run_remote_chunk, versions
+from workbench.study.load import load_study
+from workbench.study.rows import read_rows
+from workbench.study.store import Chunk
 
 WIND = '''
 from workbench.effects import Parameter, effect

@@ -7,6 +7,7 @@ import json
 import multiprocessing
 import os
 import pickle
+import re
 import signal
 import socket
 import subprocess
@@ -15,18 +16,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from tests.support.batches import ROOT, RUNS, SCENARIO, environment
-from workbench.cluster import spread_on
-from workbench.cluster.spread import _next_done
-from workbench.cluster.task import OtherProgram, run_remote_chunk, versions
 from workbench.errors import InputError
-from workbench.study.execute.batch import Progress, run_batch
-from workbench.study.results.folder import place_for
-from workbench.study.scenario.load import Study, load_study
+from workbench.study.batch import Progress, run_batch
+from workbench.study.cluster import OtherProgram, run_remote_chunk, spread_on, versions
+from workbench.study.load import Study, load_study
+from workbench.study.store import place_for
 
 KEEPS_SIGNALS = f"""\
 {SCENARIO.replace("name: batch", "name: signals").replace(f"steps: {RUNS // 4}", "steps: 20")}
@@ -164,7 +162,7 @@ def test_processes_of_local_n_have_one_thread_each_and_listen_on_loopback_only()
 def test_a_scheduler_that_dies_is_an_error_that_says_so_and_keeps_what_is_done(
     computers: Computers, study: Study, index: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("workbench.cluster.spread.CONNECT_S", 2)
+    monkeypatch.setattr("workbench.study.cluster.CONNECT_S", 2)
     out = tmp_path / "out"
     place = place_for(study, out)
     with pytest.raises(InputError, match=r"tcp://127.*the cluster is gone"), spread_on(computers.address) as spread:
@@ -195,7 +193,7 @@ def test_a_worker_with_other_versions_is_refused(study: Study, tmp_path: Path, m
     assert isinstance(other, OtherProgram) and "numpy" in other.what and "here 1.0" in other.what
     older = run_remote_chunk(asked, 0, "0123456789abcdef", versions())
     assert older == OtherProgram(older.where, "another version of workbench")  # type: ignore[union-attr]
-    monkeypatch.setattr("workbench.cluster.spread.versions", lambda: {"numpy": "1.0"})
+    monkeypatch.setattr("workbench.study.cluster.versions", lambda: {"numpy": "1.0"})
     wanted = r"local:1: worker on .* has numpy .*, here 1\.0; the numbers would differ"
     with pytest.raises(InputError, match=wanted), spread_on("local:1") as spread:
         run_batch(study, place_for(study, tmp_path / "out"), spread=spread)
@@ -209,7 +207,7 @@ def test_a_text_that_names_no_cluster_is_refused(text: str) -> None:
 
 
 def test_an_address_where_nobody_answers_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("workbench.cluster.spread.CONNECT_S", 1)
+    monkeypatch.setattr("workbench.study.cluster.CONNECT_S", 1)
     wanted = r"tcp://127\.0\.0\.1:1: no Dask scheduler answers there"
     with pytest.raises(InputError, match=wanted), spread_on("tcp://127.0.0.1:1"):
         raise AssertionError("went on")
@@ -245,7 +243,7 @@ def test_only_the_chunks_asked_for_are_run(study: Study) -> None:
     ids=["silent", "http"],
 )
 def test_a_peer_that_is_no_scheduler_is_one_sentence_in_time(monkeypatch, reply, said):
-    monkeypatch.setattr("workbench.cluster.spread.CONNECT_S", 0.5)
+    monkeypatch.setattr("workbench.study.cluster.CONNECT_S", 0.5)
     taken: list[socket.socket] = []
 
     def serve() -> None:
@@ -271,17 +269,48 @@ def test_a_way_of_speaking_that_is_not_set_up_is_one_sentence(address, said):
         pass
 
 
-def test_a_cluster_that_has_lost_its_last_worker_is_given_up_in_time(monkeypatch):
-    def nothing_is_done(futures, timeout, return_when):
-        raise TimeoutError
+def test_a_cluster_that_has_lost_its_last_worker_is_given_up_in_time(computers, study, tmp_path, monkeypatch):
+    monkeypatch.setattr("workbench.study.cluster.WITHOUT_WORKERS_S", 2.0)
 
-    threads = iter([{"one": 1}, {}, {}])
-    client = SimpleNamespace(nthreads=lambda: next(threads))
-    monkeypatch.setattr("distributed.wait", nothing_is_done)
-    monkeypatch.setattr("workbench.cluster.spread.WITHOUT_WORKERS_S", 1e-9)
-    with pytest.raises(InputError, match=r"has had no worker for .* what is done is kept"):
-        _next_done(client, "tcp://here:1", ["a chunk"])
-    assert next(threads, None) is None
+    def kill_both() -> None:
+        for worker in computers.workers:
+            worker.kill()
+
+    wanted = pytest.raises(InputError, match=r"has had no worker for 2 s; what is done is kept")
+    with wanted, spread_on(computers.address) as spread:
+        run_batch(study, place_for(study, tmp_path / "out"), spread=spread, tell=killing_after(2, kill_both))
+
+
+@pytest.mark.parametrize("cluster", ["local:2", "computers"])
+def test_a_stopped_worker_is_said_after_its_time_and_others_take_its_work(
+    cluster, request, study, index, tmp_path, monkeypatch
+):
+    """SIGSTOP, not SIGKILL: the connection stays open and nothing comes over it. With a fifth of the times."""
+    monkeypatch.setattr("workbench.study.cluster.SILENT_S", 2.0)
+    monkeypatch.setattr("workbench.study.cluster.GIVEN_UP_S", 6.0)
+    monkeypatch.setattr("workbench.study.cluster.FETCH_S", 6.0)
+    said: list[tuple[float, str]] = []
+    stopped: list[tuple[float, int]] = []
+    made = request.getfixturevalue("computers") if cluster == "computers" else None
+
+    def stop_one() -> None:
+        pid = made.workers[0].pid if made else multiprocessing.active_children()[0].pid
+        assert pid is not None
+        os.kill(pid, signal.SIGSTOP)
+        stopped.append((time.monotonic(), pid))
+
+    with spread_on(made.address if made else cluster, lambda text: said.append((time.monotonic(), text))) as spread:
+        run_batch(study, place_for(study, tmp_path / "out"), spread=spread, tell=killing_after(2, stop_one))
+        done = time.monotonic()
+    ((at, _),) = stopped
+    assert (tmp_path / "out" / "index.parquet").read_bytes() == index
+    first, second = said
+    assert "has been silent for" in first[1] and "after 6 s others take its work" in first[1]
+    assert 1.0 < first[0] - at < 8.0 < 5.0 + second[0] - at
+    assert re.fullmatch(r"chunks \d+(, \d+)* go to other workers", second[1])
+    assert done - at < 40.0
+    if made is None:
+        assert multiprocessing.active_children() == [], "a stopped process is ended with the rest"
 
 
 def test_a_process_that_dies_at_its_start_is_one_sentence(monkeypatch):

@@ -18,7 +18,7 @@ from workbench.dashboard.jobs import place as jobs_place
 from workbench.dashboard.jobs.progress import Progress
 from workbench.dashboard.pages.batches import choose as batches_choose
 from workbench.dashboard.pages.batches.watch import counts
-from workbench.study.scenario.load import load_study
+from workbench.study.load import load_study
 
 
 @pytest.fixture(autouse=True)

@@ -20,7 +20,7 @@ from workbench.dashboard.jobs import record as jobs_record
 from workbench.dashboard.jobs.job import INPUTS, RESULT, Call, Job, Progress, poll, start, stop
 from workbench.dashboard.jobs.progress import Teller
 from workbench.errors import InputError
-from workbench.study.results.finished import read_finished
+from workbench.study.store import read_finished
 
 
 @pytest.fixture

@@ -27,9 +27,9 @@ from workbench.machine import default_hoist
 from workbench.reports.loop.case import usual_controller
 from workbench.run import Run
 from workbench.simulate.loop import LoopCase, simulate_loop
-from workbench.study.execute.run import run_study
-from workbench.study.scenario.load import plan_study
-from workbench.study.scenario.record import Scenario
+from workbench.study.load import plan_study
+from workbench.study.run import run_study
+from workbench.study.scenario import Scenario
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,6 @@ from tests.support.dashboard_app import errors, figures, page
 from workbench.cli import cli
 from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2
 from workbench.dashboard import machines, session, shell, widgets
-from workbench.dashboard.options import OPTIONS, flags
 from workbench.dashboard.pages.compare import kept
 from workbench.dashboard.pages.compare.page import difference, machine_told_apart
 from workbench.dashboard.pages.loop.controls import KI, KP
@@ -32,19 +31,17 @@ from workbench.dashboard.pages.study.address import from_address, in_address
 from workbench.dashboard.pages.study.answer import OWN
 from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
 from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
-from workbench.dashboard.serve import SCRIPT
+from workbench.dashboard.server import OPTIONS, SCRIPT
 from workbench.errors import InputError
 from workbench.figures.study import peak_torque_over_payload
 from workbench.figures.style import GROUND, INK, for_dark
 from workbench.logs.signal_files import as_csv, as_mat, as_parquet
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.metrics import find
-from workbench.study.conclude.side_studies import over_payload, over_ramps
-from workbench.study.execute.run import StudyResult, run_study
-from workbench.study.results.signals import labelled_runs
-from workbench.study.scenario.load import load_study, plan_study
-from workbench.study.scenario.record import Scenario
-from workbench.study.scenario.standalone import read_standalone, standalone_text
+from workbench.study.load import load_study, plan_study, read_standalone, standalone_text
+from workbench.study.run import StudyResult, labelled_runs, run_study
+from workbench.study.scenario import Scenario
+from workbench.study.side import over_payload, over_ramps
 from workbench.yaml_strict import loads
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -596,7 +593,6 @@ def test_streamlit_run_and_the_command_set_the_server_up_alike():
         return options
 
     assert flat(file) == OPTIONS
-    assert "--server.headless=true" in flags({})
 
 
 def test_without_streamlit_the_command_names_the_extra(monkeypatch):

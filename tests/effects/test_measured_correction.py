@@ -38,7 +38,7 @@ from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 from workbench.simulate.plant_model import plant_model
 from workbench.simulate.replay import simulate_replays
-from workbench.study.results.index import read_rows
+from workbench.study.rows import read_rows
 from workbench.yaml_strict import loads
 
 TURN = 2.0 * np.pi

@@ -66,8 +66,8 @@ def unedited(results: Results) -> Results:
 
 
 EDITS = {
-    "an equation of the hoist": ("plants/hoist.py", "a_s = (s.r * (s.W2", "a_s = (0.9 * s.r * (s.W2", "hoist"),
-    "an equation of the axis": ("plants/axis.py", "p.G * sin(x)", "1.001 * p.G * sin(x)", "axis"),
+    "an equation of the hoist": ("kinds/hoist.py", "a_s = (s.r * (s.W2", "a_s = (0.9 * s.r * (s.W2", "hoist"),
+    "an equation of the axis": ("kinds/axis.py", "p.G * sin(x)", "1.001 * p.G * sin(x)", "axis"),
     "the preamble": (
         "engine/preamble.py",
         "return sign_of_turn(m) * sine_of_rest(m, x)",

@@ -94,7 +94,7 @@ def test_the_face_loads_nothing_until_a_name_is_used():
 
 
 def test_a_verb_is_its_package_too():
-    import workbench.study.execute.run as module
+    import workbench.study.run as module
 
     assert callable(wb.study)
     assert wb.study.execute.run is module  # type: ignore[attr-defined]

@@ -11,10 +11,9 @@ from workbench.figures.study_plane import envelope_nm, torque_speed_plane
 from workbench.figures.study_scatter import spread, tornado
 from workbench.figures.study_sweep import changing, metrics_over_axis
 from workbench.run import Run
-from workbench.study.conclude.pareto import fronts
-from workbench.study.conclude.rank import Correlation
-from workbench.study.results.row import Row
-from workbench.study.variations.varying import swept_axes
+from workbench.study.labels import swept_axes
+from workbench.study.pareto import Correlation, fronts
+from workbench.study.rows import Row
 
 JERK, KP = "sweep.limits.jerk_m_s3", "sweep.controller.kp_nm_s_per_rad"
 PEAK = "peak_torque_motor_nm"

@@ -154,5 +154,5 @@ def test_no_rule_asks_a_machine_for_its_class():
 
 
 def test_what_all_plants_share_knows_no_word_of_one():
-    text = (ROOT / "workbench" / "plants" / "base.py").read_text(encoding="utf-8").lower()
+    text = (ROOT / "workbench" / "kinds" / "plant.py").read_text(encoding="utf-8").lower()
     assert not re.search(r"hoist|carriage|payload(?!_kg)|wire|drum|guide|sheave", text)

@@ -12,9 +12,9 @@ from pydantic import BaseModel
 from workbench.errors import InputError
 from workbench.machine import default_hoist
 from workbench.machine.files import RECORDS, machine_from, machine_text
-from workbench.machine.quantities import LARGEST
+from workbench.record import LARGEST
 from workbench.reports.declared_pages import bounded, bounds_page
-from workbench.study.scenario.record import Scenario
+from workbench.study.scenario import Scenario
 from workbench.yaml_strict import loads
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

@@ -21,12 +21,12 @@ from workbench.machine import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
 from workbench.metrics.metric import largest
 from workbench.reports.declared_pages import metrics_page
-from workbench.reports.study.figures import figures_of
-from workbench.study.conclude import tables
-from workbench.study.conclude.sentences import sentences
-from workbench.study.results.finished import read_finished
-from workbench.study.results.row import Row
-from workbench.study.scenario.load import plan_study
+from workbench.reports.study import figures_of
+from workbench.study import tables
+from workbench.study.findings import sentences
+from workbench.study.load import plan_study
+from workbench.study.rows import Row
+from workbench.study.store import read_finished
 
 SCENARIO = """\
 format: 1

@@ -11,9 +11,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tests.support import by_hand
+from workbench.kinds.hoist import guide_friction, pin_switch, tension
 from workbench.machine import default_hoist, with_values
 from workbench.plants import PLANTS
-from workbench.plants.hoist import guide_friction, pin_switch, tension
 
 HOIST = PLANTS["hoist"]
 MACHINE = default_hoist()

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from workbench.engine import kernels
 from workbench.engine.statics import hang_still
+from workbench.kinds.two_inertia import coupling
 from workbench.plants import PLANTS, Effects
-from workbench.plants.two_inertia import coupling
 from workbench.run import Array
 
 PLANT, STIFF = PLANTS["two_inertia"], PLANTS["axis-rotary"]

@@ -39,10 +39,10 @@ from workbench.references import (
 from workbench.references.limits import Step
 from workbench.references.time_optimal import shortest_move, shortest_ramp
 from workbench.reports.declared_pages import references_page
-from workbench.reports.study.words import conclusions
-from workbench.study.conclude.sentences import sentences
-from workbench.study.results.finished import read_finished
-from workbench.study.scenario.schema import json_schema
+from workbench.reports.study import conclusions
+from workbench.study.findings import sentences
+from workbench.study.scenario import json_schema
+from workbench.study.store import read_finished
 
 LIMITS = Limits(0.7, 0.5, 1.0)
 RAIL = (0.0, 25.0)

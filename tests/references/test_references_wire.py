@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from workbench.errors import InputError
-from workbench.kinds import load_of
-from workbench.kinds.load import Load
+from workbench.kinds import Load, load_of
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.references import (
     Limits,
@@ -27,9 +26,9 @@ from workbench.references import (
 from workbench.references.optimal import GIVEN_AWAY, least_peak_move
 from workbench.references.response import forces_n, least_peak_limits, peak_force_n
 from workbench.references.shaper import EI, ZV, ZVD, impulses
-from workbench.study.execute.run import run_study
-from workbench.study.scenario.load import plan_study
-from workbench.study.scenario.record import Scenario
+from workbench.study.load import plan_study
+from workbench.study.run import run_study
+from workbench.study.scenario import Scenario
 
 MACHINE = default_hoist()
 LIMITS = Limits(0.7, 0.6, 0.8)

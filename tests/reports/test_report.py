@@ -15,14 +15,10 @@ import pytest
 from tests.support.commands import Commands
 from workbench.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.reports.study.figures import figures_of
-from workbench.reports.study.page import write_study_report
-from workbench.reports.study.tables import run_tables, what_was_run
-from workbench.reports.study.words import conclusions
-from workbench.study.execute.batch import run_batch
-from workbench.study.results.finished import Finished, read_finished
-from workbench.study.results.folder import place_for
-from workbench.study.scenario.load import load_study
+from workbench.reports.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
+from workbench.study.batch import run_batch
+from workbench.study.load import load_study
+from workbench.study.store import Finished, place_for, read_finished
 
 SCENARIO = """\
 format: 1

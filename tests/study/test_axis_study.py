@@ -11,12 +11,11 @@ import pytest
 from tests.support.commands import Commands
 from workbench.errors import InputError
 from workbench.figures.study_page import study_figures
-from workbench.study.conclude.decide import decision_table, verdict
-from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.tables import run_table
-from workbench.study.conclude.utilisation import utilisation
-from workbench.study.execute.run import StudyResult, peak_limit, run_study
-from workbench.study.scenario.load import load_study
+from workbench.study.decide import decision_table, verdict
+from workbench.study.findings import sentences, utilisation
+from workbench.study.load import load_study
+from workbench.study.run import StudyResult, peak_limit, run_study
+from workbench.study.tables import run_table
 
 TEXT = """
 name: axis

@@ -20,12 +20,10 @@ from tests.support.batches import RUNS, SCENARIO, chunks_of, environment, part_o
 from workbench.cli.study import command
 from workbench.errors import InputError
 from workbench.simulate.loop import LoopCase, LoopResult
-from workbench.study.execute.batch import Progress, chunk_sizes, on_this_computer, run_batch
-from workbench.study.execute.lock import LOCK, locked
-from workbench.study.execute.store import Chunk
-from workbench.study.results.folder import place_for
-from workbench.study.results.index import read_rows
-from workbench.study.scenario.load import Study, load_study
+from workbench.study.batch import Progress, chunk_sizes, on_this_computer, run_batch
+from workbench.study.load import Study, load_study
+from workbench.study.rows import read_rows
+from workbench.study.store import LOCK, Chunk, locked, place_for
 
 SMALL = SCENARIO.replace(f"steps: {RUNS // 4}", "steps: 75").replace("name: batch", "name: three")
 
@@ -168,7 +166,7 @@ def test_runs_that_fail_are_rows_with_a_reason_and_the_rest_goes_on(small: Study
 
 
 def test_a_run_that_cannot_begin_takes_no_other_with_it(small: Study, monkeypatch: pytest.MonkeyPatch) -> None:
-    from workbench.study.execute import chunk
+    from workbench.study import run as chunk
 
     specs = small.specs[:3]
     simulate = chunk.simulate_loop
@@ -207,7 +205,7 @@ def test_a_whole_result_that_only_lacks_its_name_gets_it_and_nothing_is_run(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr("workbench.study.execute.store.Part.finish", stop)
+        patched.setattr("workbench.study.store.Part.finish", stop)
         with pytest.raises(KeyboardInterrupt):
             run_batch(small, place)
     assert not place_for(small, tmp_path / "out").finished

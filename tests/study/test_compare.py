@@ -15,11 +15,18 @@ from click.testing import CliRunner, Result
 from workbench.cli.compare import command
 from workbench.errors import InputError
 from workbench.metrics import fixed_columns, metrics
-from workbench.study.compare.compare import compare, judged, matched, metric_named, parse_limits, regressions
-from workbench.study.compare.scale import percent, plain
-from workbench.study.compare.unmatched import why_unmatched
-from workbench.study.results.index import index_table
-from workbench.study.results.row import Row
+from workbench.study.compare import (
+    compare,
+    judged,
+    matched,
+    metric_named,
+    parse_limits,
+    percent,
+    plain,
+    regressions,
+    why_unmatched,
+)
+from workbench.study.rows import Row, index_table
 
 MEASURED = dict.fromkeys(fixed_columns(), 1.0)
 

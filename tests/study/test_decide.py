@@ -1,8 +1,9 @@
-"""The table that decides, the verdict that agrees with it, the lights, and what the answer hangs on."""
+"""The decision: brute force over the runs, the same question at equal time, other weights; lights, damping, bound."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,34 +11,278 @@ import pytest
 
 from tests.support import axes
 from workbench.dashboard.pages.study.axis.desk import axis_scenario, usual_desk
+from workbench.errors import InputError
 from workbench.machine import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
-from workbench.study.conclude.bound import from_the_bound
-from workbench.study.conclude.damping import ELASTOMER, RINGING, damping_sentence, on_another_damping
-from workbench.study.conclude.decide import BEST, Choice, choices, decision_table, verdict
-from workbench.study.conclude.price import DEAR, price_sentence
-from workbench.study.conclude.utilisation import alarm, utilisation
-from workbench.study.execute.run import StudyResult, run_study
-from workbench.study.results.row import Row
-from workbench.study.scenario.load import load_study, plan_study
-from workbench.study.scenario.standalone import changed
-from workbench.study.variations.varying import run_in_words
+from workbench.study.answer import Answer, answer_of, read_answer, write_answer
+from workbench.study.ask import QUESTIONS
+from workbench.study.bound import from_the_bound
+from workbench.study.decide import (
+    ALIKE,
+    BEST,
+    Decision,
+    choices,
+    criteria_for,
+    criteria_table,
+    decision_table,
+    decisions,
+    take_sentences,
+    verdict,
+    weight_that_turns,
+)
+from workbench.study.findings import alarm, sentences, utilisation
+from workbench.study.labels import run_in_words
+from workbench.study.load import Study, changed, load_study, plan_study
+from workbench.study.rows import Row, metrics_of
+from workbench.study.run import StudyResult, peak_limit, run_specs, run_study
+from workbench.study.scenario import CriterionBlock
+from workbench.study.side import ELASTOMER, RINGING, beside, damping_sentence, on_another_damping
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCES = ("trapezoid", "ruckig", "ruckig_equal_time", "ruckig_least_peak", "optimal")
+TIME, PEAK = "move_time_s", "peak_torque_motor_nm"
+
+
+@cache
+def study(name: str = "payloads", **new: object) -> Study:
+    base = load_study(ROOT / "scenarios" / f"{name}.yaml")
+    return plan_study(changed(base.scenario, {"outputs": {"signals": "none"}, **new}), base.machine)
 
 
 @cache
 def result(payload_kg: float = 9000.0, references: tuple[str, ...] = REFERENCES) -> StudyResult:
-    base = load_study(ROOT / "scenarios" / "payloads.yaml")
-    new = {"payloads_kg": (payload_kg,), "references": references, "outputs": {"signals": "none"}}
-    return run_study(plan_study(changed(base.scenario, new), default_hoist()))
+    return run_study(study(payloads_kg=(payload_kg,), references=references))
 
 
 def row(reference: str, time: float, peak: float, payload: float = 9000.0, **assigned: float) -> Row:
     (one,) = [r for r in result().rows if r.reference == "trapezoid"]
-    metrics = {**one.metrics, "move_time_s": time, "peak_torque_motor_nm": peak}
+    metrics = {**one.metrics, TIME: time, PEAK: peak}
     return Row(**{**vars(one), "reference": reference, "payload_kg": payload, "metrics": metrics, "assigned": assigned})
+
+
+def decided(of: Study, rows: list[Row], rivals: list[Row] | tuple[Row, ...] = (), **given: CriterionBlock) -> Decision:
+    return decisions(rows, of.machine, given, rivals)[-1]
+
+
+def sum_by_hand(one: Row, payload_kg: float, slowest_s: float, most_j: float) -> float:
+    """The weighted sum of shares of a run on the default hoist, written out: limits, scales and weights of the docs."""
+    machine = default_hoist()
+    static_n = (machine.carriage.mass_kg + payload_kg) * 9.81 / 2.0  # two falls; the wire's own weight is small
+    return (
+        2.0 * one[PEAK] / (0.9 * machine.motor.nominal_torque_nm * machine.drive.overload)
+        + one["thermal_load_percent"] / 100.0
+        + 2.0 * one[TIME] / slowest_s
+        + 0.5 * one["energy_motoring_j"] / most_j
+        + one["wire_tension_swing_n"] / static_n
+        + 0.1 * static_n / one["min_wire_tension_n"]
+        + one["speed_error_rms_rad_s"] / (0.02 * machine.motor.nominal_speed_rad_s)
+        + one["position_error_max_m"] / 0.05
+    )
+
+
+def test_what_is_taken_has_the_least_sum_of_all_runs_by_hand():
+    rows, rivals = list(result().rows), beside(result().study)
+    made = decided(result().study, rows, rivals)
+    assert made.taken is not None
+    slowest = max(r[TIME] for r in rows)
+    everyone = [*rows, *(r for r in rivals if r[TIME] <= slowest + 5e-3)]
+    most_j = max(r["energy_motoring_j"] for r in everyone)
+    sums = {r.run_id: sum_by_hand(r, 9000.0, slowest, most_j) for r in everyone}
+    best = next(r for r in everyone if sums[r.run_id] == min(sums.values()))
+    assert made.taken.reference == best.reference
+    assert made.taken.values[PEAK] == best[PEAK]
+    assert made.taken.total == pytest.approx(min(sums.values()), rel=5e-3)
+
+
+def test_the_motion_of_least_peak_is_not_taken_for_its_peak_alone():
+    """Its peak is the lowest; its speed error and tension swing are twice the trapezoid's."""
+    made = decided(result().study, list(result().rows))
+    lowest = min(made.candidates, key=lambda c: c.values[PEAK])
+    assert lowest.reference == "optimal" and made.taken is not None and made.taken.reference != "optimal"
+    peak_alone = {
+        c.name: CriterionBlock(weight=0.0) for c in made.criteria if c.name != PEAK
+    } | {"torque_reserve_percent": CriterionBlock(weight=1.0)}  # fmt: skip
+    assert decided(result().study, list(result().rows), **peak_alone).taken == replace(
+        lowest, shares=lowest.shares, total=lowest.values[PEAK] / (0.9 * peak_limit(default_hoist()))
+    )
+
+
+def test_at_equal_time_a_quicker_reference_is_slowed_down_and_simulated_again():
+    """ruckig takes 1.5 s more than the trapezoid, which in that time, planned anew from the sentence, is lower."""
+    own = study(payloads_kg=(9000.0,), references=("trapezoid", "ruckig"))
+    rows = list(run_study(own).rows)
+    said = answer_of(own, rows).sentences[0]
+    acceleration = float(re.search(r"Take the trapezoid with acceleration ([\d.]+) m/s²", said)[1])  # type: ignore[index]
+    peak, time = (float(x) for x in re.findall(r"torque peak per motor ([\d.]+) N m, move time ([\d.]+) s", said)[0])
+    limits = {"speed_m_s": 0.7, "acceleration_m_s2": acceleration, "jerk_m_s3": 0.8}
+    (again,) = run_study(study(payloads_kg=(9000.0,), references=("trapezoid",), limits=freeze(limits))).rows
+    assert again[PEAK] == pytest.approx(peak, abs=0.6) and again[TIME] == pytest.approx(time, abs=6e-3)
+    (ruckig,) = [r for r in rows if r.reference == "ruckig"]
+    assert again[TIME] == pytest.approx(ruckig[TIME], abs=6e-3) and again[PEAK] < ruckig[PEAK] - 30.0
+
+
+class freeze(dict[str, object]):
+    """A block of a scenario that a cache can hold."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(tuple(self.items()))
+
+
+def test_no_run_at_equal_time_takes_longer_than_what_was_asked():
+    own = study(payloads_kg=(9000.0,), references=("trapezoid", "ruckig"))
+    rows = list(run_study(own).rows)
+    slowest = max(r[TIME] for r in rows)
+    rivals = beside(own)
+    assert any(r[TIME] > slowest + 0.1 for r in rivals)  # the curve goes on
+    taken = [c for c in decided(own, rows, rivals).candidates if c.beside]
+    assert taken and max(c.values[TIME] for c in taken) <= slowest + 5e-3
+    for rival in rivals:  # each at the time it was planned for, speed limit kept
+        assert float(re.search(r"_([\d.]+)s_", rival.run_id)[1]) == pytest.approx(  # type: ignore[index]
+            rival[TIME] + 3.0, abs=0.02
+        )
+
+
+def test_the_weight_from_which_the_gain_is_not_worth_it_turns_the_two_round():
+    rows = list(result(references=("trapezoid", "ruckig")).rows)
+    made = decided(result().study, rows)
+    assert made.taken is not None and made.rival is not None
+    turn = weight_that_turns(made, made.taken, made.rival)
+    assert turn is not None
+    criterion, weight = turn
+    assert f"weighs more than {weight:.3g}" in take_sentences([made])[0]
+    for factor, wanted in ((0.99, made.taken.reference), (1.01, made.rival.reference)):
+        again = decided(result().study, rows, **{criterion.name: CriterionBlock(weight=factor * weight)})
+        assert again.taken is not None and again.taken.reference == wanted
+
+
+def test_who_breaks_a_limit_is_out_and_where_all_do_none_is_taken():
+    rows = list(result().rows)
+    peaks = sorted(r[PEAK] for r in rows)
+    made = decided(result().study, rows, peak_torque_motor_nm=CriterionBlock(most=0.5 * (peaks[0] + peaks[1])))
+    assert [c.reference for c in made.left] == ["optimal"]
+    assert "Out: " in take_sentences([made])[0]
+    (none,) = take_sentences([decided(result().study, rows, peak_torque_motor_nm=CriterionBlock(most=100.0))])
+    assert none.startswith("Take none of them at 9000 kg: ") and "at most 100 N m" in none
+
+
+def test_a_run_that_hunts_fails_or_ends_elsewhere_is_never_taken():
+    best = row("ruckig", 30.0, 400.0)
+    for broken in (
+        replace(best, metrics={**best.metrics, "torque_swings": 200.0}),
+        replace(best, status="failed", reason="it fell"),
+        replace(best, metrics={**best.metrics, "position_error_end_m": -0.2}),
+    ):
+        made = decided(result().study, [row("trapezoid", 36.0, 560.0), broken])
+        assert made.taken is not None and made.taken.reference == "trapezoid"
+
+
+def test_payloads_with_the_same_choice_share_a_sentence_and_others_have_their_own():
+    pairs = [("trapezoid", 36.0, 560.0), ("ruckig", 36.0, 540.0)]
+    rows = [row(kind, time, peak, load) for load in (0.0, 9000.0) for kind, time, peak in pairs]
+    (said,) = take_sentences(decisions(rows, default_hoist()))
+    assert said.startswith("Take ruckig with the same limits at every payload")
+    rows[0] = row("trapezoid", 36.0, 400.0, 0.0)
+    first, second = take_sentences(decisions(rows, default_hoist()))
+    assert first.startswith("Take the trapezoid at 0 kg") and second.startswith(
+        "Take ruckig with the same limits at 9000"
+    )
+
+
+def test_a_sweep_of_limits_is_chosen_from_and_a_sweep_of_the_machine_is_borne():
+    own = study("wire_length", payloads_kg=(9000.0,))
+    rows = list(run_study(own).rows)
+    made = decided(own, rows)
+    assert {c.setting for c in made.candidates} == {""} and {c.runs for c in made.candidates} == {4}
+    for candidate in made.candidates:
+        assert candidate.values[PEAK] == max(r[PEAK] for r in rows if r.reference == candidate.reference)
+    swept = study("references_at_their_best")
+    many = decided(swept, list(run_study(swept).rows))
+    assert len(many.candidates) == 24 and all("feed forward" in c.setting for c in many.candidates)
+
+
+def test_a_sample_is_judged_by_its_worst_draw():
+    own = study("tolerances", sample=freeze(count=8, tolerances=True))
+    rows = list(run_study(own).rows)
+    made = decided(own, rows)
+    assert made.taken is not None and made.taken.runs == 8
+    assert made.taken.values[PEAK] == max(r[PEAK] for r in rows if r.reference == made.taken.reference)
+    assert "the worst of 8 runs" in take_sentences([made])[0]
+
+
+def test_a_sweep_of_jerk_is_held_against_the_trapezoid_and_a_knee_at_the_edge_says_so():
+    own = study("jerk_pareto")
+    rows = list(run_study(own).rows)
+    rivals = beside(own)
+    assert {r.reference for r in rivals} == {"trapezoid"} and len(rivals) == 7  # an acceleration each
+    assert {c.reference for c in decided(own, rows, rivals).candidates} == {"ruckig", "trapezoid"}
+    (knee,) = [text for text in sentences(rows, peak_limit(own.machine)) if "knee" in text]
+    assert "jerk 6.4 m/s³" in knee and "lies at the edge of jerk: widen that range" in knee
+
+
+@pytest.mark.parametrize(("name", "metric"), [("motor_failure", "thermal_load_percent"), ("emergency_stop", PEAK)])
+def test_the_number_asked_for_keeps_every_limit_and_a_little_more_breaks_one(name, metric):
+    own = study(name)
+    question = QUESTIONS[own.scenario.ask or ""]
+    made = answer_of(own, list(run_study(own).rows))
+    first = made.asked[0]
+    assert first.value is not None and made.sentences[0].startswith(f"The {own.scenario.ask} with ruckig")
+    bound = {"thermal_load_percent": 100.0, PEAK: 0.9 * peak_limit(own.machine)}[metric]
+    worst = []
+    for factor in (0.5, 0.995, 1.005):
+        specs = [replace(question.at(spec, factor * first.value), assigned={}) for spec in own.specs]
+        worst.append(max(r[metric] for r, _ in run_specs(specs)))
+    assert worst[0] < worst[1] <= bound < worst[2]
+    assert [one.value for one in made.asked] == sorted(one.value or 0.0 for one in made.asked)  # fewer limits, farther
+
+
+def test_the_smallest_motor_is_asked_for_too():
+    own = study(payloads_kg=(9000.0,), references=("ruckig",), ask="smallest motor")
+    made = answer_of(own, list(run_study(own).rows))
+    value = made.asked[0].value
+    assert value is not None and 300.0 < value < 480.0  # the machine's own passes
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("decide: {peak_torque: {most: 500}}", "unknown criterion 'peak_torque'; did you mean 'peak_torque"),
+        ("decide: {move_time_s: {weigth: 2}}", "unknown key 'weigth'"),
+        ("decide: {move_time_s: {weight: -1}}", "weight"),
+        ("ask: heaviest payload", "largest payload"),
+    ],
+)
+def test_a_criterion_or_a_question_that_is_none_is_one_error_with_its_line(tmp_path, lines, said):
+    file = tmp_path / "wrong.yaml"
+    file.write_text(f"extends: {ROOT / 'scenarios' / 'payloads.yaml'}\nname: wrong\n{lines}\n", encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        load_study(file)
+    assert said in str(error.value) and f"{file}:3" in str(error.value)
+
+
+def test_the_criteria_are_shown_with_their_limits_and_what_is_taken():
+    made = decided(result().study, list(result().rows))
+    table = criteria_table(made)
+    assert len(table.rows) == len(made.criteria) + 1
+    shown = {line[0]: line for line in table.rows}
+    assert shown["Torque peak per motor"][2] == "at most 691 N m"
+    sums = [float(cell) for cell in shown["Weighted sum of shares"][3:]]
+    assert sums == sorted(sums)
+    assert {c.name for c in criteria_for(metrics_of(result().rows), None, 9000.0)} <= {c.name for c in made.criteria}
+
+
+def test_a_result_keeps_its_answer_and_reads_it_back(tmp_path):
+    of = result(references=("trapezoid", "ruckig"))
+    write_answer(of, tmp_path / "answer.json")
+    kept = read_answer(tmp_path)
+    assert kept == answer_of(of.study, list(of.rows)) and isinstance(kept, Answer)
+    (tmp_path / "answer.json").write_text("{}", encoding="utf-8")
+    assert read_answer(tmp_path) is None
+
+
+def test_two_that_are_alike_are_said_to_be():
+    rows = [row("trapezoid", 36.0, 560.0), row("ruckig", 36.0, 559.0)]
+    (said,) = take_sentences(decisions(rows, default_hoist()))
+    assert f"alike within {100 * ALIKE:.0f} %, a change between them is not worth it" in said
 
 
 def test_the_table_has_a_row_a_reference_and_marks_the_best_of_each_column():
@@ -50,49 +295,9 @@ def test_the_table_has_a_row_a_reference_and_marks_the_best_of_each_column():
         assert min(values, key=values.__getitem__) in marked, metric.name
 
 
-def test_one_that_is_no_slower_and_lowest_is_taken():
-    said = verdict([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 550.0), row("optimal", 36.0, 520.0)])
-    assert said is not None
-    assert said.startswith("Take the motion of least torque peak: none is quicker")
-    assert "are neither quicker nor lower" in said
-
-
-def test_a_front_of_two_is_said_with_its_price():
-    said = verdict([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 532.0)])
-    assert said is not None
-    assert "where time counts" in said and "5.0 % less" in said and "for 3.0 s more" in said
-
-
-def test_the_verdict_says_where_other_limits_are_quicker_and_lower():
-    beside = [row("trapezoid", 37.0, 540.0, **{"limits.acceleration_m_s2": 0.42}), row("trapezoid", 60.0, 500.0)]
-    said = verdict([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 550.0)], beside)
-    assert said is not None
-    assert "the trapezoid would do better than ruckig with the same limits at acceleration 0.42 m/s²: 2.0 s q" in said
-    assert said.count("would do better") == 1
-    own = [row("ruckig", 38.0, 540.0, **{"limits.acceleration_m_s2": 0.42})]
-    said = verdict([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 550.0)], own)
-    assert said is not None
-    assert said.endswith("ruckig with the same limits would do better at acceleration 0.42 m/s²: "
-                         "1.0 s quicker, 10 N m per motor lower.")  # fmt: skip
-
-
-def test_the_lowest_peak_is_told_with_its_price():
-    said = price_sentence(result().rows)
-    values = {c.reference: c.values["wire_tension_swing_n"] for c in choices(result().rows)}
-    assert values["optimal"] > DEAR * min(values.values())
-    assert said is not None and said.startswith("The lowest peak, by the motion of least torque peak, has its price: ")
-    assert f"{values['optimal'] / 1000.0:.1f} kN against {min(values.values()) / 1000.0:.1f}" in said
-    assert price_sentence([row("trapezoid", 36.0, 560.0), row("ruckig", 39.0, 532.0)]) is None  # alike but for these
-
-
 def test_nothing_is_chosen_among_one():
     assert verdict([row("trapezoid", 36.0, 560.0)]) is None
     assert decision_table([row("trapezoid", 36.0, 560.0)]) is None
-
-
-def test_a_choice_beats_another_only_by_more_than_what_decides_nothing():
-    a, b = (Choice("x", {"move_time_s": t, "peak_torque_motor_nm": p}) for t, p in ((36.0, 560.0), (36.001, 560.1)))
-    assert not a.beats(b) and not b.beats(a)
 
 
 def test_the_optimum_is_lowest_of_its_time_in_the_closed_loop_too():
@@ -121,12 +326,15 @@ def test_the_sentence_on_damping_compares_the_wire_assumed_with_one_that_rings()
     scenario = load_study(ROOT / "scenarios" / "payloads.yaml").scenario
     said = damping_sentence(scenario, default_hoist())
     assert said is not None
-    assert "at 9000 kg and the damping ratio assumed, 0.63" in said and "at 0.02, a wire that rings" in said
+    assert "at 9000 kg, at damping ratio 0.02, a wire that rings, in place of the 0.63 assumed" in said
     ringing = damping_sentence(scenario, shipped_hoist("lightly_damped"))
     assert ringing is not None
-    assert "the damping ratio assumed, 0.016" in ringing and "at 0.63, the paper's assumption of c/k = 0.1 s" in ringing
-    savings = [re.findall(r"(\d+) %", text) for text in (said, ringing)]
-    assert savings[0][:2] == savings[1][2:] and int(savings[1][1]) > int(savings[0][1])  # a jerk limit buys more there
+    assert "at damping ratio 0.63, the paper's assumption of c/k = 0.1 s, in place of the 0.016" in ringing
+    peaks = [
+        [float(x) for x in re.findall(r"peak per motor ([\d.]+) N m \(else ([\d.]+)\)", text)[0]]
+        for text in (said, ringing)
+    ]
+    assert peaks[0] == pytest.approx(peaks[1][::-1], abs=1.5)  # 0.02 and 0.016: nearly each other's wire
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "scenarios").glob("*.yaml")))
@@ -135,8 +343,8 @@ def test_every_study_says_how_far_its_answer_hangs_on_the_damping(name):
     said = on_another_damping(study)
     assert said is not None
     swings = study.machine.kind == "hoist"
-    assert bool(re.search(r"the damping ratio assumed, 0\.\d+, .*; at 0\.\d+, ", said)) == swings
-    assert said.startswith("The answer hangs" if swings else "No damping is assumed: the axis is one stiff inertia")
+    assert bool(re.search(r"at damping ratio 0\.\d+, .* in place of the 0\.\d+ assumed, ", said)) == swings
+    assert said.startswith("The answer depends" if swings else "No damping is assumed: the axis is one stiff inertia")
 
 
 def test_two_inertias_say_how_far_their_answer_hangs_on_the_damping_of_the_coupling():
@@ -148,12 +356,15 @@ def test_two_inertias_say_how_far_their_answer_hangs_on_the_damping_of_the_coupl
         for machine in (axes.two_inertia(coupling__damping_nm_s_per_rad=damping),)
     }
     for damping, (ratio, other) in {
-        stiff.coupling.damping_nm_s_per_rad: (0.5 * own, f"at {ELASTOMER:.2g}, a coupling with an elastomer spider"),
-        0.05: (0.5 * own * 12.5, f"at {RINGING:.2g}, a coupling that rings"),
+        stiff.coupling.damping_nm_s_per_rad: (
+            0.5 * own,
+            f"ratio {ELASTOMER:.2g}, a coupling with an elastomer spider",
+        ),
+        0.05: (0.5 * own * 12.5, f"at damping ratio {RINGING:.2g}, a coupling that rings"),
     }.items():
         text = said[damping]
         assert text is not None and "on the coupling's damping: " in text and other in text
-        assert f"the damping ratio assumed, {ratio:.2g}, " in text and "settling time" in text
+        assert f"in place of the {ratio:.2g} assumed, " in text and "settling time" in text
 
 
 def test_the_bound_is_below_every_motion_of_its_time_and_names_the_pair_that_is_free():

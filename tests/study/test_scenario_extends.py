@@ -8,8 +8,8 @@ import pytest
 
 from tests.support.scenario_text import GOOD, write
 from workbench.errors import InputError
-from workbench.study.scenario.layers import LONGEST_CHAIN
-from workbench.study.scenario.load import load_study
+from workbench.study.layers import LONGEST_CHAIN
+from workbench.study.load import load_study
 
 ROOT = Path(__file__).resolve().parents[2]
 

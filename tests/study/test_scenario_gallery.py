@@ -16,12 +16,11 @@ from click.testing import CliRunner
 from tests.support.scenario_text import GOOD
 from workbench.cli.schema import command
 from workbench.machine.files import machine_text
-from workbench.study.conclude.pareto import fronts
-from workbench.study.execute.chunk import run_specs
-from workbench.study.results.row import Row
-from workbench.study.scenario.load import Study, load_study
-from workbench.study.scenario.record import Scenario
-from workbench.study.scenario.schema import KINDS, json_schema
+from workbench.study.load import Study, load_study
+from workbench.study.pareto import fronts
+from workbench.study.rows import Row
+from workbench.study.run import run_specs
+from workbench.study.scenario import KINDS, Scenario, json_schema
 from workbench.yaml_strict import load, loads
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.support.scenario_text import GOOD, write
 from workbench.errors import InputError
-from workbench.study.scenario.load import load_study
+from workbench.study.load import load_study
 from workbench.yaml_strict import dumps, loads
 
 FULL = (

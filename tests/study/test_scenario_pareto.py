@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from workbench.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.study.conclude.pareto import fronts, knee, non_dominated
-from workbench.study.results.row import Row
+from workbench.study.pareto import fronts, knee, non_dominated
+from workbench.study.rows import Row
 
 # Time against torque. (4, 6) and (6, 5) are beaten; the second (3, 3) is the first one again.
 HAND = [(1.0, 10.0), (2.0, 4.0), (4.0, 6.0), (3.0, 3.0), (3.0, 3.0), (6.0, 5.0), (8.0, 2.5), (10.0, 1.0)]

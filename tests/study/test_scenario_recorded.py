@@ -14,8 +14,8 @@ from workbench.machine import default_hoist
 from workbench.machine.files import machine_text
 from workbench.references import Step, motor_speed_rad_s, plan_motion
 from workbench.references.limits import Limits
-from workbench.study.execute.chunk import run_specs
-from workbench.study.scenario.load import Study, load_study
+from workbench.study.load import Study, load_study
+from workbench.study.run import run_specs
 
 SCENARIO = """\
 name: again

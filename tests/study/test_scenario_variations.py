@@ -16,12 +16,10 @@ from hypothesis import strategies as st
 
 from tests.support.scenario_text import study_of
 from workbench.machine import default_hoist
-from workbench.study.execute.chunk import run_specs
-from workbench.study.scenario.record import Scenario
-from workbench.study.variations.axes import Distribution, RangeBlock, SampleBlock
-from workbench.study.variations.check import plan_runs
-from workbench.study.variations.run_spec import RunSpec
-from workbench.study.variations.sampling import distributions, draws
+from workbench.study.grid import RunSpec, plan_runs
+from workbench.study.run import run_specs
+from workbench.study.scenario import Scenario
+from workbench.study.sweep import Distribution, RangeBlock, SampleBlock, distributions, draws
 
 SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,199}")
 BASE: dict[str, Any] = {

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
 from workbench.metrics import fixed_columns, metrics
-from workbench.study.conclude import tables
-from workbench.study.conclude.rank import rank_correlations
-from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.tables import run_table
-from workbench.study.results.labels import field_label, metric_label
-from workbench.study.results.row import Row
-from workbench.study.variations.varying import drawn_columns, run_in_words, swept_axes
+from workbench.study import tables
+from workbench.study.findings import sentences
+from workbench.study.labels import drawn_columns, field_label, metric_label, run_in_words, swept_axes
+from workbench.study.pareto import rank_correlations
+from workbench.study.rows import Row
+from workbench.study.tables import run_table
 
 LIMIT = 768.0
 JERK, ACCELERATION = "sweep.limits.jerk_m_s3", "sweep.limits.acceleration_m_s2"
@@ -88,11 +85,8 @@ def front_rows() -> list[Row]:
 def test_the_knee_is_said_with_its_price_per_move_and_what_it_takes_off():
     # To 0…1: x = (t − 1)/7, y = (200/t − 25)/175; farthest below the chord is t = 2 or 4 by symmetry of 1/t about √8.
     (knee,) = [text for text in sentences(front_rows(), LIMIT) if "knee" in text]
-    assert "with jerk 5 m/s³: 32.0 s and 500 N m" in knee or "with jerk 2.5 m/s³: 34.0 s and 450 N m" in knee
-    assert "Against the fastest run, 31.0 s and 600 N m" in knee
-    assert "the gentlest needs 38.0 s for 425 N m" in knee
-    costs, off = re.search(r"it costs ([\d.]+) s per move and takes (\d+) % off", knee).groups()  # type: ignore[union-attr]
-    assert (float(costs), int(off)) in [(0.5, 17), (1.5, 25)]
+    assert "with jerk 5 m/s³: 32 s and 500 N m" in knee or "with jerk 2.5 m/s³: 34 s and 450 N m" in knee
+    assert "between 31 s for 600 and 38 s for 425 at the ends" in knee and "edge" not in knee
 
 
 def test_a_sweep_of_gains_is_no_matter_of_move_time():
@@ -143,19 +137,6 @@ def test_every_axis_of_a_sweep_has_a_column_and_fields_of_one_value_are_said_tog
     assert len({tuple(line[2:5]) for line in run_table(rows).rows}) == 3
     stiff = run_in_words(rows[1], swept_axes(rows))
     assert stiff == "9000 kg, ruckig, feed forward inertia, weight and friction 1, feed forward wire 0"
-
-
-def test_what_a_reference_takes_off_is_said_with_where_it_is_most_and_least():
-    trapezoid = (400.0, 400.0, 400.0)
-    optimal, equal = (300.0, 280.0, 260.0), (500.0, 480.0, 500.0)
-    said = sentences(forward_rows(trapezoid=trapezoid, optimal=optimal, ruckig_equal_time=equal), LIMIT)
-    (best,) = [text for text in said if text.startswith("At 9000 kg optimal")]
-    assert "takes the trapezoid's time and takes 25 to 35 % off the torque peak above static" in best
-    assert best.endswith(
-        ": most at feed forward inertia, weight and friction 1, feed forward wire 1, least at feed forward inertia, "
-        "weight and friction 0, feed forward wire 0."
-    )
-    assert any("adds 20 to 25 % to the torque peak above static" in text for text in said)
 
 
 def test_words_are_said_one_by_one():

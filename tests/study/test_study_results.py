@@ -18,15 +18,13 @@ from workbench.cli.study import command
 from workbench.errors import InputError
 from workbench.figures.study_page import save_study_page, study_figures
 from workbench.metrics import fixed_columns
-from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.tables import run_table
-from workbench.study.execute.batch import run_batch
-from workbench.study.execute.run import StudyResult, run_study
-from workbench.study.execute.store import Chunk
-from workbench.study.results.folder import SavedRuns, place_for
-from workbench.study.results.index import index_table, read_rows
-from workbench.study.results.row import Row
-from workbench.study.scenario.load import Study, load_study
+from workbench.study.batch import run_batch
+from workbench.study.findings import sentences
+from workbench.study.load import Study, load_study
+from workbench.study.rows import Row, index_table, read_rows
+from workbench.study.run import StudyResult, run_study
+from workbench.study.store import Chunk, SavedRuns, place_for
+from workbench.study.tables import run_table
 
 SCENARIO = """\
 format: 1
@@ -344,7 +342,7 @@ def test_command_says_that_this_very_study_is_there_and_runs_nothing(
     out = tmp_path / "out"
     first = CliRunner().invoke(command, [str(scenario), "--out", str(out)], catch_exceptions=False)
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
-    monkeypatch.setattr("workbench.study.execute.chunk.simulate_loop", None)
+    monkeypatch.setattr("workbench.study.run.simulate_loop", None)
     again = CliRunner().invoke(command, [str(scenario), "--out", str(out)], catch_exceptions=False)
     assert "holds this very study already; nothing was run" in again.output
     assert again.output.splitlines()[:11] == first.output.splitlines()[:11]

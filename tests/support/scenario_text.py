@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from workbench.study.scenario.load import Study, load_study
+from workbench.study.load import Study, load_study
 
 GOOD = """\
 format: 1

@@ -16,9 +16,9 @@ from benchmarks.watch import healthy, month
 from tests.support.commands import Commands
 from tests.support.opcua_machine import OpcUaMachine
 from workbench.errors import InputError
+from workbench.kinds.axis import LinearAxis
 from workbench.logs.runs_file import Entry
 from workbench.machine import default_hoist, save_machine
-from workbench.machine.axis import LinearAxis
 from workbench.run import Run
 from workbench.watch.arrivals import Arrivals, Arrived
 from workbench.watch.estimate import estimate

@@ -21,8 +21,8 @@ from benchmarks.watch import friction_grows, healthy, month, sensor_drifts
 from tests.support.commands import Commands
 from tests.support.log_campaign import csv_text
 from workbench.errors import InputError
+from workbench.kinds.axis import LinearAxis
 from workbench.machine import default_hoist, save_machine, with_values
-from workbench.machine.axis import LinearAxis
 from workbench.run import Array, Run
 from workbench.serve.plant import LiveAxis
 from workbench.watch.cause import Cause, groups_of, likelihoods, posterior

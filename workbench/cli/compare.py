@@ -13,7 +13,7 @@ from workbench.errors import InputError
 from workbench.tables import Column, Table, words
 
 if TYPE_CHECKING:
-    from workbench.study.compare.compare import Change, Comparison, Pair, Regression
+    from workbench.study.compare import Change, Comparison, Pair, Regression
 
 MOST_LINES = 10
 
@@ -35,10 +35,8 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
     Runs are matched by id, or by payload, reference and swept values. Exit status 1: with --max-regression, a
     metric got worse than its limit or a run fails in B only. Exit status 2: no run is in both results.
     """
-    from workbench.study.compare.as_json import as_json
-    from workbench.study.compare.compare import compare, judged, parse_limits, regressions
-    from workbench.study.compare.unmatched import why_unmatched
-    from workbench.study.results.index import read_rows
+    from workbench.study.compare import as_json, compare, judged, parse_limits, regressions, why_unmatched
+    from workbench.study.rows import read_rows
     from workbench.whole_folder import check_replaceable, replace_json
 
     if json_file is not None:
@@ -87,7 +85,7 @@ def _unmoved(comparison: Comparison) -> str:
 
 
 def _line(change: Change) -> list[str]:
-    from workbench.study.compare.scale import plain, plain_percent
+    from workbench.study.compare import plain, plain_percent
 
     numbers = change.mean_a, change.mean_b
     mean, *deltas = (
@@ -108,7 +106,7 @@ def _moved_most(change: Change) -> str:
 
 
 def _values(metric: str, pair: Pair) -> str:
-    from workbench.study.compare.scale import plain
+    from workbench.study.compare import plain
 
     before, after = (plain(metric, row[metric]) for row in (pair.a, pair.b))
     return f"{pair.name}{TIE}{before}{TIE}→{TIE}{after}"

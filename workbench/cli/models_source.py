@@ -28,8 +28,8 @@ def comparison_of(source: Path, runs: str | None, machine: Path | None, step_s: 
 
 
 def _of_scenario(source: Path, runs: str | None, machine: Path | None, step_s: float) -> Callable[[], ModelsCompared]:
-    from workbench.study.execute.chunk import case_of
-    from workbench.study.scenario.load import load_study
+    from workbench.study.load import load_study
+    from workbench.study.run import case_of
 
     if runs is not None or machine is not None:
         raise InputError("belongs to a campaign; a scenario names both itself", place="--runs" if runs else "--machine")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from workbench.study.execute.batch import Progress, Tell
+    from workbench.study.batch import Progress, Tell
 
 LINE_EVERY_S = 10.0
 

@@ -13,9 +13,8 @@ import click
 def command(results: Path, out: Path | None) -> None:
     """Write the report of RESULTS, a folder written by `workbench study`: one HTML file that needs no network."""
     from workbench.cli.show import print_text
-    from workbench.reports.study.page import write_study_report
-    from workbench.reports.study.words import conclusions
-    from workbench.study.results.finished import read_finished
+    from workbench.reports.study import conclusions, write_study_report
+    from workbench.study.store import read_finished
 
     result = read_finished(results)
     path = out or results / "report.html"

@@ -18,6 +18,6 @@ def command(kind: str) -> None:
         workbench schema scenario > scenario.schema.json
         # yaml-language-server: $schema=scenario.schema.json
     """
-    from workbench.study.scenario.schema import json_schema
+    from workbench.study.scenario import json_schema
 
     click.echo(json.dumps(json_schema(kind), indent=1, ensure_ascii=False))

@@ -13,9 +13,9 @@ from workbench.cli.options import effects_option
 from workbench.errors import InputError
 
 if TYPE_CHECKING:
-    from workbench.study.execute.batch import Spread, Tell
-    from workbench.study.results.folder import ResultFolder
-    from workbench.study.scenario.load import Study
+    from workbench.study.batch import Spread, Tell
+    from workbench.study.load import Study
+    from workbench.study.store import ResultFolder
 
 MOST_ON_PAGE = 60
 MOST_IN_TABLE = 40
@@ -36,8 +36,8 @@ def command(files: tuple[Path, ...], out: Path | None, cluster: str | None) -> N
     Finished runs are stored. After Ctrl-C the same command continues where it stopped.
     """
     from workbench.cli.progress import shown
-    from workbench.study.results.folder import place_for
-    from workbench.study.scenario.load import load_study
+    from workbench.study.load import load_study
+    from workbench.study.store import place_for
 
     studies = [load_study(file) for file in files]
     places = _out_folders(studies, files, out)
@@ -70,33 +70,34 @@ def _out_folders(studies: Sequence[Study], files: Sequence[Path], out: Path | No
 def _spread(cluster: str | None) -> Iterator[Spread]:
     """Where chunks are run: on this computer, or on a cluster while the block runs."""
     if cluster is None:
-        from workbench.study.execute.batch import on_this_computer
+        from workbench.study.batch import on_this_computer
 
         yield on_this_computer
         return
-    from workbench.cluster import spread_on
+    from workbench.study.cluster import spread_on
 
-    with spread_on(cluster) as spread:
+    with spread_on(cluster, lambda text: click.echo(f"{cluster}: {text}", err=True)) as spread:
         yield spread
 
 
 def _run(study: Study, place: ResultFolder, spread: Spread, tell: Tell) -> None:
     from workbench.figures.study_page import save_study_page
-    from workbench.study.execute.batch import run_batch
+    from workbench.study.answer import ANSWER, write_answer
+    from workbench.study.batch import run_batch
 
     # Curves of more runs than this are a tangle, and a page of megabytes.
     fits = study.scenario.outputs.signals != "none" and len(study.specs) <= MOST_ON_PAGE
     page = {"study.html": save_study_page} if fits else {}
-    run_batch(study, place, spread=spread, tell=tell, extras=page)
+    run_batch(study, place, spread=spread, tell=tell, extras={ANSWER: write_answer} | page)
 
 
 def _report(study: Study, place: ResultFolder) -> None:
     from workbench.cli.show import print_table, print_text
-    from workbench.study.conclude import tables
-    from workbench.study.conclude.answer import answer
-    from workbench.study.conclude.decide import decision_table
-    from workbench.study.results.index import read_rows
-    from workbench.study.variations.varying import swept_axes
+    from workbench.study import tables
+    from workbench.study.answer import answer, read_answer
+    from workbench.study.decide import decision_table
+    from workbench.study.labels import swept_axes
+    from workbench.study.rows import read_rows
 
     rows = read_rows(place.folder)
     if len(rows) <= MOST_IN_TABLE:
@@ -110,7 +111,8 @@ def _report(study: Study, place: ResultFolder) -> None:
         click.echo()
         print_table(decision)
     # A study that is there already is shown as it is: nothing is run.
-    print_text(["", *answer(study, rows, simulate=not place.finished), ""])
+    kept = read_answer(place.folder)
+    print_text(["", *(answer(study, rows, simulate=False) if kept is None else kept.sentences), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")
     if place.note:

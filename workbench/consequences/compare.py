@@ -32,10 +32,10 @@ from workbench.machine import Axis, Hoist
 from workbench.metrics import find, set_of
 from workbench.references import motion_time_s
 from workbench.run import Run
-from workbench.study.conclude.variation_sentences import NO_CHANGE
-from workbench.study.execute.chunk import run_specs
-from workbench.study.results.row import Row
-from workbench.study.variations.run_spec import RunSpec
+from workbench.study.findings import NO_CHANGE
+from workbench.study.grid import RunSpec
+from workbench.study.rows import Row
+from workbench.study.run import run_specs
 
 MS_LIMIT = 1.4
 NOT_STUDIED = (

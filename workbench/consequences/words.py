@@ -13,7 +13,8 @@ from workbench.effects import find
 from workbench.kinds import Kind, kind_of
 from workbench.machine import Axis, Hoist
 from workbench.metrics import set_of
-from workbench.study.conclude.variation_sentences import NO_CHANGE, listed
+from workbench.study.findings import NO_CHANGE
+from workbench.study.labels import listed
 
 SMALL = 100.0 * NO_CHANGE  # per cent
 GAIN_MOVES = 3.0  # per cent of a gain: less is within what tuning by hand leaves

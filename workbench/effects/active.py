@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from workbench.effects.correction import correction_of
 from workbench.effects.declare import Effect, EffectMemory, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
 from workbench.errors import InputError, nearest
-from workbench.kinds import Sizes, kind_of
+from workbench.kinds import KINDS, Sizes, kind_of
+from workbench.kinds.correction import correction_of
 from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS, Effects, Memory, plant_of
 from workbench.run import Run
@@ -218,7 +218,7 @@ def compiled(kind: str, effects: tuple[Effect, ...]) -> Effects:
 
 def _corrected(active: Active, machine: Hoist | Axis) -> Active:
     """The effects at work and the machine's measured correction beside them; without one, `active` itself."""
-    correction = correction_of(machine, active.kind)
+    correction = correction_of(machine, KINDS[active.kind])
     if correction is None:
         return active
     pieces, values = correction

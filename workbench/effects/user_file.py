@@ -9,8 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from workbench.errors import InputError
-
-MOST_BYTES = 1_000_000
+from workbench.input_file import read_input
 
 
 @dataclass(frozen=True)
@@ -34,14 +33,6 @@ class UserFile:
 def read_user_file(path: str | os.PathLike[str]) -> UserFile:
     """InputError where the file is not there, cannot be read, or is no Python."""
     file = Path(path)
-    try:
-        if not file.is_file():
-            what = "is a folder" if file.is_dir() else "no such file"
-            raise InputError(f"{what}; expected Python with effects in it", file=file)
-        if file.suffix != ".py":
-            raise InputError("is no Python file (.py)", file=file)
-        if file.stat().st_size > MOST_BYTES:
-            raise InputError(f"is larger than {MOST_BYTES // 1_000_000} MB; expected Python with effects", file=file)
-        return UserFile(str(file.resolve()), file.read_bytes())
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=file) from error
+    if file.is_file() and file.suffix != ".py":
+        raise InputError("is no Python file (.py)", file=file)
+    return UserFile(str(file.resolve()), read_input(file, "python"))

@@ -12,7 +12,7 @@ from workbench.export import printed
 from workbench.export.drives import DriveSettings, RampLimits, drive_settings
 from workbench.export.program import checked
 from workbench.machine import Hoist
-from workbench.study.scenario.record import LimitsBlock
+from workbench.study.scenario import LimitsBlock
 from workbench.whole_folder import check_free, whole_folder
 from workbench.yaml_strict import Document, dumps, load, validate
 

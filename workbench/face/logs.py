@@ -22,7 +22,7 @@ from workbench.plants import plant_of
 from workbench.reports.numbers import figures
 from workbench.reports.words import words_of
 from workbench.run import Run
-from workbench.study.results.labels import metric_label
+from workbench.study.labels import metric_label
 from workbench.tables import Column, Table, words
 
 PathLike = str | os.PathLike[str]

@@ -24,8 +24,8 @@ from workbench.references import (
 from workbench.reports.numbers import figures
 from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_loop
 from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
-from workbench.study.execute.run import motor_torque_limit_nm
-from workbench.study.results.labels import metric_label
+from workbench.study.labels import metric_label
+from workbench.study.run import motor_torque_limit_nm
 from workbench.tables import Column, Table, words
 
 LEAD_S, SETTLE_S = 0.5, 2.0

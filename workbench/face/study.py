@@ -11,16 +11,12 @@ from workbench.face.logs import PathLike
 from workbench.face.view import View
 from workbench.figures.study_page import study_figures
 from workbench.machine import Axis, Hoist, default_hoist
-from workbench.study.compare.compare import Comparison
-from workbench.study.compare.compare import compare as compare_rows
-from workbench.study.compare.scale import plain, plain_percent
-from workbench.study.compare.unmatched import why_unmatched
-from workbench.study.conclude import tables
-from workbench.study.execute.run import StudyResult, run_study
-from workbench.study.results.index import index_table, read_rows
-from workbench.study.results.row import Row
-from workbench.study.scenario.load import Study, load_study, plan_study
-from workbench.study.scenario.standalone import changed, read_standalone
+from workbench.study import tables
+from workbench.study.compare import Comparison, plain, plain_percent, why_unmatched
+from workbench.study.compare import compare as compare_rows
+from workbench.study.load import Study, changed, load_study, plan_study, read_standalone
+from workbench.study.rows import Row, index_table, read_rows
+from workbench.study.run import StudyResult, run_study
 from workbench.tables import Column, Table, words
 from workbench.yaml_strict import Document
 

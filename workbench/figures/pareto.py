@@ -11,10 +11,9 @@ from workbench.figures.panels import Panels
 from workbench.figures.style import BLACK, MARKERS, SPARE, label, line
 from workbench.figures.thin import MOST_POINTS
 from workbench.run import Array
-from workbench.study.conclude.pareto import Front, cost
-from workbench.study.results.labels import drawn_in
-from workbench.study.results.row import Row
-from workbench.study.variations.varying import SweptAxis, run_in_words, set_in
+from workbench.study.labels import SweptAxis, drawn_in, run_in_words, set_in
+from workbench.study.pareto import Front, cost
+from workbench.study.rows import Row
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -55,6 +54,47 @@ def pareto(
     figure = panels.figure(height)
     figure.update_layout(hovermode="closest")
     return figure
+
+
+def curves_over_time(good: Sequence[Row], beside: Sequence[Row], names: Sequence[str], height: int = 760) -> Figure:
+    """Metrics over move time, a row a metric and a column a payload: each family's best limits at each time."""
+    payloads = sorted({row.payload_kg for row in beside})
+    labels = [drawn_in(name)[0] for name in names]
+    panels = Panels(
+        "What more time buys",
+        [f"{one.words}<br>({one.unit})" for one in labels],
+        [f"payload {payload:g} kg" for payload in payloads] if len(payloads) > 1 else [""],
+        x_title=drawn_in("move_time_s")[0].axis,
+    )
+    for number, kind in enumerate(dict.fromkeys(row.reference for row in (*good, *beside))):
+        look = line(kind, number)
+        marker = {"symbol": MARKERS[number % len(MARKERS)], "size": 8, "color": look["color"]}
+        for column, payload in enumerate(payloads):
+            own, slowed = (
+                [row for row in rows if row.ok and row.reference == kind and row.payload_kg == payload]
+                for rows in (good, beside)
+            )
+            for at, name in enumerate(names):
+                best = _best_at_each_time([*own, *slowed], name)
+                fill = {**marker, "symbol": [marker["symbol"] + ("" if row in own else "-open") for row in best]}
+                hover = [f"{run_in_words(row, [])}<br>{set_in(row)}" for row in best]
+                panels.line(
+                    at, column, _costs(best, "move_time_s"), _costs(best, name), label(kind), look,
+                    mode="lines+markers", marker=fill, text=hover, hovertemplate=_HOVER,
+                )  # fmt: skip
+    figure = panels.figure(height)
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def _best_at_each_time(rows: Sequence[Row], name: str) -> list[Row]:
+    """By rising time the run with the least of a metric at each."""
+    best: dict[float, Row] = {}
+    for row in rows:
+        time = round(row["move_time_s"], 2)
+        if time not in best or row[name] < best[time][name]:
+            best[time] = row
+    return [best[time] for time in sorted(best)]
 
 
 def _costs(rows: Sequence[Row], name: str) -> Array:

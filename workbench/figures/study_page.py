@@ -11,12 +11,12 @@ from workbench.figures.save import Section, save_page
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_axis import axis_overview
 from workbench.kinds import kind_of
-from workbench.study.conclude.answer import answer
-from workbench.study.conclude.decide import decision_table
-from workbench.study.conclude.tables import run_table
-from workbench.study.execute.run import StudyResult, peak_limit
-from workbench.study.results.row import Row, with_payload
-from workbench.study.variations.varying import set_in
+from workbench.study.answer import answer, read_answer
+from workbench.study.decide import decision_table
+from workbench.study.labels import set_in
+from workbench.study.rows import Row, with_payload
+from workbench.study.run import StudyResult, peak_limit
+from workbench.study.tables import run_table
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -75,12 +75,12 @@ def _peak(result: StudyResult, payload_kg: float, kind: str) -> float:
 
 
 def save_study_page(result: StudyResult, path: Path) -> None:
-    """Write the page of a study; it needs no network."""
+    """Write the page of a study, with the answer that stands beside it; it needs no network."""
     machine, description = result.study.machine, result.study.scenario.description
-    decision = decision_table(result.rows)
+    decision, kept = decision_table(result.rows), read_answer(path.parent)
     section = Section(
         sentences=[description] if description else [],
-        points=answer(result.study, result.rows),
+        points=answer(result.study, result.rows) if kept is None else kept.sentences,
         tables=[*([decision] if decision is not None else []), run_table(result.rows)],
         figures=[(figure, "") for figure in study_figures(result)],
     )

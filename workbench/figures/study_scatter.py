@@ -9,9 +9,9 @@ import numpy as np
 
 from workbench.figures.panels import Panels
 from workbench.figures.style import BLUE, TEMPLATE, VERMILLION, label, line
-from workbench.study.conclude.rank import Correlation
-from workbench.study.results.labels import drawn_in, metric_label
-from workbench.study.results.row import Row
+from workbench.study.labels import drawn_in, metric_label
+from workbench.study.pareto import Correlation
+from workbench.study.rows import Row
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

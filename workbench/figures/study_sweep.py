@@ -10,10 +10,9 @@ import numpy as np
 from workbench.figures.panels import Panels
 from workbench.figures.style import MARKERS, label, line
 from workbench.metrics import Metric, View, shown_in
-from workbench.study.conclude.variation_sentences import NO_CHANGE
-from workbench.study.results.labels import drawn_in, shown
-from workbench.study.results.row import Row, metrics_of
-from workbench.study.variations.varying import Point, SweptAxis
+from workbench.study.findings import NO_CHANGE
+from workbench.study.labels import Point, SweptAxis, drawn_in, shown
+from workbench.study.rows import Row, metrics_of
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

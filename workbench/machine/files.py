@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TypeVar
 
 from workbench.errors import InputError, nearest
-from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
-from workbench.machine.hoist import Hoist
-from workbench.machine.two_inertia import TwoInertia
+from workbench.kinds import KINDS
+from workbench.kinds.axis import Axis
+from workbench.kinds.hoist import Hoist
 from workbench.whole_folder import replace_text
 from workbench.yaml_strict import Document, dumps, load, validate
 
 # What machine.yaml may describe. A kind of several motions has a record for each.
-RECORDS: tuple[type[Hoist] | type[Axis], ...] = (Hoist, LinearAxis, RotaryAxis, TwoInertia)
+RECORDS: tuple[type[Hoist] | type[Axis], ...] = tuple(kind.record for kind in KINDS.values())
 T = TypeVar("T")
 CheckEffects = Callable[[Hoist | Axis], None]
 _HEAD = ("format", "kind", "motion", "name")

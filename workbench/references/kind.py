@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from workbench.errors import InputError
-from workbench.kinds.load import Load
+from workbench.kinds import Load
 from workbench.references.limits import Limits
 from workbench.references.shape import Shape
 

@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 
 from workbench.errors import InputError
-from workbench.kinds.load import Load
+from workbench.kinds import Load
 from workbench.references.limits import Limits
 from workbench.references.shape import Shape
 from workbench.run import Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from workbench.kinds.load import Load
+from workbench.kinds import Load
 from workbench.references.limits import Limits
 from workbench.references.shape import Shape
 from workbench.references.time_optimal import shortest_move, shortest_move_s

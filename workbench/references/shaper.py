@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.kinds.load import Load
+from workbench.kinds import Load
 from workbench.references.shape import Shape
 
 EI_VIBRATION = 0.05  # of an unshaped step's, that the EI shaper leaves at its own frequency

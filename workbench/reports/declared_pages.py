@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from workbench.machine.files import RECORDS
 from workbench.metrics import LoopMetric, Metric, metrics, run_metrics, set_of
 from workbench.references import ReferenceKind, planned_kinds, recorded_kinds
-from workbench.study.scenario.record import Scenario
+from workbench.study.scenario import Scenario
 from workbench.yaml_strict.checked import bounds_of
 
 _METRICS = """\

@@ -19,8 +19,7 @@ from workbench.log_formats import suffixes
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Column, Entry, Name, read_runs
 from workbench.machine import Axis, Hoist
-from workbench.machine.quantities import Finite, Payload, Position
-from workbench.machine.record import Record
+from workbench.record import Finite, Payload, Position, Record
 from workbench.run import Run
 from workbench.yaml_strict import load, validate
 

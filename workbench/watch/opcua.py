@@ -20,8 +20,7 @@ from workbench.errors import InputError, nearest
 from workbench.kinds import TIME, Kind, kind_of
 from workbench.logs.plausible import driven_signals
 from workbench.machine import Axis, Hoist
-from workbench.machine.quantities import Finite, Payload, Position
-from workbench.machine.record import Record
+from workbench.record import Finite, Payload, Position, Record
 from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, start_value, with_payload
 from workbench.yaml_strict import load, validate
 

@@ -23,6 +23,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.input_file import open_input
 from workbench.machine import Axis, Hoist
 from workbench.watch.estimate import Estimate, watched_keys
 from workbench.watch.judge import Cycle, Event, Judged, Rules
@@ -508,6 +509,6 @@ def _text(value: Any) -> str:
 
 
 def digest_of(file: Path) -> str:
-    """Of a file's content. OSError where it cannot be read."""
-    with file.open("rb") as stream:
+    """Of a file's content. InputError where it cannot be opened, OSError where the disk fails."""
+    with open_input(file, "log") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -171,6 +171,9 @@ class Watch:
         except OSError as error:
             self._once(f"{arrived.file}: cannot be read: {error.strerror}")
             return 0
+        except InputError as error:
+            self._once(str(error))
+            return 0
         aside = hashlib.sha256(f"{digest} {arrived.described}".encode()).hexdigest()
         if self.store.known(digest, aside):
             self._arrivals.done(arrived.file)

@@ -19,7 +19,7 @@ from workbench.yaml_strict import Document, load, validate
 
 if TYPE_CHECKING:
     from workbench.analysis.trial import Trial
-    from workbench.study.scenario.load import Study
+    from workbench.study.load import Study
 
 __all__ = [
     "MOST",
@@ -99,7 +99,7 @@ def loop_case(
     study: Study | None = None
     loads: Sequence[float] | None = None
     if scenario is not None:
-        from workbench.study.scenario.load import load_study
+        from workbench.study.load import load_study
 
         study = load_study(scenario)
         # What the scenario itself says; a sweep's or a sample's points go their own ways from there.

@@ -12,8 +12,7 @@ from workbench.dashboard import session
 from workbench.dashboard.machines import chosen_machine
 from workbench.errors import InputError
 from workbench.machine import save_machine
-from workbench.study.scenario.load import Study, load_study
-from workbench.study.scenario.standalone import read_standalone
+from workbench.study.load import Study, load_study, read_standalone
 from workbench.yaml_strict import Document, dumps, load
 
 UPLOAD = "upload a scenario"

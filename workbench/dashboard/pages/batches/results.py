@@ -12,13 +12,12 @@ from workbench.dashboard import session
 from workbench.dashboard.jobs.job import Job, result_folder
 from workbench.dashboard.pages.batches.work import CSV, REPORT
 from workbench.dashboard.widgets import Number, chart, numbers, plain, table
-from workbench.study.results.finished import Finished, read_finished
-from workbench.study.results.index import INDEX, read_table
-from workbench.study.results.row import Row, metrics_of
-from workbench.study.variations.varying import run_in_words, swept_axes
+from workbench.study.labels import run_in_words, swept_axes
+from workbench.study.rows import INDEX, Row, metrics_of, read_table
+from workbench.study.store import Finished, read_finished
 
 if TYPE_CHECKING:
-    from workbench.reports.study.figures import Noted
+    from workbench.reports.study import Noted
 
 MOST_LINES = 1_000
 
@@ -41,7 +40,7 @@ def show_results(job: Job) -> None:
     with runs:
         _runs(folder, len(result.rows))
     with how:
-        from workbench.reports.study.tables import what_was_run
+        from workbench.reports.study import what_was_run
 
         table(what_was_run(result))
         st.code((folder / "scenario.yaml").read_text(encoding="utf-8"), language="yaml")
@@ -49,7 +48,7 @@ def show_results(job: Job) -> None:
 
 def _read(job: Job, folder: Path) -> tuple[Finished, list[Noted]]:
     """Read and drawn once for as long as it is the one that is open."""
-    from workbench.reports.study.figures import figures_of
+    from workbench.reports.study import figures_of
 
     last = session.get("batches result", tuple, ())
     if not last or last[0] != job.id:
@@ -114,7 +113,7 @@ def _downloads(job: Job, folder: Path, name: str) -> None:
 
 
 def _conclusions(result: Finished) -> None:
-    from workbench.reports.study.words import conclusions
+    from workbench.reports.study import conclusions
 
     if description := str(result.scenario.get("description") or ""):
         st.markdown(plain(description))
@@ -131,8 +130,8 @@ def _figures(job: Job, figures: Sequence[Noted]) -> None:
 
 
 def _runs(folder: Path, count: int) -> None:
-    from workbench.reports.study.tables import run_tables
-    from workbench.study.results.index import rows_of
+    from workbench.reports.study import run_tables
+    from workbench.study.rows import rows_of
 
     index = read_table(folder / INDEX)
     for run_table in run_tables(rows_of(index)):

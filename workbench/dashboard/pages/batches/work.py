@@ -7,12 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from workbench.dashboard.jobs.progress import Teller
-from workbench.reports.study.page import write_study_report
-from workbench.study.execute.batch import Progress, run_batch
-from workbench.study.results.finished import read_finished
-from workbench.study.results.folder import place_for
-from workbench.study.results.index import INDEX, read_table
-from workbench.study.scenario.load import load_study
+from workbench.reports.study import write_study_report
+from workbench.study.batch import Progress, run_batch
+from workbench.study.load import load_study
+from workbench.study.rows import INDEX, read_table
+from workbench.study.store import place_for, read_finished
 
 RUNNING, WRITING = "runs", "report"
 CSV, REPORT = "index.csv", "report.html"

@@ -16,8 +16,8 @@ import streamlit as st
 from workbench.dashboard import session
 from workbench.dashboard.widgets import plain
 from workbench.machine import Axis, Hoist
-from workbench.study.execute.run import StudyResult
-from workbench.study.scenario.record import Scenario
+from workbench.study.run import StudyResult
+from workbench.study.scenario import Scenario
 
 _KEY = "runs kept"
 MOST = 8  # more lines than that are a tangle

@@ -20,9 +20,9 @@ from workbench.kinds import Kind, kind_of, studied
 from workbench.machine import Axis, Hoist
 from workbench.metrics import Metric, View, shown_in
 from workbench.run import Run
-from workbench.study.execute.run import motor_torque_limit_nm, peak_limit
-from workbench.study.results.row import Row, metrics_of
-from workbench.study.scenario.standalone import standalone_text
+from workbench.study.load import standalone_text
+from workbench.study.rows import Row, metrics_of
+from workbench.study.run import motor_torque_limit_nm, peak_limit
 
 MOST_SAID = 3  # values by which a machine is told from another of its name
 

@@ -15,8 +15,8 @@ from workbench.errors import InputError
 from workbench.kinds import LOOPED, looped, of_kind, studied
 from workbench.machine import Axis, Hoist, default_hoist, machine_from, shipped
 from workbench.machine.files import machine_text
-from workbench.study.scenario.record import Scenario
-from workbench.study.scenario.standalone import read_standalone, standalone_text
+from workbench.study.load import read_standalone, standalone_text
+from workbench.study.scenario import Scenario
 from workbench.yaml_strict import loads
 
 KEY = "study"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
@@ -17,13 +19,10 @@ from workbench.logs.signal_files import FORMS
 from workbench.metrics import Metric, View, shown_in
 from workbench.names import powers
 from workbench.references import BASELINE
-from workbench.study.conclude.decide import decision_table, verdict
-from workbench.study.conclude.price import price_sentence
-from workbench.study.conclude.sentences import sentences
-from workbench.study.conclude.utilisation import SIGN, alarm, utilisation
-from workbench.study.execute.run import StudyResult, peak_limit
-from workbench.study.results.row import Row, metrics_of
-from workbench.study.results.signals import labelled_runs
+from workbench.study.decide import decision_table, verdict
+from workbench.study.findings import SIGN, alarm, sentences, utilisation
+from workbench.study.rows import Row, metrics_of
+from workbench.study.run import StudyResult, labelled_runs, peak_limit
 
 MOST_CARDS = 4  # numbers side by side
 WHOLE, RAMP, OWN = "whole run", "start of the first move", "from … to …"
@@ -31,7 +30,7 @@ WHOLE, RAMP, OWN = "whole run", "start of the first move", "from … to …"
 
 def decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne is used."""
-    said = verdict(result.rows)
+    said = verdict(result.rows, machine=result.study.machine, given=result.study.scenario.decide)
     if said is not None:
         say(sentence, said, result.rows)
     uses = utilisation(result.rows, result.study.machine)
@@ -75,7 +74,7 @@ def say(place: DeltaGenerator, sentence: str, rows: Sequence[Row]) -> None:
     without, rest = _left_out(rows)
     if without and rest:
         sentence = f"Of {', '.join(f'{kg:g}' for kg in rest)} kg only: {sentence[0].lower()}{sentence[1:]}"
-    place.info(plain(powers(" ".join([sentence, price_sentence(rows) or ""]).strip())), icon=":material/gavel:")
+    place.info(plain(powers(sentence)), icon=":material/gavel:")
 
 
 def numbers_of(result: StudyResult) -> None:
@@ -142,6 +141,8 @@ def window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
 def take_away(result: StudyResult) -> None:
     """The runs' signals and the report; each is written when it is asked for."""
     name = result.study.scenario.name
+    # Taken here: Streamlit calls the function of a download in a thread that belongs to no session.
+    folder = session.workspace()
     with st.expander("Signals and report", icon=":material/download:"), st.container(horizontal=True):
         for ending, (write, kind) in FORMS.items():
             st.download_button(
@@ -149,11 +150,14 @@ def take_away(result: StudyResult) -> None:
                 key=f"study signals {ending}", on_click="ignore",
             )  # fmt: skip
         st.download_button(
-            "Report", lambda: _report(result), f"{name}.html", "text/html", key="study report", on_click="ignore"
-        )
+            "Report", lambda: report_of(result, folder), f"{name}.html", "text/html", key="study report",
+            on_click="ignore",
+        )  # fmt: skip
 
 
-def _report(result: StudyResult) -> bytes:
-    file = session.file_in_workspace("study.html")
-    save_study_page(result, file)
-    return file.read_bytes()
+def report_of(result: StudyResult, folder: Path) -> bytes:
+    """The report's page. folder: a private one of the session."""
+    with tempfile.TemporaryDirectory(dir=folder) as own:  # each click its own: two may come at once
+        file = Path(own) / "study.html"
+        save_study_page(result, file)
+        return file.read_bytes()

@@ -13,8 +13,8 @@ from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_in
 from workbench.errors import InputError
 from workbench.machine import Hoist
 from workbench.references import BASELINE
-from workbench.study.scenario.record import LimitsBlock, MoveBlock, Scenario
-from workbench.study.scenario.standalone import changed
+from workbench.study.load import changed
+from workbench.study.scenario import LimitsBlock, MoveBlock, Scenario
 
 BANDWIDTH, GAINS = "bandwidth", "gains"
 LIMITS = ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")

@@ -13,7 +13,7 @@ from workbench.figures.style import label
 from workbench.names import words_of
 from workbench.plants import HOIST
 from workbench.run import Run
-from workbench.study.execute.run import StudyResult
+from workbench.study.run import StudyResult
 from workbench.tables import Column, Table, words
 
 FIRST = "force_roller_"  # what is drawn to begin with: rollers leave the rail where theirs turns over

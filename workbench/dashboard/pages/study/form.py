@@ -35,7 +35,7 @@ from workbench.figures.style import label
 from workbench.kinds import studied
 from workbench.machine import Axis, Hoist, shipped
 from workbench.references import BASELINE, allowed_carriage_speed_m_s, planned_kinds
-from workbench.study.scenario.standalone import read_standalone
+from workbench.study.load import read_standalone
 from workbench.yaml_strict import Document, load
 
 DESK, LOADED, SHIPS_ASKED = "study desk", "study file", "study ships asked"

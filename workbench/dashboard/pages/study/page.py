@@ -29,14 +29,14 @@ from workbench.figures.pareto import pareto
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.kinds import studied
-from workbench.machine import Axis, Hoist, shipped
-from workbench.study.conclude.decide import verdict
-from workbench.study.conclude.pareto import fronts
-from workbench.study.execute.run import StudyResult, motor_torque_limit_nm
-from workbench.study.results.row import Row, metrics_of
-from workbench.study.scenario.record import Scenario
-from workbench.study.scenario.standalone import standalone_text
-from workbench.study.variations.varying import swept_axes
+from workbench.machine import Axis, Hoist, default_hoist, shipped
+from workbench.study.decide import verdict
+from workbench.study.labels import swept_axes
+from workbench.study.load import standalone_text
+from workbench.study.pareto import fronts
+from workbench.study.rows import Row, metrics_of
+from workbench.study.run import StudyResult, motor_torque_limit_nm
+from workbench.study.scenario import Scenario
 
 PEAK = "peak_torque_motor_nm"
 GOOD, AXIS_GOOD = "study good", "study axis good"
@@ -77,6 +77,14 @@ def show() -> None:
         _over_payload(beside_payloads(scenario, machine))
         _ramps(scenario, machine, result, sentence)
         _damping(scenario, machine)
+
+
+def run_first() -> None:
+    """The runs of the study that the page begins with, ahead of a visitor."""
+    machine = default_hoist()
+    scenario = scenario_of(Desk(), machine)
+    for run in (results, beside_payloads, beside_ramps, on_damping):
+        run(scenario, machine)
 
 
 def _axis(desk: AxisDesk, machine: Axis, bad: Sequence[InputError], head: DeltaGenerator) -> None:
@@ -222,5 +230,5 @@ def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, sente
     what = f"Move time against {judged.input_words} peak"
     figure.update_layout(title_text=f"{what}, {heaviest:g} kg" if judged.payload else what)
     chart(figure, "study pareto", f"{what} over accelerations and jerks")
-    if lumped and (better := verdict(result.rows, rows)) is not None:
+    if lumped and (better := verdict(result.rows, rows, machine=result.study.machine)) is not None:
         say(sentence, better, result.rows)

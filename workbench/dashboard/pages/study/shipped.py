@@ -14,8 +14,7 @@ from workbench.errors import InputError
 from workbench.kinds import of_kind, studied
 from workbench.machine import SHIPPED, Axis, Hoist, default_hoist
 from workbench.machine import shipped as shipped_machine
-from workbench.study.scenario.load import load_study
-from workbench.study.scenario.standalone import changed, read_standalone, standalone_text
+from workbench.study.load import changed, load_study, read_standalone, standalone_text
 from workbench.yaml_strict import loads
 
 SHIPPED_NONE = "choose one"

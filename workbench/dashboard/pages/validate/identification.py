@@ -20,7 +20,7 @@ from workbench.machine.files import machine_text
 from workbench.reports.identify import report
 from workbench.reports.identify.page import friction
 from workbench.reports.numbers import with_error
-from workbench.study.results.labels import field_label
+from workbench.study.labels import field_label
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

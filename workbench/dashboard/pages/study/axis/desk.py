@@ -13,8 +13,8 @@ from workbench.errors import InputError
 from workbench.kinds import kind_of, of_kind
 from workbench.machine import Axis
 from workbench.references import BASELINE
-from workbench.study.scenario.record import MoveBlock, Scenario, key_in
-from workbench.study.scenario.standalone import changed
+from workbench.study.load import changed
+from workbench.study.scenario import MoveBlock, Scenario, key_in
 
 FED = ("speed", "inertia", "load", "friction")
 LIMITS = ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")

@@ -13,8 +13,8 @@ from workbench.figures.study_axis import axis_overview
 from workbench.kinds import kind_of
 from workbench.machine import SHIPPED, Axis, shipped
 from workbench.machine.files import machine_text
-from workbench.study.execute.run import StudyResult, peak_limit
-from workbench.study.scenario.record import Scenario
+from workbench.study.run import StudyResult, peak_limit
+from workbench.study.scenario import Scenario
 from workbench.yaml_strict import dumps
 
 

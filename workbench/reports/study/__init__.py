@@ -1,1 +1,0 @@
-"""What `report` writes of a finished study."""

@@ -1,0 +1,350 @@
+"""The smallest visible change of a metric, and numbers with as many digits as that allows.
+Two results of the same runs, metric by metric: changes, runs that changed most, regressions beyond a limit.
+Why two results have no run in common, in a sentence.
+A comparison as JSON: what a program reads of it."""
+
+from __future__ import annotations
+
+import math
+import re
+import statistics
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from workbench.errors import InputError, nearest
+from workbench.metrics import by_name, metrics
+from workbench.shown import Shown
+from workbench.study.labels import field_label, shown
+from workbench.study.rows import Row
+
+_UNDECLARED = 1e-3  # of a column that is no declared metric, such as an older version's
+_DIGITS = 5
+
+
+def least(metric: str) -> float:
+    """The smallest visible difference of a metric, in its unit."""
+    declared = by_name().get(metric)
+    return _UNDECLARED if declared is None else declared.visible
+
+
+def percent(metric: str, a: float, b: float) -> float:
+    """b against a in per cent of a: 0 where they differ by nothing visible from an a that is nothing itself,
+    infinite where only a is nothing."""
+    if abs(a) >= least(metric):
+        return 100.0 * (b - a) / abs(a)
+    return 0.0 if abs(b - a) < least(metric) else math.copysign(math.inf, b - a)
+
+
+def plain(metric: str, value: float, *, sign: bool = False, digits: int = _DIGITS) -> str:
+    """A value of a metric without an exponent, to so many digits and no finer than what is visible."""
+    if not math.isfinite(value):
+        return "–"
+    finest = -math.floor(math.log10(least(metric)) + 1e-9)
+    wanted = digits - 1 - math.floor(math.log10(abs(value))) if value else finest
+    decimals = max(min(wanted, finest), 0)
+    number = round(value, decimals) + 0.0  # no minus before nothing
+    return f"{number:{'+' if sign and number else ''}.{decimals}f}"
+
+
+def plain_percent(value: float) -> str:
+    """Per cent with its sign; a dash where there was nothing to compare with."""
+    if not math.isfinite(value):
+        return "–"
+    decimals = 2 if abs(value) < 100.0 else 0
+    number = round(value, decimals) + 0.0
+    return f"{number:{'+' if number else ''}.{decimals}f}"
+
+
+_UNIT = re.compile(r"_(rad_s2|rad_s|nm_s|nm_per_s|m_s3|m_s2|m_s|nm2_s|percent_s|percent|nm|rad|hz|db|kw|ws|w|j|n|m|s)$")
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One run in both results."""
+
+    name: str
+    a: Row
+    b: Row
+
+
+@dataclass(frozen=True)
+class Change:
+    """A metric over all pairs that have it: means, deltas (b − a) and the runs that moved most.
+
+    mean_percent: the mean's delta relative to a; infinite where a was nothing that could be noticed.
+    worst: the pairs that moved most, the most moved first.
+    """
+
+    metric: str
+    runs: int
+    mean_a: float
+    mean_b: float
+    mean_delta: float
+    median_delta: float
+    max_delta: float
+    worst: tuple[Pair, ...]
+
+    @property
+    def mean_percent(self) -> float:
+        return percent(self.metric, self.mean_a, self.mean_b)
+
+    @property
+    def noticeable(self) -> bool:
+        """Whether any run moved by more than nothing."""
+        return abs(self.max_delta) >= least(self.metric)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """How much worse a metric may get in any run: by `most`, in per cent of what it was or in its unit."""
+
+    metric: str
+    most: float
+    relative: bool
+
+    def __str__(self) -> str:
+        return f"{self.metric}={self.most:g}{'%' if self.relative else ''}"
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A run that got worse than a limit allows; `worse` is by how much, in the limit's own measure."""
+
+    limit: Limit
+    pair: Pair
+    worse: float
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
+    """changes: of every metric. only_a, only_b: runs without a partner. newly_failed: ok in a, failed in b."""
+
+    pairs: tuple[Pair, ...]
+    changes: tuple[Change, ...]
+    only_a: tuple[str, ...]
+    only_b: tuple[str, ...]
+    newly_failed: tuple[Pair, ...]
+    newly_ok: tuple[Pair, ...]
+
+
+def compare(a: Sequence[Row], b: Sequence[Row], most_moved: int = 3) -> Comparison:
+    """Every metric of b against a, over the runs that both have and that both completed."""
+    pairs, only_a, only_b = matched(a, b)
+    good = [pair for pair in pairs if pair.a.ok and pair.b.ok]
+    names = [name for name in (good[0].a.metrics if good else {}) if name in good[0].b.metrics]
+    changes = [change for name in names if (change := _change(name, good, most_moved)) is not None]
+    return Comparison(
+        pairs=tuple(pairs),
+        changes=tuple(changes),
+        only_a=tuple(only_a),
+        only_b=tuple(only_b),
+        newly_failed=tuple(pair for pair in pairs if pair.a.ok and not pair.b.ok),
+        newly_ok=tuple(pair for pair in pairs if pair.b.ok and not pair.a.ok),
+    )
+
+
+def matched(a: Sequence[Row], b: Sequence[Row]) -> tuple[list[Pair], list[str], list[str]]:
+    """Runs of the same id; where the ids differ, runs of the same payload, reference and assigned values."""
+    of_b = {row.run_id: row for row in b}
+    pairs = [Pair(row.run_id, row, of_b[row.run_id]) for row in a if row.run_id in of_b]
+    taken = {pair.name for pair in pairs}
+    rest_a = _by_values(row for row in a if row.run_id not in taken)
+    rest_b = _by_values(row for row in b if row.run_id not in taken)
+    for values in rest_a.keys() & rest_b.keys():
+        if len(rest_a[values]) == len(rest_b[values]) == 1:
+            (one,), (other,) = rest_a.pop(values), rest_b.pop(values)
+            pairs.append(Pair(one.run_id, one, other))
+    place = {row.run_id: i for i, row in enumerate(a)}
+    pairs.sort(key=lambda pair: place[pair.name])
+    left_a, left_b = ([row.run_id for rows in rest.values() for row in rows] for rest in (rest_a, rest_b))
+    return pairs, left_a, left_b
+
+
+def judged() -> tuple[str, ...]:
+    """The metrics that can get worse."""
+    return tuple(metric.name for metric in metrics() if metric.better is not None)
+
+
+def parse_limits(texts: Sequence[str], names: Iterable[str]) -> list[Limit]:
+    """`peak_torque=5%` or `peak_torque_motor_nm=20`: InputError for an unknown metric or no number."""
+    return [_limit(text, list(names)) for text in texts]
+
+
+def metric_named(name: str, names: Iterable[str]) -> str:
+    """The metric of this name, or of this name without its unit. InputError with the nearest one."""
+    known = list(names)
+    if name in known:
+        return name
+    short = {_UNIT.sub("", metric): metric for metric in reversed(known)}
+    if name in short:
+        return short[name]
+    raise InputError(f"unknown metric '{name}'; {nearest(name, {*known, *short})}")
+
+
+def regressions(comparison: Comparison, limits: Sequence[Limit]) -> list[Regression]:
+    """Where a run got worse than a limit allows, the worst first; which way is worse is the metric's own."""
+    worse_runs = []
+    for limit in limits:
+        for pair in comparison.pairs:
+            if not (pair.a.ok and pair.b.ok):
+                continue
+            worse = _worse(limit, pair)
+            if worse > limit.most:
+                worse_runs.append(Regression(limit, pair, worse))
+    return sorted(worse_runs, key=lambda run: -run.worse / max(run.limit.most, 1e-12))
+
+
+def values_of(row: Row) -> tuple[object, ...]:
+    """The values that identify a run apart from its id: payload, reference and assigned values."""
+    return row.payload_kg, row.reference, *sorted((name, str(value)) for name, value in row.assigned.items())
+
+
+def _limit(text: str, names: Sequence[str]) -> Limit:
+    name, equals, most = text.partition("=")
+    number = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(%?)\s*", most)
+    if not equals or number is None:
+        raise InputError(
+            f"'{text}', expected a metric and how much worse it may get: peak_torque=5% or peak_torque=20",
+            place="limits",
+        )
+    try:
+        metric = metric_named(name.strip(), names)
+    except InputError as error:
+        raise InputError(error.problem, place="limits") from error
+    if metric not in judged():
+        problem = f"{metric} says what a run was, not how good it was; {nearest(metric, judged())}"
+        raise InputError(problem, place="limits")
+    return Limit(metric, float(number[1]), number[2] == "%")
+
+
+def _by_values(rows: Iterable[Row]) -> dict[tuple[object, ...], list[Row]]:
+    groups: dict[tuple[object, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(values_of(row), []).append(row)
+    return groups
+
+
+def _change(metric: str, pairs: Sequence[Pair], most_moved: int) -> Change | None:
+    have = [pair for pair in pairs if pair.a.metrics[metric] is not None and pair.b.metrics.get(metric) is not None]
+    if not have:
+        return None
+    deltas = [pair.b[metric] - pair.a[metric] for pair in have]
+    moved = sorted(range(len(have)), key=lambda i: -abs(deltas[i]))
+    return Change(
+        metric=metric,
+        runs=len(have),
+        mean_a=statistics.fmean(pair.a[metric] for pair in have),
+        mean_b=statistics.fmean(pair.b[metric] for pair in have),
+        mean_delta=statistics.fmean(deltas),
+        median_delta=statistics.median(deltas),
+        max_delta=deltas[moved[0]],
+        worst=tuple(have[i] for i in moved[:most_moved] if deltas[i] != 0.0),
+    )
+
+
+def _worse(limit: Limit, pair: Pair) -> float:
+    """By how much b is worse than a, negative where it is better."""
+    a, b = pair.a.metrics.get(limit.metric), pair.b.metrics.get(limit.metric)
+    if a is None or b is None:
+        return -math.inf
+    metric = by_name()[limit.metric]
+    if not limit.relative:
+        return metric.worse_by(a, b)
+    if metric.better == "zero":
+        a, b = abs(a), abs(b)
+    change = percent(limit.metric, a, b)
+    return -change if metric.better == "higher" else change
+
+
+MOST_VALUES = 4
+
+
+def why_unmatched(a: Sequence[Row], b: Sequence[Row]) -> str:
+    """Which of payload, reference and varied fields differ between the runs of a and those of b."""
+    reasons = [
+        *_fields(a, b),
+        *_apart("payload", a, b, _payload),
+        *_apart("reference", a, b, lambda row: row.reference),
+    ]
+    for name in _varied(a):
+        if name in _varied(b):
+            reasons += _apart(field_label(name).words, a, b, lambda row, name=name: _assigned(row, name))  # type: ignore[misc]
+    if reasons:
+        return "; ".join(reasons)
+    if {values_of(row) for row in a} & {values_of(row) for row in b}:
+        return "several runs have the same payload, reference and varied values, and their ids differ"
+    return "no combination of payload, reference and varied values stands in both"
+
+
+def _fields(a: Sequence[Row], b: Sequence[Row]) -> list[str]:
+    """Fields that only one of the two varies."""
+    texts = []
+    for one, name_of_one, other in ((a, "A", b), (b, "B", a)):
+        if own := [field_label(name).words for name in _varied(one) if name not in _varied(other)]:
+            texts.append(f"only {name_of_one} varies {_listed(own)}")
+    return texts
+
+
+def _apart(words: str, a: Sequence[Row], b: Sequence[Row], of: Callable[[Row], str]) -> list[str]:
+    """Nothing where one value is in both."""
+    ours, theirs = (list(dict.fromkeys(of(row) for row in rows)) for rows in (a, b))
+    if set(ours) & set(theirs):
+        return []
+    return [f"{words} is {_listed(ours)} in A and {_listed(theirs)} in B"]
+
+
+def _payload(row: Row) -> str:
+    return f"{row.payload_kg:g} kg"
+
+
+def _assigned(row: Row, name: str) -> str:
+    return f"{shown(row.assigned.get(name, ''))} {field_label(name).unit}".strip()
+
+
+def _varied(rows: Sequence[Row]) -> dict[str, None]:
+    return dict.fromkeys(name for row in rows for name in row.assigned)
+
+
+def _listed(values: Sequence[str]) -> str:
+    more = len(values) - MOST_VALUES
+    return ", ".join(values[:MOST_VALUES]) + (f" and {more} more" if more > 0 else "")
+
+
+def as_json(comparison: Comparison, limits: Sequence[Limit], worse_runs: Sequence[Regression]) -> dict[str, Any]:
+    """Plain values; null stands for a per cent of nothing."""
+    return {
+        "format": 1,
+        "runs": len(comparison.pairs),
+        "only_a": list(comparison.only_a),
+        "only_b": list(comparison.only_b),
+        "newly_failed": [{"run": pair.name, "reason": pair.b.reason} for pair in comparison.newly_failed],
+        "newly_ok": [{"run": pair.name, "reason": pair.a.reason} for pair in comparison.newly_ok],
+        "metrics": {change.metric: _change_json(change) for change in comparison.changes},
+        "limits": [{"metric": limit.metric, "most": limit.most, "relative": limit.relative} for limit in limits],
+        "regressions": [
+            {"limit": str(run.limit), "worse": _finite(run.worse)} | _pair(run.limit.metric, run.pair)
+            for run in worse_runs
+        ],
+    }
+
+
+def _change_json(change: Change) -> dict[str, Any]:
+    return {
+        "runs": change.runs,
+        "mean_a": change.mean_a,
+        "mean_b": change.mean_b,
+        "mean_delta": change.mean_delta,
+        "mean_percent": _finite(change.mean_percent),
+        "median_delta": change.median_delta,
+        "max_delta": change.max_delta,
+        "moved_most": [_pair(change.metric, pair) for pair in change.worst],
+    }
+
+
+def _pair(metric: str, pair: Pair) -> dict[str, Any]:
+    return {"run": pair.name, "a": pair.a[metric], "b": pair.b[metric]}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,1 +1,0 @@
-"""Two results of a study compared, metric by metric."""

@@ -1,1 +1,0 @@
-"""From the rows of a study to its summary and conclusions."""

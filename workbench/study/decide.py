@@ -1,0 +1,373 @@
+"""Which motion and setting to take: criteria with limits and weights, and the sentence that says what the choice costs.
+
+A candidate is a reference with the values that a sweep chooses; what a sweep or a sample only assumes (draws, events,
+values of the machine) is not chosen, and a candidate is judged by its worst run over it. A candidate that breaks a
+limit is out. Of the rest the least weighted sum of shares is taken: sum of w_i u_i, with u_i the value over its limit
+(or its scale; without either, over the largest of the payload's candidates), or the limit over a value that is better
+when it is higher. (Weighted sum: R. T. Marler, J. S. Arora, Struct. Multidisc. Optim. 41, 2010, eq. 2.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from workbench.errors import InputError, nearest
+from workbench.kinds import kind_of, load_of
+from workbench.machine import Axis, Hoist
+from workbench.metrics import Metric, MetricSet, View, find, set_with, shown_in
+from workbench.study.labels import listed, reads, swept_axes, words_of
+from workbench.study.rows import Row, hunts, is_astray, metrics_of
+from workbench.study.scenario import CriterionBlock
+from workbench.study.tables import metric_heads, metric_note
+from workbench.tables import Column, Table, words
+
+TIME = "move_time_s"
+RESERVE = "torque_reserve_percent"  # of the largest torque or force, what the peak leaves
+BEST = "★"
+SAME_TIME_S = 5e-3  # a smaller difference decides nothing
+ALIKE = 0.01  # relative difference of two sums that are alike
+CHOSEN = ("sweep.limits.", "sweep.controller.", "sweep.drive.")  # a sweep of anything else is a condition to bear
+FALLS = 2.0  # of wire that carry a hoist's load
+Given = Mapping[str, CriterionBlock]
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A metric that is weighed. most, least: its limits, None without; scale: what counts as one without a limit."""
+
+    name: str
+    weight: float
+    most: float | None = None
+    least: float | None = None
+    scale: float | None = None
+
+    @property
+    def metric(self) -> Metric:
+        return find(self.name)
+
+    def broken(self, value: float) -> bool:
+        size = abs(value) if self.metric.better == "zero" else value
+        return (self.most is not None and size > self.most) or (self.least is not None and size < self.least)
+
+    def share(self, value: float, largest: float) -> float:
+        """The value as a share of what is borne, the smaller the better."""
+        if self.metric.better == "higher":
+            least = self.least if self.least is not None else self.scale or 0.0
+            return least / max(value, 1e-12) if value > 0.0 else math.inf
+        one = self.most or self.scale or largest
+        return abs(value) / one if one else 0.0
+
+    @property
+    def limit_words(self) -> str:
+        metric, limit = self.metric, self.most if self.most is not None else self.least
+        if limit is None:
+            return "–"
+        return f"{'at most' if self.most is not None else 'at least'} {metric.text(limit)} {metric.shown_unit}".strip()
+
+
+def criteria_for(
+    judged: MetricSet, machine: Hoist | Axis | None, payload_kg: float, given: Given | None = None
+) -> tuple[Criterion, ...]:
+    """The usual criteria at a payload, with what a scenario's `decide` sets over them; without a machine no limits.
+
+    Usual limits: a tenth of the torque in reserve, thermal load 100 %, a hoist's wire above a tenth of its static
+    tension; scales: 2 % of nominal speed, 50 mm and the static tension. InputError for what is no metric of the kind.
+    """
+    limit = math.inf if machine is None else kind_of(machine).looped.peak_limit(machine)
+    given = dict(given or {})
+    reserve = given.pop(RESERVE, CriterionBlock())
+    left = 1.0 - (10.0 if reserve.least is None else reserve.least) / 100.0
+    weight = 2.0 if reserve.weight is None else reserve.weight
+    usual = [
+        Criterion(judged.peak, weight, most=left * limit if math.isfinite(limit) else None),
+        Criterion("thermal_load_percent", 1.0, most=100.0),
+        Criterion(TIME, 2.0),
+        Criterion("energy_motoring_j", 0.5),
+    ]
+    load = None if machine is None else load_of(machine, payload_kg)
+    if judged.payload and machine is not None and load is not None:
+        static, fastest = load.hold_n / FALLS, kind_of(machine).looped.speed_scale(machine)
+        usual += [
+            Criterion("wire_tension_swing_n", 1.0, scale=static),
+            Criterion("min_wire_tension_n", 1.0, least=0.1 * static),
+            Criterion(judged.rms_error, 1.0, scale=0.02 * fastest),
+            Criterion("position_error_max_m", 1.0, scale=judged.astray),
+        ]
+    elif judged.payload:
+        usual += [Criterion(name, 1.0) for name in ("wire_tension_swing_n", judged.rms_error, "position_error_max_m")]
+    else:
+        usual += [Criterion(judged.rms_error, 1.0), Criterion(judged.error, 1.0), Criterion("settling_time_s", 1.0)]
+    chosen = {criterion.name: criterion for criterion in usual if criterion.name in judged.by_name}
+    for name, block in given.items():
+        if name not in judged.by_name or judged.by_name[name].better is None:
+            known = [RESERVE, *(metric.name for metric in judged.metrics if metric.better is not None)]
+            raise InputError(f"unknown criterion '{name}'; {nearest(name, known)}", place=f"decide.{name}")
+        old = chosen.get(name, Criterion(name, 1.0))
+        new = {key: value for key, value in block.model_dump().items() if value is not None}
+        chosen[name] = replace(old, **new)
+    return tuple(chosen.values())
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A reference with its chosen values at a payload. values: of each criterion, the worst of its runs.
+
+    setting: the chosen values, in words; broken: why it is out; shares: u of each criterion; total: their weighted sum;
+    beside: not in the study, but run for the comparison.
+    """
+
+    payload_kg: float
+    reference: str
+    setting: str
+    values: Mapping[str, float]
+    runs: int
+    broken: tuple[str, ...]
+    beside: bool = False
+    shares: Mapping[str, float] = field(default_factory=dict)
+    total: float = math.nan
+
+    @property
+    def words(self) -> str:
+        name = words_of(self.reference)
+        return f"{name.removesuffix(' with the same limits')} with {self.setting}" if self.setting else name
+
+
+@dataclass(frozen=True)
+class Decision:
+    """At one payload: the candidates from the best on, those that break a limit last. taken: None where all do."""
+
+    payload_kg: float
+    criteria: tuple[Criterion, ...]
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def left(self) -> tuple[Candidate, ...]:
+        return tuple(candidate for candidate in self.candidates if not candidate.broken)
+
+    @property
+    def taken(self) -> Candidate | None:
+        return self.left[0] if self.left else None
+
+    @property
+    def rival(self) -> Candidate | None:
+        """Whom the one taken is compared with: the quickest of the rest; where it is quickest itself, the next best."""
+        rest = self.left[1:]
+        if self.taken is None or not rest:
+            return None
+        quickest = min(rest, key=lambda c: (round(c.values[TIME] / SAME_TIME_S), c.total))
+        return quickest if quickest.values[TIME] < self.taken.values[TIME] - SAME_TIME_S else rest[0]
+
+
+def decisions(
+    rows: Sequence[Row], machine: Hoist | Axis | None, given: Given | None = None, beside: Sequence[Row] = ()
+) -> list[Decision]:
+    """The decision at each payload, over all that the rows vary. beside: runs for the comparison at equal time."""
+    judged = metrics_of(rows)
+    varied = any(name.startswith(("sweep.drive.", "sweep.machine.")) for row in rows for name in row.assigned)
+    made = []
+    for payload in sorted({row.payload_kg for row in rows}):
+        criteria = criteria_for(judged, machine, payload, given)
+        if varied:  # each run has a limit of its own, which its row does not know
+            criteria = tuple(replace(c, most=None) if c.name == judged.peak else c for c in criteria)
+        known = [row for row in rows if row.payload_kg == payload and row.ok]
+        criteria = tuple(c for c in criteria if all(row.metrics.get(c.name) is not None for row in known))
+        found = [*candidates([row for row in rows if row.payload_kg == payload], criteria)]
+        slowest = max((c.values[TIME] for c in found if not c.broken), default=math.inf)
+        found += [
+            replace(candidate, beside=True)
+            for candidate in candidates([row for row in beside if row.payload_kg == payload], criteria)
+            if candidate.values[TIME] <= slowest + SAME_TIME_S and not candidate.broken
+        ]
+        made.append(Decision(payload, criteria, _ranked(found, criteria)))
+    return made
+
+
+def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[Candidate]:
+    """Rows as candidates: those that are alike in reference and chosen values are one."""
+    axes = [axis for axis in swept_axes(rows) if axis.columns[0].startswith(CHOSEN)]
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        read = [axis for axis in axes if any(reads(row.reference, c) for c in axis.columns if c in row.assigned)]
+        groups.setdefault((row.reference, ", ".join(axis.say(axis.at(row)) for axis in read)), []).append(row)
+    for (reference, setting), own in groups.items():
+        good = [row for row in own if row.ok]
+        values = {c.name: float(c.metric.worst([row[c.name] for row in good])) if good else math.nan for c in criteria}
+        values.setdefault(TIME, max((row[TIME] for row in good), default=math.nan))
+        broken = tuple(_broken(own, good, values, criteria))
+        yield Candidate(own[0].payload_kg, reference, setting, values, len(own), broken)
+
+
+def _broken(
+    own: Sequence[Row], good: Sequence[Row], values: Mapping[str, float], criteria: Sequence[Criterion]
+) -> Iterator[str]:
+    if len(good) < len(own):
+        yield "it fails" if not good else f"{len(own) - len(good)} of its {len(own)} runs fail"
+    if any(hunts(row) for row in good):
+        yield "its loop hunts"
+    if any(is_astray(row) for row in good):
+        yield "it does not end where its reference does"
+    for criterion in criteria:
+        if good and criterion.broken(values[criterion.name]):
+            metric = criterion.metric
+            value = f"{metric.text(values[criterion.name])} {metric.shown_unit}".strip()
+            yield f"{metric.label} {value}, {criterion.limit_words}"
+
+
+def _ranked(found: Sequence[Candidate], criteria: Sequence[Criterion]) -> tuple[Candidate, ...]:
+    left = [candidate for candidate in found if not candidate.broken]
+    largest = {c.name: max((abs(one.values[c.name]) for one in left), default=math.nan) for c in criteria}
+    judged = []
+    for candidate in found:
+        shares = {c.name: c.share(candidate.values[c.name], largest[c.name]) for c in criteria}
+        total = sum(c.weight * shares[c.name] for c in criteria if c.weight)
+        judged.append(replace(candidate, shares=shares, total=total))
+    return tuple(sorted(judged, key=lambda c: (bool(c.broken), c.total if math.isfinite(c.total) else math.inf)))
+
+
+def take_sentences(made: Sequence[Decision]) -> list[str]:
+    """One sentence a payload, payloads with the same choice together; [] where there is nothing to choose."""
+    if not made or max(len(decision.candidates) for decision in made) < 2:
+        return []
+    groups: dict[str, list[Decision]] = {}
+    for decision in made:
+        taken = decision.taken
+        groups.setdefault(taken.words if taken else "", []).append(decision)
+    return [_take(alike, len(groups) == 1) for alike in groups.values()]
+
+
+def _take(alike: Sequence[Decision], always: bool) -> str:
+    decision, judged = alike[-1], _judged(alike[-1])
+    taken, rival = decision.taken, decision.rival
+    loads = listed([f"{one.payload_kg:g} kg" for one in alike])
+    where = "" if not judged.payload else " at every payload" if always and len(alike) > 1 else f" at {loads}"
+    if taken is None:
+        least = min(decision.candidates, key=lambda c: len(c.broken))
+        return f"Take none of them{where}: {least.words} breaks least, {'; '.join(least.broken)}."
+    figures = [_figure(c.metric, taken) for c in decision.criteria if c.name in (TIME, judged.peak, judged.rms_error)]
+    runs = f", the worst of {taken.runs} runs" if taken.runs > 1 else ""
+    heaviest = f"at {decision.payload_kg:g} kg " if len(alike) > 1 else ""
+    beside = " (run beside the study)" if taken.beside else ""
+    said = f"Take {taken.words}{where}{beside}: {heaviest}{', '.join(figures)}{runs}"
+    if rival is not None:
+        said += f". {_against(decision, taken, rival)}"
+    out = [candidate for candidate in decision.candidates if candidate.broken]
+    if out:
+        said += f". Out: {'; '.join(f'{c.words} ({c.broken[0]})' for c in out[:3])}"
+        said += f" and {len(out) - 3} more" if len(out) > 3 else ""
+    return f"{said}."
+
+
+def _against(decision: Decision, taken: Candidate, rival: Candidate) -> str:
+    """What the choice gains and costs against its rival, and from which weight on the rival is the better one."""
+    gains, costs = [], []
+    for criterion in sorted(
+        decision.criteria, key=lambda c: -c.weight * abs(taken.shares[c.name] - rival.shares[c.name])
+    ):
+        a, b, metric = rival.values[criterion.name], taken.values[criterion.name], criterion.metric
+        worse = metric.worse_by(a, b)
+        if abs(worse) < max(metric.visible, 0.005 * abs(a)):
+            continue
+        change = f"{metric.label} {metric.text(b)} for {metric.text(a)} {metric.shown_unit}".strip()
+        (costs if worse > 0.0 else gains).append(change)
+    close = rival.total - taken.total < ALIKE * taken.total
+    said = f"Against {rival.words} it {f'gains {listed(gains[:3])}' if gains else 'gains nothing that counts'}"
+    said += f" and costs {listed(costs[:3])}" if costs else " at no cost"
+    if close:
+        return f"{said}: the two are alike within {100.0 * ALIKE:.0f} %, a change between them is not worth it"
+    turn = weight_that_turns(decision, taken, rival)
+    if turn is None:
+        return said
+    criterion, weight = turn
+    return (
+        f"{said}; the gain is not worth it where {criterion.metric.label} weighs more than {weight:.3g} "
+        f"({criterion.weight:g} here)"
+    )
+
+
+def weight_that_turns(decision: Decision, taken: Candidate, rival: Candidate) -> tuple[Criterion, float] | None:
+    """The criterion in which the rival is ahead most, and the weight of it above which the rival's sum is the less:
+    w + (S_rival − S_taken)/(u_taken − u_rival)."""
+    behind = [c for c in decision.criteria if taken.shares[c.name] > rival.shares[c.name] + 1e-9]
+    if not behind:
+        return None
+    criterion = max(behind, key=lambda c: max(c.weight, 1e-3) * (taken.shares[c.name] - rival.shares[c.name]))
+    gap = taken.shares[criterion.name] - rival.shares[criterion.name]
+    return criterion, criterion.weight + (rival.total - taken.total) / gap
+
+
+def _figure(metric: Metric, candidate: Candidate) -> str:
+    return f"{metric.label} {metric.text(candidate.values[metric.name])} {metric.shown_unit}".strip()
+
+
+def _judged(decision: Decision) -> MetricSet:
+    return set_with([criterion.name for criterion in decision.criteria])
+
+
+def criteria_table(decision: Decision) -> Table:
+    """Each criterion with weight, limit and its value for the one taken and for its rival."""
+    shown = [candidate for candidate in (decision.taken, decision.rival) if candidate is not None]
+    columns = [words("criterion"), Column("weight"), words("limit"), *(Column(c.words) for c in shown)]
+    lines = [
+        [c.metric.heading, f"{c.weight:g}", c.limit_words]
+        + [f"{c.metric.text(one.values[c.name])} {c.metric.shown_unit}".strip() for one in shown]
+        for c in decision.criteria
+    ]
+    lines.append(["Weighted sum of shares", "", "", *(f"{one.total:.3f}" for one in shown)])
+    where = f"At {decision.payload_kg:g} kg. " if _judged(decision).payload else ""
+    return Table(columns, lines, f"{where}The least weighted sum is taken of those that keep every limit.")
+
+
+def verdict(
+    rows: Sequence[Row], beside: Sequence[Row] = (), *, machine: Hoist | Axis | None = None, given: Given | None = None
+) -> str | None:
+    """The sentences that take, as one text; None where there is nothing to choose."""
+    said = take_sentences(decisions(rows, machine, given, beside))
+    return " ".join(said) or None
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One reference's figures: of each metric the worst of the payloads that all references have run."""
+
+    reference: str
+    values: dict[str, float]
+
+
+def choices(rows: Sequence[Row]) -> list[Choice]:
+    """A choice a reference, in the order of the rows; none where values are swept or drawn, or no payload is common."""
+    if any(row.assigned for row in rows):
+        return []
+    good = [row for row in rows if row.ok]
+    kinds = list(dict.fromkeys(row.reference for row in good))
+    loads = [{row.payload_kg for row in good if row.reference == kind} for kind in kinds]
+    common = set.intersection(*loads) if loads else set()
+    judged = metrics_of(rows)
+    names = dict.fromkeys([TIME, judged.peak, *(metric.name for metric in shown_in(View.DECISION, judged))])
+    of_kind = {kind: [row for row in good if row.reference == kind and row.payload_kg in common] for kind in kinds}
+    return [
+        Choice(kind, {n: float(judged.by_name[n].worst([row.get(n) for row in own])) for n in names})
+        for kind, own in of_kind.items()
+        if own
+    ]
+
+
+def decision_table(rows: Sequence[Row]) -> Table | None:
+    """A row a reference, the best of each column marked; None where there is nothing to choose."""
+    compared = choices(rows)
+    if len(compared) < 2:
+        return None
+    metrics = [
+        m for m in shown_in(View.DECISION, metrics_of(rows)) if all(not math.isnan(c.values[m.name]) for c in compared)
+    ]
+    lines = [[c.reference] for c in compared]
+    for metric in metrics:
+        values = [c.values[metric.name] for c in compared]
+        best = min(values, key=abs) if metric.better == "zero" else -metric.worst([-value for value in values])
+        for line, value in zip(lines, values, strict=True):
+            text = metric.text(value)
+            line.append(f"{BEST} {text}" if text == metric.text(best) else text)
+    worst = "The worst of the payloads; " if metrics_of(rows).payload else ""
+    note = f"{worst}{BEST}: the best of the column. {metric_note(metrics)}"
+    return Table([words("reference"), *metric_heads(metrics)], lines, note)

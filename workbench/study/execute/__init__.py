@@ -1,1 +1,0 @@
-"""Running a study: in one go or in chunks that resume."""

@@ -1,0 +1,398 @@
+"""A scenario file with its machine, checked as a whole before anything is run.
+A campaign's run as a reference of a study.
+A scenario that stands alone: read without touching any other file, written without needing one.
+
+For scenarios that come from elsewhere, such as an upload: what they name is not looked for on this computer.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from workbench import __version__
+from workbench.effects import check
+from workbench.effects.registry import digests_of
+from workbench.errors import InputError, nearest
+from workbench.kinds import LOOPED, STUDIED, kind_of, looped, of_kind, studied
+from workbench.logs import read_campaign
+from workbench.machine import SHIPPED, AnyKind, Axis, Hoist, default_hoist, load_machine, shipped
+from workbench.metrics import added, set_of
+from workbench.references import Plan
+from workbench.references import digests_of as digests_of_references
+from workbench.shown import Brief
+from workbench.study.decide import criteria_for
+from workbench.study.grid import Recording, RunList, plan_runs
+from workbench.study.layers import Layered, layer_of, read_layers, together
+from workbench.study.scenario import RecordedBlock, Scenario, check_kind
+from workbench.yaml_strict import Document, Place, dotted, dumps, problem_lines
+
+# What decides a study's numbers: an edit of any of it makes another study.
+_PHYSICS = (
+    "control", "effects", "engine", "machine", "metrics", "multibody", "plants", "references", "simulate", "study",
+    "trace",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, repr=False)
+class Study(Brief):
+    """A scenario on its machine (overrides, drive and effects in it). recordings: of its recorded references."""
+
+    scenario: Scenario
+    machine: AnyKind
+    recordings: Mapping[str, Recording] = field(default_factory=dict)
+
+    @cached_property
+    def specs(self) -> RunList:
+        """All runs, made when asked for."""
+        return plan_runs(self.scenario, self.machine, self.recordings)
+
+    @cached_property
+    def plans(self) -> dict[str, Plan]:
+        """Each reference's motion at the first point of sweep and sample."""
+        first = self.specs[: len(self.scenario.kinds)]
+        return {spec.reference: spec.plan() for spec in first}
+
+    @property
+    def duration_s(self) -> float:
+        """All runs of a study are equally long, so that their root mean squares compare."""
+        return self.specs.duration_s
+
+    @cached_property
+    def scenario_hash(self) -> str:
+        """Of what the scenario says, not of where its machine and its campaigns are kept."""
+        said = self.scenario.model_dump(mode="json", exclude={"machine", "extends"})
+        for reference in said["references"]:
+            if isinstance(reference, dict):
+                del reference["campaign"]
+        return _digest([said, {label: recording.digest for label, recording in sorted(self.recordings.items())}])
+
+    @cached_property
+    def machine_hash(self) -> str:
+        return _digest(self.machine.model_dump(mode="json"))
+
+    @property
+    def effects_digests(self) -> dict[str, str]:
+        """Effect -> digest of the text that declares it, of effects that are a user's own, as they are known now."""
+        return digests_of(self.machine.effects, kind_of(self.machine).name)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Equal for two studies that must give equal numbers: scenario, machine, program, added effects, metrics."""
+        parts = [self.scenario_hash, self.machine_hash, __version__, _program_hash(), self.effects_digests]
+        own_metrics = [[metric.name, metric.definition] for metric in added()]
+        own = [part for part in (digests_of_references(self.scenario.planned_kinds), own_metrics) if part]
+        return _digest([*parts, *own])
+
+
+def load_study(path: str | os.PathLike[str]) -> Study:
+    """The study a scenario file describes, with what it extends.
+
+    Raises InputError with file, line, place, value and remedy for a file that is not there, a key or value
+    that does not fit, a machine that is no hoist, a move that leaves the rail, a speed the motor cannot reach.
+    """
+    layers = read_layers(path)
+    scenario = scenario_of(layers)
+    machine = _machine(scenario, layers)
+    return planned(scenario, machine, _recordings(scenario, layers), layers)
+
+
+def planned(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, Recording], layers: Layered) -> Study:
+    """`plan_study`, with file and line of what does not fit."""
+    try:
+        return plan_study(scenario, machine, recordings)
+    except InputError as error:
+        if error.file is not None:
+            raise
+        place, shown = _place_of(error.place or "", layers.data)
+        file, line = layers.at(place)
+        raise InputError(error.problem, file=file, line=line, place=shown or None) from error
+
+
+def plan_study(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, Recording] | None = None) -> Study:
+    """A scenario on a machine; InputError where what it needs is missing or its motion is not possible."""
+    varied = _varied(scenario)
+    check_kind(scenario, machine, varied)
+    kind = kind_of(machine)
+    start = f"start_position_{kind.moved.unit}"
+    if kind.payload and scenario.payloads_kg is None and "payload_kg" not in varied:
+        raise InputError("is missing; expected a list of numbers, in kg", place="payloads_kg")
+    if scenario.payloads_kg is not None and scenario.sweep is not None and "payload_kg" in varied - _drawn(scenario):
+        raise InputError("is listed while sweep names payload_kg; give one of them", place="payloads_kg")
+    if scenario.planned_kinds:
+        if not scenario.moves:
+            raise InputError("is missing; expected a list of moves", place="moves")
+        if not scenario.limits.model_fields_set and not any(name.startswith("limits.") for name in varied):
+            raise InputError("is missing; expected a block of limits", place="limits")
+        if scenario.start is None and start not in varied:
+            raise InputError(f"is missing; expected {kind.looped.start}, a number", place=start)
+    study = Study(scenario, _machine_as_run(scenario, machine), recordings or {})
+    if scenario.plant == "multibody":
+        _check_multibody(study.machine)
+    assert study.specs.duration_s > 0.0  # made here, so that what is wrong is said now
+    study.plans  # noqa: B018
+    criteria_for(set_of(kind.name), study.machine, 0.0, scenario.decide)
+    return study
+
+
+def _check_multibody(machine: Hoist) -> None:
+    from workbench.simulate.multibody_loop import check_multibody
+
+    try:
+        check_multibody(machine)
+    except InputError as error:
+        raise InputError(error.problem, place="plant") from error
+
+
+def _varied(scenario: Scenario) -> set[str]:
+    sweep = scenario.sweep
+    swept = set() if sweep is None else {*sweep.grid, *sweep.zip}
+    return swept | _drawn(scenario)
+
+
+def _drawn(scenario: Scenario) -> set[str]:
+    return set() if scenario.sample is None else set(scenario.sample.values)
+
+
+def scenario_of(layers: Layered) -> Scenario:
+    """InputError for up to five problems, each with its own file and line."""
+    try:
+        return Scenario.model_validate(layers.data)
+    except ValidationError as error:
+        errors = [
+            layers.error(*_clearer(text, place, layers.data))
+            for place, text in problem_lines(Scenario, error, layers.data, layers.keys_in_same_file)
+        ]
+        first = errors[0]
+        text = "\n".join([first.problem, *map(str, errors[1:])])
+        raise InputError(text, file=first.file, line=first.line, place=first.place) from error
+
+
+def _clearer(text: str, place: Place, data: Any) -> tuple[str, Place]:
+    """Without the names of a union's members, and with the keys of a range where one is misspelt."""
+    if place[:1] in (("sweep",), ("references",)) and place[-1] in ("list", "range", "recorded", "kind"):
+        for part in place[:-1]:
+            data = data[part]
+        place = place if isinstance(data, dict) and place[-1] in data else place[:-1]
+    if place[:1] == ("sweep",) and len(place) > 2 and text.startswith("unknown key"):
+        text = f"unknown key '{place[-1]}'; {nearest(str(place[-1]), ('from', 'to', 'steps', 'step', 'scale'))}"
+    return text, place
+
+
+def _machine(scenario: Scenario, layers: Layered) -> Hoist | Axis:
+    """The machine a scenario names, as its file has it."""
+    if scenario.machine in SHIPPED:
+        return shipped(scenario.machine)
+    path = layers.at(("machine",))[0].parent / scenario.machine
+    if "\0" in scenario.machine or not os.path.exists(path):
+        said = (
+            f"no machine file {str(path)!r}; expected a path beside the scenario, or {' or '.join(map(repr, SHIPPED))}"
+        )
+        raise layers.error(said, ("machine",))
+    read = load_machine(path, check_effects=check)
+    machine = looped(read)
+    if machine is None:
+        raise layers.error(f"{path} is {of_kind(read)}; a study expects {LOOPED}", ("machine",))
+    return machine
+
+
+def _machine_as_run(scenario: Scenario, machine: Hoist | Axis) -> Hoist | Axis:
+    """The machine with overrides, drive and effects of the scenario. InputError names the place in the scenario."""
+    data = machine.model_dump()
+    known = set(_paths(data))
+    for name, value in scenario.machine_overrides.items():
+        if name not in known or isinstance(value, list):
+            valid = [path for path in known if not path.startswith("identified")]
+            hint = nearest(name, valid)
+            hint = hint if hint.startswith("did") else "expected a dotted name such as wire.segment_length_m"
+            raise InputError(f"the machine has no value '{name}'; {hint}", place=f"machine_overrides.{name}")
+        block, (*inner, last) = data, name.split(".")
+        for part in inner:
+            block = block[part]
+        block[last] = value
+    if scenario.drive is not None:
+        changes = scenario.drive.model_dump(exclude_none=True)
+        if wrong := [key for key in changes if key not in data["drive"]]:
+            keys = type(machine.drive).model_fields
+            raise InputError(f"{of_kind(machine)} has no '{wrong[0]}'; {nearest(wrong[0], keys)}", place="drive")
+        data["drive"] |= changes
+    data["effects"] = {name: dict(values) for name, values in machine.effects.items()} | scenario.effects
+    try:
+        as_run = type(machine).model_validate(data)
+    except ValidationError as error:
+        place, problem = problem_lines(type(machine), error, data)[0]
+        name = dotted(place)
+        named = next((override for override in scenario.machine_overrides if override.startswith(name or "?")), None)
+        where = f"machine_overrides.{named}" if named else name if place[:1] in (("drive",), ("effects",)) else ""
+        raise InputError(problem, place=where or "machine_overrides") from error
+    check(as_run)
+    return as_run
+
+
+def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
+    paths: list[str] = []
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            if prefix or key not in ("effects", "identified"):
+                paths += _paths(value, f"{prefix}{key}.")
+        elif prefix or key not in ("format", "kind"):
+            paths.append(f"{prefix}{key}")
+    return paths
+
+
+def _recordings(scenario: Scenario, layers: Layered) -> dict[str, Recording]:
+    """The recorded references, read from their campaigns."""
+    recordings: dict[str, Recording] = {}
+    for number, reference in enumerate(scenario.references):
+        if isinstance(reference, str):
+            continue
+
+        place: Place = ("references", number, "campaign")
+        recordings[reference.label] = read_recording(reference, layers.at(place)[0].parent, layers, place)
+    return recordings
+
+
+def _place_of(place: str, data: Mapping[str, Any]) -> tuple[Place, str]:
+    """A place that planning and expanding name, as keys of the file: fields that are swept have dots in them."""
+    for head in ("sweep.zip.", "sweep.", "sample.values.", "machine_overrides."):
+        if place.startswith(head):
+            name, number = place[len(head) :], None
+            if (indexed := re.fullmatch(r"(.*)\[(\d+)\]", name)) and head.startswith("sweep"):
+                name, number = indexed[1], int(indexed[2])
+            keys: Place = (*head[:-1].split("."), name)
+            if number is not None:
+                keys = (*keys, number)
+            return keys, place
+    words = re.findall(r"[A-Za-z_]\w*|\d+", place)
+    keys = tuple(int(word) if word.isdigit() else word for word in words)
+    if keys[:1] and keys[0] in ("speed_m_s", "acceleration_m_s2", "jerk_m_s3"):
+        keys, place = ("limits", *keys), f"limits.{place}"
+    # A direction's limit may stand beside the directions, for both.
+    if len(keys) == 3 and keys[0] == "limits" and keys[2] not in (data.get("limits") or {}).get(keys[1], {}):
+        keys = ("limits", keys[2])
+    return keys, place
+
+
+def _digest(data: object) -> str:
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _program_hash() -> str:
+    package = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for part in _PHYSICS:
+        entry = package / part
+        for file in [entry] if entry.is_file() else sorted(entry.rglob("*.py")):
+            digest.update(file.relative_to(package).as_posix().encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
+
+
+def read_recording(block: RecordedBlock, folder: Path, layers: Layered, place: Place) -> Recording:
+    """The run that a reference names. Its motor speed becomes the carriage's by its own machine's drum and gearbox.
+
+    folder: of the file that names it. place: of the campaign there, for errors. InputError where the campaign
+    cannot be read or is of no hoist.
+    """
+    path = folder / block.campaign
+    if "\0" in block.campaign or not os.path.exists(path):
+        raise layers.error(f"no campaign {str(path)!r}; expected a folder, seen from this file", place)
+    try:
+        campaign = read_campaign(path, select=[block.run])
+    except InputError as error:
+        if error.file is not None:
+            raise
+        raise layers.error(str(error), place) from error
+    machine = studied(campaign.machine)
+    if machine is None:
+        raise layers.error(f"{path} holds runs of {of_kind(campaign.machine)}; a study expects {STUDIED}", place)
+    run = campaign.runs[0]
+    signal = "speed_reference_rad_s" if "speed_reference_rad_s" in run else "speed_motor_rad_s"
+    speed = run[signal] * machine.lift_m_per_rad
+    if len(run.time_s) < 2 or not np.all(np.isfinite(speed)):
+        raise layers.error(f"run '{block.run}' has gaps in {signal}; choose another run", place)
+    # Its number is kept short by what it is: two references that differ in any sample differ here.
+    digest = hashlib.sha256(run.time_s.tobytes() + speed.tobytes()).hexdigest()[:16]
+    return Recording(block.label, run.time_s, speed, run.start_position_m, block.smoothing_s or 0.0, digest)
+
+
+_NOT_VALUES = ("format", "kind", "drive", "effects", "identified")
+
+
+def read_standalone(
+    document: Document, machine: Hoist | Axis | None = None, known: Mapping[str, Path] | None = None
+) -> Scenario:
+    """The scenario of a document, checked on its machine as `workbench study` checks it.
+
+    machine: stands for the machine that the scenario names. known: file name -> scenario that it may extend, those
+    that ship. InputError, with the line, for whatever is wrong with it, and for what it takes from other files:
+    `extends`, recorded references, a machine where none is given.
+    """
+    layers = layer_of(document)
+    if (extended := layers.data.pop("extends", None)) is not None:
+        base = (known or {}).get(str(extended).rpartition("/")[2])
+        if base is None:
+            there = f"one that stands alone or extends one of {', '.join(known)}" if known else "one that stands alone"
+            raise layers.error(f"another file, which is not here; expected a scenario, {there}", ("extends",))
+        layers = together(layers.file, [layers, read_layers(base)])
+    scenario = scenario_of(layers)
+    for number, reference in enumerate(scenario.references):
+        if not isinstance(reference, str):
+            raise layers.error("a recorded campaign, which is not here", ("references", number))
+    if scenario.machine not in SHIPPED and machine is None:
+        said = f"{scenario.machine!r} is another file, which is not here; choose that machine first, or write 'default'"
+        raise layers.error(said, ("machine",))
+    planned(scenario, machine or shipped(scenario.machine), {}, layers)
+    return scenario
+
+
+def changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
+    """The scenario with other values at its top level, checked like a file. InputError names the key."""
+    data = scenario.model_dump() | dict(changes)
+    try:
+        return Scenario.model_validate(data)
+    except ValidationError as error:
+        place, problem = problem_lines(Scenario, error, data)[0]
+        raise InputError(problem, place=dotted(place) or None) from error
+
+
+def standalone_text(scenario: Scenario, machine: Hoist) -> str:
+    """The scenario on this machine as YAML that needs no other file: the machine's own values are overrides.
+
+    Reading it gives the same runs. What an empty block or a missing value says is left out.
+    """
+    data = scenario.model_dump(mode="json", exclude={"extends"}, exclude_none=True)
+    data["machine"] = "default"
+    data["machine_overrides"] = _differing(machine) | dict(scenario.machine_overrides)
+    drive = {key: value for key, value in machine.drive.model_dump().items() if value != _default_drive()[key]}
+    data["drive"] = drive | (data.get("drive") or {})
+    data["effects"] = {name: dict(values) for name, values in machine.effects.items()} | scenario.effects
+    data["limits"] = {key: value for key, value in data["limits"].items() if value != {}}
+    return dumps({key: value for key, value in data.items() if value not in ({}, "")})
+
+
+def _default_drive() -> dict[str, Any]:
+    return default_hoist().drive.model_dump()
+
+
+def _differing(machine: Hoist) -> dict[str, Any]:
+    """Dotted name -> value of what is not as in the default machine; drive and effects have blocks of their own."""
+    default = _leaves(default_hoist().model_dump(exclude=set(_NOT_VALUES)))
+    own = _leaves(machine.model_dump(exclude=set(_NOT_VALUES)))
+    return {name: value for name, value in own.items() if value != default[name]}
+
+
+def _leaves(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    leaves: dict[str, Any] = {}
+    for key, value in data.items():
+        leaves |= _leaves(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+    return leaves

@@ -1,1 +1,0 @@
-"""The results of a study on disk: folder, index, manifest."""

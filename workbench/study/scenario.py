@@ -1,0 +1,412 @@
+"""The scenario file: which machine, what it carries, how it shall move, under which controller.
+Whether a scenario suits its kind of machine: units of the motion, payloads, controller, events.
+JSON Schemas of the files that users write, from the records that read them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    Discriminator,
+    Field,
+    GetJsonSchemaHandler,
+    JsonValue,
+    Tag,
+    create_model,
+    field_validator,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from workbench.control import SETTINGS, AnyController, Events
+from workbench.errors import InputError
+from workbench.kinds import Kind, kind_of, of_kind
+from workbench.kinds.axis import LinearDrive, RotaryDrive
+from workbench.kinds.hoist import BY_NAME, Drive
+from workbench.machine import Axis, Hoist
+from workbench.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Record, Speed
+from workbench.references import ReferenceKind, Step, planned_kind, planned_kinds, recorded_kinds, usual_kinds
+from workbench.study.sweep import SampleBlock, SweepBlock
+
+
+class _Names:
+    """Adds the names of the known kinds to the JSON schema, as they are when the schema is made."""
+
+    def __init__(self, kinds: Callable[[], Mapping[str, ReferenceKind]]) -> None:
+        self.kinds = kinds
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return handler(core) | {"enum": list(self.kinds())}
+
+
+def _known_planned(name: str) -> str:
+    try:
+        return planned_kind(name).name
+    except InputError as error:
+        raise ValueError(error.problem) from error
+
+
+def _known_recorded(name: str) -> str:
+    if name not in recorded_kinds():
+        known = " or ".join(f"'{kind}'" for kind in recorded_kinds())
+        raise ValueError(f"'{name}', expected {known}")
+    return name
+
+
+# A length that is checked after the items, so that one wrong item is one complaint.
+SOME: dict[str, JsonValue] = {"minItems": 1, "maxItems": 1000}
+
+
+def _once(values: Sequence[object], what: str) -> None:
+    if not 1 <= len(values) <= 1000:
+        raise ValueError(f"holds {len(values)} values, expected 1 to 1000")
+    twice = [value for value, count in Counter(values).items() if count > 1]
+    if twice:
+        raise ValueError(f"{what} {twice[0]} stands there twice; once is enough")
+
+
+# Keys of a motion in radians, of a rotary axis -> those in metres.
+IN_METRES = {
+    "by_rad": "by_m",
+    "to_rad": "to_m",
+    "speed_rad_s": "speed_m_s",
+    "acceleration_rad_s2": "acceleration_m_s2",
+    "jerk_rad_s3": "jerk_m_s3",
+    "start_position_rad": "start_position_m",
+}
+
+
+@dataclass(frozen=True)
+class _OtherUnit:
+    """Marks a key that says in radians what another one says in metres; a misspelt key hardly means it."""
+
+    other_unit: bool = True
+
+
+RAD = _OtherUnit()
+
+
+def unit_of(key: str) -> str:
+    """m or rad, of a motion's key; "" of any other."""
+    return "rad" if key in IN_METRES else "m" if key in IN_METRES.values() else ""
+
+
+def key_in(unit: str, key: str) -> str:
+    """A motion's key, given in metres, in that unit."""
+    return next(name for name, metres in IN_METRES.items() if metres == key) if unit == "rad" else key
+
+
+class MoveBlock(Record):
+    """One step: by_m metres up (or down), to_m a carriage height, dwell_s at rest, or a jog.
+
+    A jog goes over to speed_m_s (up positive) and takes for_s until the next step, its ramp included. A rotary axis has
+    by_rad, to_rad and speed_rad_s.
+    """
+
+    by_m: Position | None = None
+    to_m: Position | None = None
+    dwell_s: Duration | None = None
+    speed_m_s: Finite | None = None
+    for_s: Duration | None = None
+    by_rad: Annotated[Finite | None, RAD] = None
+    to_rad: Annotated[Finite | None, RAD] = None
+    speed_rad_s: Annotated[Finite | None, RAD] = None
+
+    @model_validator(mode="after")
+    def _one_thing(self) -> MoveBlock:
+        try:
+            self.step()
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def step(self) -> Step:
+        """In the unit that the keys name."""
+        given = {key: value for key, value in self.model_dump().items() if value is not None}
+        if len({unit_of(key) for key in given} - {""}) > 1:
+            raise InputError(f"{' and '.join(given)} mix metres and radians")
+        return Step(**{IN_METRES.get(key, key): value for key, value in given.items()})
+
+
+class DirectionLimits(Record):
+    """What is other in one direction."""
+
+    speed_m_s: Speed | None = None
+    acceleration_m_s2: Acceleration | None = None
+    jerk_m_s3: Jerk | None = None
+    speed_rad_s: Annotated[Speed | None, RAD] = None
+    acceleration_rad_s2: Annotated[Acceleration | None, RAD] = None
+    jerk_rad_s3: Annotated[Jerk | None, RAD] = None
+
+    def given(self) -> dict[str, float]:
+        """What is given, by the keys in metres."""
+        return {IN_METRES.get(k, k): v for k, v in self.model_dump().items() if isinstance(v, float)}
+
+
+class LimitsBlock(DirectionLimits):
+    """Limits of the motion, both ways; what stands in `hoisting` or `lowering` goes over it there.
+
+    The trapezoid does without the jerk. Limits of a rotary axis are in radians.
+    """
+
+    hoisting: DirectionLimits = DirectionLimits()
+    lowering: DirectionLimits = DirectionLimits()
+
+
+class RecordedBlock(Record):
+    """A reference out of a campaign: the run's set-point, or its measured speed where none was logged.
+
+    recorded follows it as it is; s_curve follows its moving average over smoothing_s.
+    name: as the results call it; the kind when missing.
+    """
+
+    kind: Annotated[str, AfterValidator(_known_recorded), _Names(recorded_kinds)]
+    campaign: Annotated[str, Field(min_length=1)]
+    run: Annotated[str, Field(min_length=1)]
+    smoothing_s: Annotated[float, Field(ge=0.001, le=60.0, strict=True, allow_inf_nan=False)] | None = None
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,39}$")] | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> RecordedBlock:
+        smoothed = [name for name, kind in recorded_kinds().items() if kind.smoothed]
+        if (self.kind in smoothed) != (self.smoothing_s is not None):
+            only = "that one" if len(smoothed) == 1 else "those"
+            raise ValueError(f"smoothing_s belongs to kind {', '.join(smoothed)}, and to {only} only")
+        return self
+
+    @property
+    def label(self) -> str:
+        return self.name or self.kind
+
+
+def _word_or_block(value: Any) -> str:
+    return "recorded" if isinstance(value, dict | RecordedBlock) else "kind"
+
+
+PlannedName = Annotated[str, AfterValidator(_known_planned), _Names(planned_kinds)]
+Reference = Annotated[
+    Annotated[PlannedName, Tag("kind")] | Annotated[RecordedBlock, Tag("recorded")],
+    Discriminator(_word_or_block),
+]
+
+# Every key of the drive, none of them needed: what is not given is the machine's.
+DriveChanges = create_model(
+    "DriveChanges",
+    __base__=Record,
+    __doc__="Changes of the machine's drive, key by key; which keys there are is its kind's.",
+    **{
+        name: (field.rebuild_annotation() | None, None)
+        for drive in (Drive, LinearDrive, RotaryDrive)
+        for name, field in drive.model_fields.items()
+    },  # type: ignore[call-overload]
+)
+
+
+class CriterionBlock(Record):
+    """A criterion of the decision. most, least: limits that nothing may break; weight: 0 leaves it out of the sum."""
+
+    most: Finite | None = None
+    least: Finite | None = None
+    weight: NotNegative | None = None
+
+
+class SolverBlock(Record):
+    """step_s: the longest step of the plant between two samples of the controller."""
+
+    step_s: Annotated[float, Field(ge=1e-5, le=0.01, strict=True, allow_inf_nan=False)] = 0.001
+
+
+class OutputsBlock(Record):
+    """Which signals each run keeps: none, every sample, or thinned to one sample every `every_s`."""
+
+    signals: Literal["none", "thinned", "full"] = "thinned"
+    every_s: Annotated[float, Field(gt=0.0, le=10.0, strict=True, allow_inf_nan=False)] = 0.01
+
+
+# The name becomes that of a folder.
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+
+
+class Scenario(Record):
+    """A scenario, whole. Every payload is run with every reference at every point of sweep and sample.
+
+    machine: `default`, `lightly_damped`, or a machine.yaml, sought beside the file. machine_overrides: its values by
+    dotted name or in blocks. plant: the lumped equations, or rigid bodies and joints. drive: the machine's
+    drive, key by key. lead_s, settle_s: held at rest before the first and after the last move. extends: another
+    scenario that this one goes on from. decide: metric, or torque_reserve_percent, -> its limits and weight in the
+    decision. ask: the number that the study is for, sought beside its runs.
+    """
+
+    format: Literal[1] = 1
+    extends: Annotated[str, Field(min_length=1)] | None = None
+    name: Name
+    description: str = ""
+    machine: Annotated[str, Field(min_length=1)] = "default"
+    machine_overrides: dict[str, Any] = Field(default_factory=dict)
+    plant: Literal["lumped", "multibody"] = "lumped"
+    drive: Annotated[DriveChanges | None, *BY_NAME] = None
+    payloads_kg: Annotated[tuple[NotNegative, ...], Field(json_schema_extra=SOME)] | None = None
+    start_position_m: Position | None = None
+    start_position_rad: Annotated[Finite | None, RAD] = None
+    moves: Annotated[tuple[MoveBlock, ...], Field(max_length=1000)] = ()
+    limits: LimitsBlock = LimitsBlock()
+    references: Annotated[tuple[Reference, ...], Field(json_schema_extra=SOME, default_factory=usual_kinds)]
+    controller: AnyController
+    events: Events = Events()
+    effects: dict[str, dict[str, Finite]] = Field(default_factory=dict)
+    lead_s: Duration = 1.0
+    settle_s: Duration = 2.0
+    solver: SolverBlock = SolverBlock()
+    outputs: OutputsBlock = OutputsBlock()
+    seed: Annotated[int, Field(ge=0, strict=True)] = 0
+    sweep: SweepBlock | None = None
+    sample: SampleBlock | None = None
+    decide: dict[str, CriterionBlock] = Field(default_factory=dict)
+    ask: Literal["largest payload", "highest deceleration", "smallest motor"] | None = None
+
+    @field_validator("payloads_kg")
+    @classmethod
+    def _payloads_differ(cls, payloads: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if payloads is not None:
+            _once(payloads, "payload")
+            check_payload_kg(max(payloads))
+        return payloads
+
+    @field_validator("references")
+    @classmethod
+    def _references_differ(cls, references: tuple[str | RecordedBlock, ...]) -> tuple[str | RecordedBlock, ...]:
+        _once([reference if isinstance(reference, str) else reference.label for reference in references], "reference")
+        return references
+
+    @property
+    def start(self) -> float | None:
+        """Where it begins, m or rad."""
+        return self.start_position_m if self.start_position_rad is None else self.start_position_rad
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The references' names, as results carry them."""
+        return tuple(item if isinstance(item, str) else item.label for item in self.references)
+
+    @property
+    def planned_kinds(self) -> tuple[str, ...]:
+        """Those that are planned from moves and limits."""
+        return tuple(item for item in self.references if isinstance(item, str))
+
+
+def check_payload_kg(payload_kg: float) -> None:
+    """A payload heavier than any hoist lifts is grams or newtons given as kilograms: ValueError."""
+    if payload_kg > 1e6:
+        raise ValueError(f"payload {payload_kg:g} kg is more than a thousand tonnes; is it in kg?")
+
+
+def check_kind(scenario: Scenario, machine: Hoist | Axis, varied: set[str]) -> None:
+    """InputError, with its place, for what this kind of machine does not have. varied: swept and drawn fields."""
+    kind = kind_of(machine)
+    for place in (*_keys(scenario), *sorted(varied)):
+        key = place.rpartition(".")[2]
+        if unit_of(key) not in ("", kind.moved.unit) and not place.startswith(("machine.", "drive.")):
+            expected = key_in(kind.moved.unit, IN_METRES.get(key, key))
+            raise InputError(f"{of_kind(machine)} moves in {kind.moved.unit}; expected {expected}", place=place)
+    _controller(scenario, kind, machine)
+    if kind.payload:
+        return
+    if scenario.ask in ("largest payload", "smallest motor"):
+        raise InputError(f"'{scenario.ask}' is a question for a hoist; expected 'highest deceleration'", place="ask")
+    if scenario.payloads_kg is not None:
+        raise InputError(
+            f"{of_kind(machine)} carries no payload; leave it out, and sweep machine.{kind.free[0]} for other loads",
+            place="payloads_kg",
+        )
+    if scenario.events != Events():
+        raise InputError(f"{of_kind(machine)} has no events; they are of a hoist's motors and brake", place="events")
+    if scenario.plant != "lumped":
+        raise InputError(f"'{scenario.plant}', expected 'lumped' for {of_kind(machine)}", place="plant")
+    for way in ("hoisting", "lowering"):
+        if getattr(scenario.limits, way).given():
+            raise InputError(f"{of_kind(machine)} has the same limits both ways", place=f"limits.{way}")
+
+
+def _keys(scenario: Scenario) -> Iterator[str]:
+    """Places of the motion's keys that are given."""
+    for number, move in enumerate(scenario.moves):
+        yield from (f"moves[{number}].{key}" for key in sorted(move.model_fields_set) if getattr(move, key) is not None)
+    blocks = [("limits", scenario.limits)]
+    blocks += [(f"limits.{way}", getattr(scenario.limits, way)) for way in ("hoisting", "lowering")]
+    for name, block in blocks:
+        values = block.model_dump()
+        yield from (f"{name}.{key}" for key in IN_METRES | {v: v for v in IN_METRES.values()} if values.get(key))
+    if scenario.start_position_m is not None:
+        yield "start_position_m"
+    if scenario.start_position_rad is not None:
+        yield "start_position_rad"
+
+
+def _controller(scenario: Scenario, kind: Kind, machine: Hoist | Axis) -> None:
+    expected = SETTINGS[kind.name]
+    if isinstance(scenario.controller, expected):
+        return
+    name = expected.model_fields["kind"].default
+    raise InputError(
+        f"is of {scenario.controller.kind!r} with {' and '.join(scenario.controller.GAINS)}; {of_kind(machine)} takes "
+        f"kind: {name} with {' and '.join(expected.GAINS)}",
+        place="controller",
+    )
+
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+KINDS = ("scenario", "machine", "runs")
+
+
+def json_schema(kind: str) -> dict[str, Any]:
+    """The schema of one kind of file, for editors and other tools. kind: one of KINDS."""
+    schema = {"scenario": _scenario, "machine": _machine, "runs": _runs}[kind]()
+    return {"$schema": DIALECT} | schema | {"title": f"workbench {kind}"}
+
+
+def _scenario() -> dict[str, Any]:
+    from workbench.references import usual_kinds
+
+    schema = Scenario.model_json_schema()
+    schema["properties"]["references"]["default"] = list(usual_kinds())
+    # A file that extends another has what it needs from there; blocks are then filled from both.
+    needed = schema.pop("required")
+    schema["if"] = {"required": ["extends"]}
+    schema["else"] = {"required": needed}
+    forms = schema["$defs"]["PiSettings"], schema["$defs"]["LinearCascade"], schema["$defs"]["RotaryCascade"]
+    gains = [form.pop("required") for form in forms]
+    schema["properties"]["controller"]["anyOf"] = schema["properties"]["controller"].pop("oneOf")
+    needs = [list(names) for names in dict.fromkeys(map(tuple, gains))]
+    schema["else"]["properties"] = {"controller": {"anyOf": [{"required": names} for names in needs]}}
+    return schema
+
+
+def _machine() -> dict[str, Any]:
+    from pydantic import TypeAdapter
+
+    from workbench.machine.files import RECORDS
+
+    union: Any = reduce(or_, RECORDS)
+    schema = TypeAdapter(union).json_schema()
+    # `kind` may be left out of the first only, and tells editors which form is meant.
+    for name in (record.__name__ for record in RECORDS[1:]):
+        record = schema["$defs"][name]
+        record["required"] = [*record.get("required", ()), *(k for k in ("kind",) if k not in record["required"])]
+    return schema
+
+
+def _runs() -> dict[str, Any]:
+    from workbench.logs.runs_file import RunsFile
+
+    schema = RunsFile.model_json_schema()
+    # `signal: column` is short for `signal: {column: column}`.
+    columns = schema["properties"]["columns"]
+    columns["additionalProperties"] = {"anyOf": [{"type": "string"}, columns["additionalProperties"]]}
+    return schema

@@ -1,1 +1,0 @@
-"""The scenario file: its record, how it is read, checked and written."""

@@ -1,0 +1,431 @@
+"""What made a result: versions, hashes, platform, counts; written last, it says that the result is whole.
+The results folder of a study: where it goes, whether it is there already, what it holds.
+
+results/<study>/
+  index.parquet         one row a run
+  runs/<run_id>/signals.parquet
+  scenario.yaml, machine.yaml   as run, complete; beside them the users' files of effects that they need
+  manifest.json         what made it; the folder gets its name after that
+
+A finished result, read back whole from its folder.
+One writer at a time: a lock file that the operating system releases when its holder dies.
+An unfinished result on disk: chunks of runs kept one by one, then made whole under the final name.
+
+.<name>.<fingerprint>.part/     beside the folder that it becomes
+  lock                          held by the process that writes
+  chunks/000012.parquet         the rows of a finished chunk; that it is there says that its runs are done
+  runs/<run_id>/signals.parquet
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import platform
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from workbench import __version__
+from workbench.errors import InputError
+from workbench.input_file import readable_file
+from workbench.kinds import LOOPED, looped, of_kind
+from workbench.machine import AnyKind, load_machine
+from workbench.run import Run
+from workbench.study import arrow
+from workbench.study.arrow import parquet_bytes
+from workbench.study.load import Study
+from workbench.study.rows import (
+    INDEX,
+    MANIFEST,
+    Row,
+    check_whole,
+    digests,
+    joined,
+    read_manifest,
+    read_rows,
+    read_table,
+)
+from workbench.study.scenario import Scenario
+from workbench.whole_folder import is_free, what_is_in, write_json
+from workbench.yaml_strict import load, validate
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
+
+_LIBRARIES = ("numpy", "numba", "scipy", "ruckig", "pyarrow", "plotly")
+
+
+def manifest(study: Study, rows: Sequence[Row], folder: Path) -> dict[str, Any]:
+    """The manifest of a study's finished result in `folder`; the commit where the program is a checkout."""
+    failed = sum(not row.ok for row in rows)
+    return {
+        "format": 1,
+        "study": study.scenario.name,
+        "fingerprint": study.fingerprint,
+        "scenario_hash": study.scenario_hash,
+        "machine_hash": study.machine_hash,
+        "machine": study.machine.name,
+        "effects": study.effects_digests,
+        "seed": getattr(study.scenario, "seed", None),
+        "runs": {"all": len(rows), "ok": len(rows) - failed, "failed": failed},
+        "versions": {"workbench": __version__, "python": platform.python_version()} | library_versions(),
+        "files": digests(folder),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "commit": _commit(Path(__file__).resolve().parents[2]),
+    }
+
+
+def library_versions() -> dict[str, str]:
+    """The installed versions of the libraries that numbers and files come from."""
+    from importlib.metadata import version
+
+    return {name: version(name) for name in _LIBRARIES}
+
+
+def _commit(checkout: Path) -> str | None:
+    """The commit that is checked out, read from .git itself: git may not be installed."""
+    try:
+        git = checkout / ".git"
+        head = (git / "HEAD").read_text().strip()
+        if not head.startswith("ref: "):
+            return head
+        name = head.removeprefix("ref: ")
+        if (git / name).is_file():
+            return (git / name).read_text().strip()
+        packed = (git / "packed-refs").read_text().splitlines()
+        return next((line.split()[0] for line in packed if line.endswith(f" {name}")), None)
+    except OSError:
+        return None
+
+
+DEFAULT_FOLDER = Path("results")
+SIGNALS = "signals.parquet"
+MOST_SAMPLES = 40_000_000  # an hour at 0.1 ms
+
+
+@dataclass(frozen=True)
+class ResultFolder:
+    """Where a study's results go, and where what is unfinished is kept.
+
+    finished: they are there already. note: why not under the usual name.
+    """
+
+    folder: Path
+    part: Path
+    finished: bool
+    note: str = ""
+
+
+def place_for(study: Study, out: Path | None = None) -> ResultFolder:
+    """Where this study's results belong.
+
+    out: the wanted folder; InputError where it is a file or holds something else than this very study's
+    finished result. Without it results/<name>, or the first of results/<name>-2, -3, … that is free or
+    holds this very study.
+    """
+    if out is not None:
+        finished = holds(out, study)
+        if not finished:
+            _check_free(out)
+        return ResultFolder(out, _part(out, out.resolve().name, study), finished)
+    first = DEFAULT_FOLDER / study.scenario.name
+    folder, number = first, 1
+    while not is_free(folder) and not holds(folder, study):
+        number += 1
+        folder = first.with_name(f"{first.name}-{number}")
+    note = "" if number == 1 else f"{first} {_what_is_in(first)}, so this one is in {folder}."
+    return ResultFolder(folder, _part(folder, first.name, study), holds(folder, study), note)
+
+
+def holds(folder: Path, study: Study) -> bool:
+    """Whether the finished result of this very study is there."""
+    said = read_manifest(folder)
+    return said is not None and said.get("fingerprint") == study.fingerprint and (folder / INDEX).is_file()
+
+
+def _part(folder: Path, name: str, study: Study) -> Path:
+    """Hidden beside the folder, under a name that only this very study has: what is found there belongs to it."""
+    return folder.resolve().parent / f".{name}.{study.fingerprint}.part"
+
+
+def _check_free(out: Path) -> None:
+    if out.resolve() == Path.cwd():  # the result takes this name, and whoever stands in it would see the old one
+        raise InputError("is the current folder; name one to be made", file=out)
+    try:
+        free = is_free(out)
+    except OSError as error:
+        raise InputError(f"no results can be written there: {error.strerror or error}", file=out) from error
+    if not free:
+        raise InputError(f"{_what_is_in(out)}; nothing is overwritten, choose another folder", file=out)
+
+
+def _what_is_in(folder: Path) -> str:
+    said = read_manifest(folder)
+    if said is None:
+        return what_is_in(folder)
+    return f"holds another result ('{said.get('study')}', of another scenario, machine or program version)"
+
+
+class SavedRuns(Mapping[str, Run]):
+    """The signals of a result by run_id, read when they are asked for; runs without signals are not in it."""
+
+    def __init__(self, folder: Path, rows: Sequence[Row]) -> None:
+        self._folder = folder / "runs"
+        self._rows = {row.run_id: row for row in rows if (self._folder / row.run_id / SIGNALS).is_file()}
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._rows)
+
+    def __getitem__(self, run_id: str) -> Run:
+        import pyarrow.parquet as pq
+
+        path = self._folder / self._rows[run_id].run_id / SIGNALS
+        try:
+            with pq.ParquetFile(readable_file(path, "table")) as file:
+                if file.metadata.num_rows > MOST_SAMPLES:
+                    raise InputError("holds more samples than a run has: the result is damaged", file=path)
+                columns = arrow.columns(file.read(use_threads=False))
+            sizes = {len(column) for column in columns.values()}
+            if "time_s" not in columns or len(sizes) != 1 or sizes == {0}:
+                raise InputError("holds no signals of a run: the result is damaged", file=path)
+        except InputError:
+            raise
+        except Exception as error:  # whatever the parser makes of damaged bytes
+            said = (str(error).splitlines() or [type(error).__name__])[0]
+            raise InputError(f"is not readable, the result is damaged: {said[:200]}", file=path) from error
+        start = float(columns["position_carriage_m"][0]) if "position_carriage_m" in columns else 0.0
+        return Run(run_id, columns.pop("time_s"), columns, self._rows[run_id].payload_kg, start)
+
+
+@dataclass(frozen=True)
+class Finished:
+    """scenario: as run, as it stands in the file. runs: the signals by run_id, of the runs that have kept them."""
+
+    folder: Path
+    rows: tuple[Row, ...]
+    runs: Mapping[str, Run]
+    machine: AnyKind
+    scenario: Mapping[str, Any]
+    manifest: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        return str(self.manifest.get("study", self.folder.name))
+
+
+def read_finished(folder: Path) -> Finished:
+    """The result in `folder`. InputError where it is none, is not whole, or is damaged."""
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "no such folder"
+        raise InputError(f"{what}, expected a folder that `workbench study` made", file=folder)
+    manifest = read_manifest(folder)
+    if manifest is None or folder.name.endswith(".part"):
+        if (folder / "chunks").is_dir() or folder.name.endswith(".part"):
+            raise InputError("is not finished; call `workbench study` for its scenario again, it goes on", file=folder)
+        raise InputError(f"is no finished result of a study: it has no readable {MANIFEST}", file=folder)
+    for name in ("scenario.yaml", "machine.yaml"):
+        check_whole(folder, name)
+    rows = read_rows(folder)
+    expected = (manifest.get("runs") or {}).get("all")
+    if not rows or expected not in (None, len(rows)):
+        raise InputError(f"holds {len(rows)} runs, its {MANIFEST} says {expected}: the result is damaged",
+                         file=folder / INDEX)  # fmt: skip
+    read = load_machine(folder / "machine.yaml")
+    machine = looped(read)
+    if machine is None:
+        raise InputError(f"is {of_kind(read)}; a study's is of {LOOPED}", file=folder / "machine.yaml")
+    return Finished(folder, tuple(rows), SavedRuns(folder, rows), machine, _scenario(folder), manifest)
+
+
+def _scenario(folder: Path) -> Mapping[str, Any]:
+    file = folder / "scenario.yaml"
+    document = load(file)
+    validate(Scenario, document)
+    assert isinstance(document.data, dict)
+    return document.data
+
+
+LOCK = "lock"
+PATIENCE_S = 0.2  # a holder that has just finished removes the file: then the lock is tried again
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Make `folder` if need be and hold it for this process; the lock file is removed when the block ends.
+
+    The file names its holder. A process that was killed leaves the file but not the lock, and the next
+    holder overwrites the name. InputError while another process holds the folder.
+    """
+    path = folder / LOCK
+    lock = _acquired(path)
+    try:
+        path.write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
+        yield
+    finally:
+        # Removed while it is held, so that nobody waits for a file that is no longer there. The
+        # folder may have got its final name meanwhile; then the file went with it and is gone already.
+        with contextlib.suppress(OSError):
+            path.unlink()
+        lock.release()
+
+
+def _acquired(path: Path) -> BaseFileLock:
+    from filelock import FileLock, Timeout
+
+    lock = FileLock(path, timeout=PATIENCE_S)
+    while True:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            lock.acquire()
+            return lock
+        except FileNotFoundError:
+            continue  # the holder of the folder has just given it its final name
+        except Timeout as error:
+            holder = "another process"
+            with contextlib.suppress(OSError):
+                holder = path.read_text(encoding="utf-8", errors="replace") or holder
+            raise InputError(
+                f"is being written by {holder}; let it finish, or stop it and call again", file=path.parent
+            ) from error
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """What a chunk of runs came to, as the bytes of its files: the same wherever it was computed."""
+
+    rows: int
+    failed: int
+    index: bytes
+    signals: Mapping[str, bytes] = field(default_factory=dict)
+
+
+class Part:
+    """The unfinished result in `folder`, of a batch of `sizes[i]` runs in chunk i. Use `open_part`."""
+
+    def __init__(self, folder: Path, sizes: list[int]) -> None:
+        self.folder = folder
+        self.sizes = sizes
+
+    @property
+    def whole(self) -> bool:
+        """Whether all is written and only the final name is missing."""
+        return (self.folder / MANIFEST).is_file()
+
+    def done(self) -> dict[int, int]:
+        """The chunks that are kept, and how many runs of each have failed; what cannot be read is removed."""
+        kept = {}
+        for number, size in enumerate(self.sizes):
+            file = self._file(number)
+            if not file.is_file():
+                continue
+            try:
+                table = read_table(file)
+            except InputError:
+                table = None
+            if table is None or table.num_rows != size:
+                file.unlink()  # a disk's fault: the chunk is run again
+            else:
+                kept[number] = table["status"].to_pylist().count("failed")
+        return kept
+
+    def commit(self, number: int, chunk: Chunk) -> None:
+        """Keep a chunk: signals first, then, at one stroke, the rows that say that they are there."""
+        places = []
+        for run_id, data in chunk.signals.items():
+            place = self.folder / "runs" / run_id
+            place.mkdir(parents=True, exist_ok=True)
+            (place / SIGNALS).write_bytes(data)
+            places += [place / SIGNALS, place]
+        if places:
+            # Side by side: the disk takes many files at a time nearly as fast as one.
+            with ThreadPoolExecutor(16) as pool:
+                list(pool.map(_settle, [*places, self.folder / "runs"]))
+        file = self._file(number)
+        file.parent.mkdir(exist_ok=True)
+        temporary = file.with_suffix(".tmp")
+        _write(temporary, chunk.index)
+        temporary.rename(file)
+        _settle(file.parent)
+
+    def assemble(self) -> Any:
+        """Write the index from all chunks; returns it."""
+        table = joined([read_table(self._file(number)) for number in range(len(self.sizes))])
+        _write(self.folder / INDEX, parquet_bytes(table))
+        return table
+
+    def add(self, name: str, text: str | bytes) -> None:
+        """One more file of the result."""
+        _write(self.folder / name, text.encode() if isinstance(text, str) else text)
+
+    def mark(self, manifest: Mapping[str, Any]) -> None:
+        """Say that the result is whole."""
+        temporary = self.folder / f"{MANIFEST}.tmp"
+        write_json(temporary, manifest)
+        _settle(self.folder)
+        temporary.rename(self.folder / MANIFEST)
+
+    def finish(self, target: Path) -> None:
+        """Give a whole result its name. `target` is free."""
+        shutil.rmtree(self.folder / "chunks", ignore_errors=True)
+        (self.folder / LOCK).unlink(missing_ok=True)
+        try:
+            self.folder.rename(target)
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+                raise
+            said = f"is taken by now; this result is whole in {self.folder}: ask for another folder, or move it"
+            raise InputError(said, file=target) from error
+        _settle(target.parent)
+
+    def _file(self, number: int) -> Path:
+        return self.folder / "chunks" / f"{number:06d}.parquet"
+
+
+@contextmanager
+def open_part(folder: Path, sizes: list[int], target: Path) -> Iterator[Part]:
+    """The unfinished result in `folder`, new or of an earlier call, held for this process; `target` to be.
+
+    InputError where it cannot be written, and while another process writes it.
+    """
+    try:
+        with locked(folder):
+            yield Part(folder, sizes)
+    except (FileExistsError, NotADirectoryError) as error:
+        said = "no results can be written there: a file stands where a folder must be"
+        raise InputError(said, file=target) from error
+    except OSError as error:
+        raise InputError(f"no results written: {error.strerror or error}", file=target) from error
+    finally:
+        # Nothing done, nothing left behind.
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+
+
+def _write(path: Path, data: bytes) -> None:
+    """The file is on the disk when this returns."""
+    with path.open("wb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def _settle(path: Path) -> None:
+    """What a file, or the names in a folder, say is on the disk when this returns, where the system can do that."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except PermissionError:  # a folder, on systems that open files only
+        return
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
