@@ -23,10 +23,8 @@ from workbench.run import Run
 from workbench.watch.arrivals import Arrivals, Arrived
 from workbench.watch.estimate import estimate
 from workbench.watch.judge import Rules
-from workbench.watch.stream.cut import TRIGGER, Cut, CutRules, Cutter
-from workbench.watch.stream.line import Line, still_speed
-from workbench.watch.stream.logged import Logs, on_grid, with_payload
-from workbench.watch.stream.nodes import nodes_of
+from workbench.watch.opcua import Line, nodes_of, still_speed
+from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, with_payload
 from workbench.watch.watch import Watch
 
 HOIST = default_hoist()

@@ -96,11 +96,11 @@ def command(
     from workbench.machine import load_machine
     from workbench.reports.watch.page import answer, write_page
     from workbench.watch import watch as at_work
+    from workbench.watch.cause import diagnosed
     from workbench.watch.change import HEALTHY
-    from workbench.watch.diagnosed import diagnosed
     from workbench.watch.judge import Rules
+    from workbench.watch.opcua import SCHEME, line_of
     from workbench.watch.store import DamagedError
-    from workbench.watch.stream.line import SCHEME, line_of
     from workbench.watch.watch import Watch
 
     rules = Rules(

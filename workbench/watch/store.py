@@ -476,7 +476,7 @@ def _estimate(
         raise ValueError("estimates of other parameters")
     if not all(np.all(np.abs(array) < MOST) for array in arrays):
         raise ValueError("an estimate is no number of this world")
-    return Estimate(keys, *arrays, _number(residual), _number(noise))
+    return Estimate(keys, arrays[0], arrays[1], arrays[2], _number(residual), _number(noise))
 
 
 def _alarm(

@@ -19,6 +19,7 @@ from workbench.watch.arrivals import Arrivals, Arrived, entry_of
 from workbench.watch.change import WINDOW, Baseline
 from workbench.watch.estimate import estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Judged, Rules
+from workbench.watch.opcua import Line
 from workbench.watch.store import (
     FILE,
     Copies,
@@ -32,10 +33,10 @@ from workbench.watch.store import (
     read_copies,
     read_old,
 )
-from workbench.watch.stream.line import Line
 
 Say = Callable[[str], None]
-Diagnoser = Callable[[Campaign, Baseline, Sequence[Cycle]], Mapping[str, Any]]
+Effects = Mapping[str, Mapping[str, float]]
+Diagnoser = Callable[[Campaign, Baseline, Sequence[Cycle], Effects], Mapping[str, Any]]
 FRICTION_LIMIT = 1.5  # of the identified level, where the user names no limit
 MOST_DIAGNOSED = 4  # cycles since the onset that go into a diagnosis
 HOOK_S = 5.0
@@ -227,18 +228,34 @@ class Watch:
                     self.stale = True
 
     def _diagnosed(self, alarm: KeptAlarm, repeats: Sequence[KeptAlarm]) -> dict[str, Any]:
-        """What the diagnosis says of the cycles since the onset; a sentence where it cannot be asked."""
-        assert self._diagnose is not None and self.judge.baseline is not None
-        runs: list[Run] = []
+        """The diagnosis of the cycles since the onset, beside what earlier alarms found; a sentence where it cannot be
+        asked."""
         last = max([alarm.cycle, *(repeat.cycle for repeat in repeats)])
-        since = [kept for kept in self.store.cycles() if kept.counted and alarm.onset <= kept.number <= last]
         try:
-            for kept in _spread(since):
-                runs.append(self._again(kept))
-            campaign = Campaign(f"since {since[0].cycle.name}", self.store.folder, self.machine, tuple(runs))
-            return dict(self._diagnose(campaign, self.judge.baseline, [kept.cycle for kept in since[-WINDOW:]]))
+            return dict(self._asked(alarm.onset, last, self._explained(alarm)))
         except InputError as error:
             return {"verdict": None, "effects": [], "sentence": f"not diagnosed: {error}"}
+
+    def _explained(self, alarm: KeptAlarm) -> Effects:
+        """The effects of the alarms before this one, fitted anew to the cycles just before its onset: they may have
+        gone on."""
+        effects: Effects = {}
+        earlier = [a for a, _ in _with_repeats(self.store.alarms()) if a.cycle < alarm.cycle]
+        for one in earlier:
+            if one.diagnosis is not None and one.diagnosis.get("verdict") == "named" and one.onset < alarm.onset:
+                effects = {**effects, **one.diagnosis.get("fitted", {})}
+                anew = self._asked(one.onset, alarm.onset - 1, {k: v for k, v in effects.items() if k not in
+                                                               one.diagnosis["effects"]})  # fmt: skip
+                effects = {**effects, **(anew.get("fitted", {}) if anew["effects"] == one.diagnosis["effects"] else {})}
+        return effects
+
+    def _asked(self, first: int, last: int, explained: Effects) -> Mapping[str, Any]:
+        """The diagnosis of the cycles from `first` to `last`."""
+        assert self._diagnose is not None and self.judge.baseline is not None
+        since = [kept for kept in self.store.cycles() if kept.counted and first <= kept.number <= last]
+        runs = tuple(self._again(kept) for kept in _spread(since))
+        campaign = Campaign(f"since {since[0].cycle.name}", self.store.folder, self.machine, runs)
+        return self._diagnose(campaign, self.judge.baseline, [kept.cycle for kept in since[-WINDOW:]], explained)
 
     def _again(self, kept: Kept) -> Run:
         file, cycle = Path(kept.file), kept.cycle
