@@ -137,6 +137,13 @@ def table(shown: Table) -> None:
         st.caption(said(shown.note))
 
 
+def notes(sentences: Sequence[str]) -> None:
+    """What the reader of logs notes, folded up."""
+    if sentences:
+        with st.expander(f"What the reader says of the logs ({len(sentences)})"):
+            st.markdown("\n".join(f"- {plain(note)}" for note in sentences))
+
+
 def problem(error: InputError) -> None:
     """One clear error: place and problem, with the file's name only, for its folder is the server's own."""
     path = Path(error.file or "")
