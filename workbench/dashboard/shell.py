@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 # Less air than streamlit's own, so that the numbers and the first figure fit 1280 by 800.
 _STYLE = """<style>
 .stMainBlockContainer {padding-top: 4rem; padding-bottom: 2rem; padding-left: 2rem; padding-right: 2rem;}
+@media (max-width: 900px) {.stMainBlockContainer {padding-left: 1rem; padding-right: 1rem;}}
+[class*="st-key-cards"] > * {flex: 1 1 9.5rem; min-width: 9.5rem;}
+[class*="st-key-beside"] > * {flex: 1 1 26rem; min-width: min(26rem, 100%);}
 </style>"""
 
 # On the dark ground the colour of buttons is a light one, on which white is hard to read.

@@ -13,7 +13,7 @@ from workbench.dashboard.campaigns import campaign_or_none, is_own, last_name, o
 from workbench.dashboard.job_cards import cards
 from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, start
 from workbench.dashboard.machines import keep_machine
-from workbench.dashboard.widgets import chart, is_dark, notes, numbers, plain, problem, said, table
+from workbench.dashboard.widgets import beside, chart, is_dark, notes, numbers, plain, problem, said, table
 from workbench.dashboard.work import VIEW, View, read_view, shown
 from workbench.effects import check, effects_for
 from workbench.errors import InputError
@@ -255,7 +255,7 @@ def _take_away(job: Job, view: View) -> None:
 
 def _verdict(job: Job, view: View) -> None:
     ranked, answer = view.sections["verdict"], view.sections["answer"]
-    columns = st.columns(2) if answer.figures else [st.container()]
+    columns = beside("verdict") if answer.figures else [st.container()]
     for column, (name, section) in zip(columns, (("verdict", ranked), ("answer", answer)), strict=False):
         with column:
             _figures(job, name, section, TALL if answer.figures else None)

@@ -17,7 +17,7 @@ from workbench.control import Cascade, Settings
 from workbench.dashboard import session
 from workbench.dashboard.machines import controller, session_machine, set_controller, taken_over
 from workbench.dashboard.pages.study_desk import Desk, with_gains
-from workbench.dashboard.widgets import Number, chart, guarded, numbers, plain, problem, table
+from workbench.dashboard.widgets import Number, beside, chart, guarded, numbers, plain, problem, table
 from workbench.errors import InputError
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
 from workbench.kinds import kind_of
@@ -75,7 +75,7 @@ def show() -> None:
     with top:
         _numbers(case, members, before)
     unit = RAD_S if asked.rad_s else HZ
-    left, right = st.columns([1.25, 1.0])
+    left, right = beside("loop")
     with left:  # the colours are Nyquist's, whose legend stands for both
         figure = bode(members, height=600, unit=unit).update_layout(showlegend=False, margin={"t": 50})
         chart(figure, "loop bode", "Bode diagram of the open loop")

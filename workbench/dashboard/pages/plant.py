@@ -154,8 +154,9 @@ def _cards(seen: Latest) -> None:
         ("Payload (kg)", f"{now['payload_now_kg']:.0f}", ""),
         ("On time (%)", f"{pace['on_time_percent']:.2f}", f"{pace['steps']} steps at {pace['rate_hz']:g} Hz"),
     )
-    for column, (name, value, tip) in zip(st.columns(len(shown)), shown, strict=True):
-        column.metric(name, value.replace("-", "\N{MINUS SIGN}"), help=tip or None, border=True, height="stretch")
+    with st.container(horizontal=True, key="cards plant"):
+        for name, value, tip in shown:
+            st.metric(name, value.replace("-", "\N{MINUS SIGN}"), help=tip or None, border=True, height="stretch")
 
 
 def _pace(seen: Latest) -> None:

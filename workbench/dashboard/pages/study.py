@@ -92,9 +92,9 @@ def show() -> None:
     with top:
         sentence = st.empty()
         _decision(result, sentence)
-        with st.expander("One reference against the trapezoid", icon=":material/compare:"):
-            _numbers(result)
     _over_time(result)
+    with st.expander("One reference against the trapezoid", icon=":material/compare:"):
+        _numbers(result)
     _forces(result)
     _take_away(result)
     with guarded():
@@ -265,8 +265,8 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
         st.error(plain(powers(alarmed)), icon=":material/warning:")
     _failures(rows)
     if (shown := decision_table(rows)) is not None:
-        table(replace(shown, rows=[[label(name), *cells] for name, *cells in shown.rows]))
-    _lights(result)
+        table(replace(shown, rows=[[label(name), *cells] for name, *cells in shown.rows], note=""))
+    _lights(result, shown.note if shown is not None else "")
 
 
 def _in_alarm(result: StudyResult) -> set[str]:
@@ -298,8 +298,9 @@ def _recommend(place: DeltaGenerator, result: StudyResult, beside: Sequence[Row]
     place.info(plain(powers(" ".join([said, price_sentence(rows) or ""]).strip())), icon=":material/gavel:")
 
 
-def _lights(result: StudyResult) -> None:
-    """A row a reference, a column a bound: the share that is used, with a sign, a colour and a word."""
+def _lights(result: StudyResult, note: str) -> None:
+    """A row a reference, a column a bound: the share that is used, with a sign, a colour and a word; folded up under
+    the largest. note: what the columns of the table above are."""
     kinds = list(dict.fromkeys(row.reference for row in result.rows if row.ok))
     shown: dict[str, list[str]] = {"used of what is borne": [label(kind) for kind in kinds]}
     bounds: dict[str, str] = {}
@@ -308,9 +309,15 @@ def _lights(result: StudyResult) -> None:
             bounds[use.what] = use.bound
             cells = shown.setdefault(use.what, ["–"] * len(kinds))
             cells[k] = f":{COLOURS[use.light]}[{SIGN[use.light]}] {plain(f'{use.percent:.0f} %')} {use.light}"
-    if bounds:
+    uses = utilisation(result.rows, result.study.machine)
+    if not uses:
+        return
+    most = max(uses, key=lambda use: use.percent)
+    head = f"{SIGN[most.light]} Used of what machine and drive bear: at most {most.used} {most.bound} ({most.where})"
+    with st.expander(plain(head)):
         st.table(shown, hide_index=True)
         st.caption(plain("Per cent of: " + "; ".join(f"{what}, {bound}" for what, bound in bounds.items()) + "."))
+        st.caption(plain(powers(note)))
 
 
 def _failures(rows: Sequence[Row]) -> None:

@@ -14,7 +14,7 @@ from workbench.dashboard.campaigns import chosen_campaign, is_own
 from workbench.dashboard.job_cards import cards
 from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, start
 from workbench.dashboard.machines import keep_machine, kept_machines
-from workbench.dashboard.widgets import Number, chart, guarded, notes, numbers, plain, problem, table
+from workbench.dashboard.widgets import Number, beside, chart, guarded, notes, numbers, plain, problem, table
 from workbench.dashboard.work import VIEW, read_view, shown
 from workbench.errors import InputError
 from workbench.figures.identify import Estimate, correlation_matrix, estimates
@@ -139,7 +139,7 @@ def _identified(identified: Identification) -> None:
         "machine.yaml", machine_text(identified.machine), file_name="machine.yaml", mime="application/yaml",
         icon=":material/download:", on_click="ignore", width="stretch", key="validate download",
     )  # fmt: skip
-    left, right = st.columns([1.15, 1.0])
+    left, right = beside("identified")
     with left:
         chart(_estimates(identified), "validate estimates", "Fitted values with error bars and tolerances")
     with right:
