@@ -22,7 +22,6 @@ from workbench.blind.sources.simulator.axis.kernel import (
     POSITION,
     RECORD_S,
     SPEED,
-    simulate,
 )
 from workbench.blind.sources.simulator.axis.listed import ALIKE, LISTED, drawn_pair, scales_of, usual
 from workbench.blind.sources.simulator.axis.machines import MOTIONS, drawn_axis
@@ -34,6 +33,7 @@ from workbench.blind.sources.simulator.content import CASES, draw
 from workbench.blind.sources.simulator.families import FAMILIES
 from workbench.blind.sources.simulator.sensors import Sensors, Window, encoder_speed, sampled, shown_input
 from workbench.blind.sources.simulator.size import input_change
+from workbench.face.simulate import simulate
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 

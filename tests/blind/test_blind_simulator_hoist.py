@@ -28,7 +28,6 @@ from workbench.blind.sources.simulator.hoist.kernel import (
     SPEED,
     TENSION,
     TORQUE,
-    simulate,
 )
 from workbench.blind.sources.simulator.hoist.listed import LISTED, NEARLY_INVISIBLE, USUAL, scales_of
 from workbench.blind.sources.simulator.hoist.machines import drawn_hoist, practice_machine
@@ -39,6 +38,7 @@ from workbench.blind.sources.simulator.sensors import Sensors, Window, shown_inp
 from workbench.blind.sources.simulator.size import input_change
 from workbench.blind.sources.simulator.standstill import LAWS as STANDSTILL_LAWS
 from workbench.blind.sources.simulator.standstill import bend, drawn_standstill
+from workbench.face.simulate import simulate
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 

@@ -146,6 +146,7 @@ class Panels:
             "shapes": self.shapes,
             "margin": {"t": (100 if headed else 80) + more},
             "hoverdistance": 100,  # px: on a straight stretch points are far apart
+            "meta": {"rows": rows, "columns": columns},  # a narrow page stacks the columns (dashboard/assets/chart.js)
         }
         annotations = list(self.annotations)
         top = 1.0

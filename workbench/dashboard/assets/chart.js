@@ -28,17 +28,51 @@ function keepZoom(layout) {
   return layout;
 }
 
+const NARROW = 620; // px: below it columns of panels stand one under the other, and the legend below the figure
+
+// The layout for a width: a narrow one has the panels in one column, and room for the legend's lines at the bottom.
+function fitting({data, layout}, width) {
+  if (width > NARROW) return layout;
+  const narrow = structuredClone(layout), {rows = 1, columns = 1} = layout.meta ?? {};
+  const height = (layout.height ?? HEIGHT) * (columns > 1 ? 0.95 * columns : 1);
+  if (columns > 1) {
+    const share = 1 / columns, part = share * 0.86; // of the paper, for a column with its title
+    const axis = (kind, row, column) => narrow[`${kind}axis${row + column ? row * columns + column + 1 : ""}`];
+    for (let column = 0; column < columns; column++) {
+      const bottom = 1 - (column + 1) * share + (share - part) / 2;
+      for (let row = 0; row < rows; row++) {
+        const y = axis("y", row, column), x = axis("x", row, column), first = axis("y", row, 0);
+        y.domain = y.domain.map(v => bottom + v * part);
+        y.title = {...first.title, font: {...first.title?.font, size: 11}};
+        y.showticklabels = true;
+        if (x) x.domain = [0, 1];
+      }
+    }
+    const heads = (narrow.annotations ?? []).filter(note => note.xref === "paper" && note.yref === "paper" && note.y === 1);
+    heads.forEach((note, column) => Object.assign(note, {x: 0.5, y: 1 - column * share - (share - part) / 2}));
+  }
+  const names = [...new Set(data.filter(t => t.name && t.showlegend !== false).map(t => t.legendgroup || t.name))];
+  if (layout.showlegend === false || names.length < 2) return {...narrow, height};
+  const across = Math.max(1, Math.floor(width / (60 + 7.5 * Math.max(...names.map(name => name.length)))));
+  const lines = 22 * Math.ceil(names.length / across) + 12;
+  narrow.legend = {...narrow.legend, x: 0, xref: "container", xanchor: "left", y: 0, yref: "container", yanchor: "bottom"};
+  narrow.margin = {...narrow.margin, l: Math.min(narrow.margin?.l ?? 80, 64), r: 12, b: (narrow.margin?.b ?? 52) + lines};
+  return {...narrow, height: height + lines};
+}
+
 function size(box) {
   return document.fullscreenElement === box
     ? {width: window.innerWidth, height: window.innerHeight}
-    : {width: box.clientWidth, height: box.wanted.figure.layout.height ?? HEIGHT};
+    : {width: box.clientWidth, height: fitting(box.wanted.figure, box.clientWidth).height ?? HEIGHT};
 }
 
 async function draw(box) {
   const {figure, config} = box.wanted;
   const Plotly = await library;
   if (!box.isConnected || box.wanted.figure !== figure) return; // a newer one waits its turn
-  const layout = {...keepZoom(figure.layout), ...size(box), autosize: false};
+  box.narrow = box.clientWidth <= NARROW;
+  const layout = {...keepZoom(fitting(figure, box.clientWidth)), ...size(box), autosize: false};
+  box.style.height = `${layout.height}px`;
   const buttons = [...(config.modeBarButtonsToAdd ?? []), FULL_SCREEN];
   await Plotly.react(box, figure.data, layout, {...config, modeBarButtonsToAdd: buttons});
   box.removeAttribute("data-drawing");
@@ -47,9 +81,9 @@ async function draw(box) {
 function fit(box) {
   if (!box.layout || box.hasAttribute("data-drawing")) return; // not drawn yet: it will be in the right size
   const {width, height} = size(box);
-  if (width > 0 && (width !== box.layout.width || height !== box.layout.height)) {
-    window.Plotly.relayout(box, {width, height});
-  }
+  if (width <= 0 || (width === box.layout.width && height === box.layout.height)) return;
+  if (box.narrow || width <= NARROW) inTurn(() => draw(box));
+  else window.Plotly.relayout(box, {width, height});
 }
 
 function boxIn(parent) {

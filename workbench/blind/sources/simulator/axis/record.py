@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from workbench.blind.sources.simulator.axis.kernel import FORCE, POSITION, RECORD_S, SPEED, simulate
+from workbench.blind.sources.simulator.axis.kernel import FORCE, POSITION, RECORD_S, SPEED
 from workbench.blind.sources.simulator.axis.listed import (
     LISTED,
     OF_A_LOAD,
@@ -27,6 +27,7 @@ from workbench.blind.sources.simulator.causes import Cause, about
 from workbench.blind.sources.simulator.families import Family
 from workbench.blind.sources.simulator.kind import Kind, Logging, RunPlan
 from workbench.blind.sources.simulator.sensors import Columns, Sampled, Sensors, digits
+from workbench.face.simulate import simulate
 
 Array = npt.NDArray[np.float64]
 CURRENT_NOISE = 2e-3  # of the largest force, each step of the drive

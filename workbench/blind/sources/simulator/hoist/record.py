@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from workbench.blind.sources.simulator.causes import TURN, Cause, about
 from workbench.blind.sources.simulator.families import Family
-from workbench.blind.sources.simulator.hoist.kernel import HEIGHT, RECORD_S, SPEED, TENSION, TORQUE, simulate
+from workbench.blind.sources.simulator.hoist.kernel import HEIGHT, RECORD_S, SPEED, TENSION, TORQUE
 from workbench.blind.sources.simulator.hoist.listed import LISTED, USUAL, Scales, drawn_pair, scales_of
 from workbench.blind.sources.simulator.hoist.machines import Drawn, drawn_hoist, rebuilt
 from workbench.blind.sources.simulator.hoist.profiles import USUAL_S, reference
@@ -17,6 +17,7 @@ from workbench.blind.sources.simulator.hoist.truth import Truth, ailing, true_tr
 from workbench.blind.sources.simulator.hoist.unlisted import EVENTS, UNLISTED
 from workbench.blind.sources.simulator.kind import Kind, Logging, RunPlan
 from workbench.blind.sources.simulator.sensors import Columns, Sampled, Sensors
+from workbench.face.simulate import simulate
 
 Array = npt.NDArray[np.float64]
 CURRENT_NOISE = 1.6e-4  # of the largest torque, each millisecond
