@@ -19,8 +19,7 @@ import numpy.typing as npt
 import yaml
 from scipy.optimize import lsq_linear
 
-from workbench.blind.orders import Order
-from workbench.blind.sources.simulator.campaign import Label
+from workbench.blind.case import Label, Order
 from workbench.effects import effects_for, find, logged, of, sizes_of
 from workbench.errors import InputError
 from workbench.identify.identify import Identification, identify
@@ -604,7 +603,7 @@ def _write_log(file: Path, machine: Any, run: Run) -> None:
     np.savetxt(file, table, delimiter=",", header=",".join(["time_s", *names]), comments="", fmt="%.9g")
 
 
-def made(folder: Path, known: Recording, order: Order) -> tuple[Order, Label]:
+def made(known: Recording, folder: Path, order: Order) -> tuple[Order, Label]:
     """One campaign in `folder`/NAME, and its label."""
     found = bent(order.names[0], order.seed, known) if order.names else None
     if order.names and found is None:  # it shows with other sizes only: those of the first trial

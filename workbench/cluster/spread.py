@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import logging
 import pickle
 import queue
@@ -36,7 +37,34 @@ WAIT_FOR_WORKERS_S = 60.0
 
 @contextmanager
 def spread_on(cluster: str) -> Iterator[Spread]:
-    """A way to run chunks on `cluster`: `local:N` for N processes on this computer, or a scheduler's address.
+    """A way to run chunks on `cluster`; see `client_on`."""
+    with client_on(cluster) as client:
+        yield lambda study, numbers: _while_it_lives(_chunks(client, cluster, study, numbers), cluster)
+
+
+def each_on(
+    client: Any, cluster: str, items: Sequence[str], task: Callable[[str], tuple[Any, ...]]
+) -> Iterator[tuple[str, Any]]:
+    """Each item with its result, as they come; task: of an item, the function that a worker calls and its arguments."""
+    waiting, of = iter(items), dict[Any, str]()
+    try:
+        while True:
+            for item in itertools.islice(waiting, AHEAD * _threads(client) - len(of)):
+                of[client.submit(*task(item), retries=RETRIES, pure=False)] = item
+            if not of:
+                return
+            future = _next_done(client, cluster, of)
+            yield of.pop(future), future.result()
+            future.release()
+    except _distributed().KilledWorker as error:
+        raise InputError(f"a task took its workers down {RETRIES} times; what is done is kept", file=cluster) from error
+    except (CancelledError, OSError) as error:
+        raise InputError("the cluster is gone; what is done is kept", file=cluster) from error
+
+
+@contextmanager
+def client_on(cluster: str) -> Iterator[Any]:
+    """Dask's client of `cluster`: `local:N` for N processes on this computer, or a scheduler's address.
 
     The processes of `local:N` live as long as the block; they listen on the loopback interface only.
     InputError for a text that is neither, without the extra `cluster`, and where nobody answers.
@@ -46,7 +74,7 @@ def spread_on(cluster: str) -> Iterator[Spread]:
         raise InputError(f"'{cluster}' is no cluster; expected tcp://host:port, or local:N for N processes here")
     client = _local_client(int(local[1])) if local else _in_time(cluster)
     try:
-        yield lambda study, numbers: _while_it_lives(_chunks(client, cluster, study, numbers), cluster)
+        yield client
     finally:
         # Whatever goes wrong at the end is no news: what is finished is kept, and the answer is out.
         with contextlib.suppress(Exception):
