@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from workbench.blind.orders import Order
-from workbench.blind.sources.simulator.content import Content
-from workbench.blind.sources.simulator.families import FAMILIES, Family
-from workbench.blind.sources.simulator.kind import Logging, RunPlan
-from workbench.blind.sources.simulator.kinds import kind_of
+from benchmarks.validation.content import Content, kind_of
+from benchmarks.validation.families import FAMILIES, Family
+from benchmarks.validation.kind import Logging, RunPlan
+from workbench.blind.case import Order
 
 YOURS = "yours"  # the family's name
 _BASED_ON = {"hoist": "hoist_middle", "axis": "axis_std"}  # its nuisances

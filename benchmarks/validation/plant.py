@@ -13,17 +13,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from workbench.blind.sources.multibody import USUAL
-from workbench.blind.sources.simulator.causes import Cause
-from workbench.blind.sources.simulator.content import Content
-from workbench.blind.sources.simulator.families import Family
-from workbench.blind.sources.simulator.hoist.kernel import COLUMNS, HEIGHT, RECORD_S, SPEED, TENSION, TORQUE
-from workbench.blind.sources.simulator.hoist.machines import Drawn
-from workbench.blind.sources.simulator.hoist.record import HOIST
-from workbench.blind.sources.simulator.hoist.truth import Truth
-from workbench.blind.sources.simulator.hoist.unlisted import IN_THE_LIBRARY
-from workbench.blind.sources.simulator.kind import Kind
-from workbench.blind.sources.source import Source
+from benchmarks.validation.content import Content
+from benchmarks.validation.families import Family
+from benchmarks.validation.hoist import HOIST
+from benchmarks.validation.hoist_causes import IN_THE_LIBRARY
+from benchmarks.validation.hoist_machines import Drawn
+from benchmarks.validation.hoist_motion import COLUMNS, HEIGHT, RECORD_S, SPEED, TENSION, TORQUE, Truth
+from benchmarks.validation.kind import Cause, Kind
+from benchmarks.validation.multibody import USUAL
+from benchmarks.validation.sources import Source
 from workbench.control import PiSettings
 from workbench.machine import Hoist, with_values
 from workbench.simulate.loop import LoopCase, Outcome, simulate_loop

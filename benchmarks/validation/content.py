@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from workbench.blind.sources.simulator.causes import Cause
-from workbench.blind.sources.simulator.families import FAMILIES, Family
-from workbench.blind.sources.simulator.kind import Kind, Logging, RunPlan
-from workbench.blind.sources.simulator.kinds import kind_of
+from benchmarks.validation.axis import AXIS
+from benchmarks.validation.families import FAMILIES, Family
+from benchmarks.validation.hoist import HOIST
+from benchmarks.validation.kind import Cause, Kind, Logging, RunPlan
+from workbench.blind.case import CASES, MIXED
+from workbench.effects import find
 
-# Cases, and their shares of a mixed set.
-MIXED: Mapping[str, float] = {"singles": 2.0 / 3.0, "none": 1.0 / 6.0, "pairs": 0.1, "unknown": 1.0 / 15.0}
-CASES = tuple(MIXED)
+KINDS: Mapping[str, Kind] = {kind.name: kind for kind in (HOIST, AXIS)}
+
+
+def kind_of(family: Family) -> Kind:
+    return KINDS[family.kind]
 
 
 @dataclass(frozen=True)
@@ -72,3 +76,31 @@ def _names(rng: np.random.Generator, case: str, kind: Kind, family: Family) -> t
     if case == "singles":
         return (str(rng.choice(kind.usual(family))),)
     return (str(rng.choice(kind.unlisted)),) if case == "unknown" else kind.pair(rng, family, None)
+
+
+def scaled(cause: Cause, size: float, plant: str) -> Cause:
+    """The cause at `size` of its amounts, on a plant of this kind. One that the library does not list stays as it is.
+
+    An amount is a parameter of the library's effect that has a vanishing value; the simulator's own numbers are the
+    library's under other names.
+    """
+    if size == 1.0:
+        return cause
+    to: dict[float, float] = {}
+    for name, numbers in cause.library.items():
+        vanishing = {p.named(plant): p.vanishes_at for p in find(name, plant).parameters}
+        for key, value in numbers.items():
+            zero = vanishing.get(key)
+            if zero is not None:
+                to[value] = zero + size * (value - zero)
+
+    def changed(numbers: Mapping[str, float]) -> dict[str, float]:
+        return {key: to.get(value, value) for key, value in numbers.items()}
+
+    return replace(
+        cause,
+        values=changed(cause.values),
+        truth=changed(cause.truth),
+        log=changed(cause.log),
+        library={name: changed(numbers) for name, numbers in cause.library.items()},
+    )

@@ -8,26 +8,24 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from workbench.blind.sources.simulator.axis.kernel import FORCE, POSITION, RECORD_S, SPEED
-from workbench.blind.sources.simulator.axis.listed import (
+from benchmarks.validation.axis_causes import (
+    EVENTS,
     LISTED,
     OF_A_LOAD,
     OF_NO_LOAD,
+    UNLISTED,
     Scales,
     drawn_pair,
     scales_of,
     usual,
 )
-from workbench.blind.sources.simulator.axis.machines import MOTIONS, Drawn, drawn_axis, rebuilt
-from workbench.blind.sources.simulator.axis.profiles import KINDS as PROFILES
-from workbench.blind.sources.simulator.axis.profiles import excitation as excited
-from workbench.blind.sources.simulator.axis.truth import Truth, ailing, true_truth
-from workbench.blind.sources.simulator.axis.unlisted import EVENTS, UNLISTED
-from workbench.blind.sources.simulator.causes import Cause, about
-from workbench.blind.sources.simulator.families import Family
-from workbench.blind.sources.simulator.kind import Kind, Logging, RunPlan
-from workbench.blind.sources.simulator.sensors import Columns, Sampled, Sensors, digits
-from workbench.face.simulate import simulate
+from benchmarks.validation.axis_machines import KINDS as PROFILES
+from benchmarks.validation.axis_machines import MOTIONS, Drawn, drawn_axis, rebuilt
+from benchmarks.validation.axis_machines import excitation as excited
+from benchmarks.validation.axis_motion import FORCE, POSITION, RECORD_S, SPEED, Truth, ailing, simulate, true_truth
+from benchmarks.validation.families import Family
+from benchmarks.validation.kind import Cause, Kind, Logging, RunPlan, about
+from benchmarks.validation.sensors import Columns, Sampled, Sensors, digits
 
 Array = npt.NDArray[np.float64]
 CURRENT_NOISE = 2e-3  # of the largest force, each step of the drive

@@ -7,17 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from workbench.blind.sources.simulator.causes import TURN, Cause, about
-from workbench.blind.sources.simulator.families import Family
-from workbench.blind.sources.simulator.hoist.kernel import HEIGHT, RECORD_S, SPEED, TENSION, TORQUE
-from workbench.blind.sources.simulator.hoist.listed import LISTED, USUAL, Scales, drawn_pair, scales_of
-from workbench.blind.sources.simulator.hoist.machines import Drawn, drawn_hoist, rebuilt
-from workbench.blind.sources.simulator.hoist.profiles import USUAL_S, reference
-from workbench.blind.sources.simulator.hoist.truth import Truth, ailing, true_truth
-from workbench.blind.sources.simulator.hoist.unlisted import EVENTS, UNLISTED
-from workbench.blind.sources.simulator.kind import Kind, Logging, RunPlan
-from workbench.blind.sources.simulator.sensors import Columns, Sampled, Sensors
-from workbench.face.simulate import simulate
+from benchmarks.validation.families import Family
+from benchmarks.validation.hoist_causes import EVENTS, LISTED, UNLISTED, USUAL, Scales, drawn_pair, scales_of
+from benchmarks.validation.hoist_machines import USUAL_S, Drawn, drawn_hoist, rebuilt, reference
+from benchmarks.validation.hoist_motion import (
+    HEIGHT,
+    RECORD_S,
+    SPEED,
+    TENSION,
+    TORQUE,
+    Truth,
+    ailing,
+    simulate,
+    true_truth,
+)
+from benchmarks.validation.kind import TURN, Cause, Kind, Logging, RunPlan, about
+from benchmarks.validation.sensors import Columns, Sampled, Sensors
 
 Array = npt.NDArray[np.float64]
 CURRENT_NOISE = 1.6e-4  # of the largest torque, each millisecond

@@ -1,17 +1,70 @@
-"""What a kind of machine is to these campaigns: one record each, read by all that is shared."""
+"""A kind of machine in these campaigns, its causes and its runs: one record each, read by all that is shared."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from workbench.blind.sources.simulator.causes import Cause
-from workbench.blind.sources.simulator.families import Family
-from workbench.blind.sources.simulator.sensors import Columns, Sampled, Sensors
+from benchmarks.validation.families import Family
+from benchmarks.validation.sensors import Columns, Sampled, Sensors
+
+Numbers = Mapping[str, float]
+TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True)
+class Event:
+    """A brief event in one run only.
+
+    run, moment: which run, and when of its time in motion, as shares from 0 to 1. length_s: how long it lasts.
+    What happens stands in the cause's `truth` or `log`, and works only while the event lasts.
+    """
+
+    run: float
+    moment: float
+    length_s: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One effect at work.
+
+    name: the effect's, or "unlisted: …". truth: values in place of those of `Truth` (each kind's `ailing` says
+    which few are added instead); log: what the sensors do; per_run: phases and moments that each run draws anew,
+    name -> range. values: for the label. library: name and parameters in the workbench's library.
+    """
+
+    name: str
+    subsystem: str
+    regime: str
+    values: Numbers
+    truth: Numbers = field(default_factory=dict)
+    log: Numbers = field(default_factory=dict)
+    per_run: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    library: Mapping[str, Numbers] = field(default_factory=dict)
+    alike: tuple[str, ...] = ()
+    event: Event | None = None
+
+
+def about(rng: np.random.Generator, low: float, high: float) -> float:
+    """Even on a logarithmic scale."""
+    return float(np.exp(rng.uniform(math.log(low), math.log(high))))
+
+
+def either(rng: np.random.Generator, low: float, high: float) -> float:
+    """As `about`, with either sign."""
+    return float(rng.choice([-1.0, 1.0])) * about(rng, low, high)
+
+
+def drawn_event(rng: np.random.Generator, shortest_s: float, longest_s: float) -> Event:
+    """In any run, away from the first and the last motion of it."""
+    return Event(rng.random(), rng.uniform(0.1, 0.85), about(rng, shortest_s, longest_s))
+
 
 Array = npt.NDArray[np.float64]
 

@@ -9,19 +9,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, StringConstraints
 
-from workbench.blind.rig import Rig
-from workbench.blind.sources.simulator.axis.kernel import RECORD_S as AXIS_S
-from workbench.blind.sources.simulator.axis.listed import LISTED as ON_AXES
-from workbench.blind.sources.simulator.axis.listed import OF_A_LOAD, OF_NO_LOAD
-from workbench.blind.sources.simulator.axis.machines import Drawn as DrawnAxis
-from workbench.blind.sources.simulator.axis.profiles import KINDS as AXIS_PROFILES
-from workbench.blind.sources.simulator.axis.profiles import excitation
-from workbench.blind.sources.simulator.hoist.kernel import RECORD_S as HOIST_S
-from workbench.blind.sources.simulator.hoist.listed import USUAL
-from workbench.blind.sources.simulator.hoist.machines import Drawn as DrawnHoist
-from workbench.blind.sources.simulator.hoist.profiles import KINDS as HOIST_PROFILES
-from workbench.blind.sources.simulator.hoist.profiles import reference
-from workbench.blind.sources.simulator.kind import Logging, RunPlan
+from benchmarks.validation.axis_causes import LISTED as ON_AXES
+from benchmarks.validation.axis_causes import OF_A_LOAD, OF_NO_LOAD
+from benchmarks.validation.axis_machines import KINDS as AXIS_PROFILES
+from benchmarks.validation.axis_machines import Drawn as DrawnAxis
+from benchmarks.validation.axis_machines import excitation
+from benchmarks.validation.axis_motion import RECORD_S as AXIS_S
+from benchmarks.validation.hoist_causes import USUAL
+from benchmarks.validation.hoist_machines import KINDS as HOIST_PROFILES
+from benchmarks.validation.hoist_machines import Drawn as DrawnHoist
+from benchmarks.validation.hoist_machines import reference
+from benchmarks.validation.hoist_motion import RECORD_S as HOIST_S
+from benchmarks.validation.kind import Logging, RunPlan
+from benchmarks.validation.rig import Rig
 from workbench.effects import check
 from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of

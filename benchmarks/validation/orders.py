@@ -4,36 +4,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.blind.sources.simulator.content import CASES, MIXED
-from workbench.blind.sources.simulator.families import FAMILIES, Family
-from workbench.blind.sources.simulator.kind import Kind
-from workbench.blind.sources.source import source_of
+from benchmarks.validation.families import FAMILIES, Family
+from benchmarks.validation.kind import Kind
+from benchmarks.validation.sources import source_of
+from workbench.blind.case import CASES, MIXED, Order
 
 EVENTS_EVERY = 3  # unlisted causes: one of them is a brief event
 IDENTIFIED = ("no", "half", "yes")  # campaigns whose machine.yaml was identified first; half: every second of each case
-
-
-@dataclass(frozen=True)
-class Order:
-    """One campaign to make. names: of its effects. size: of them, in parts of what their family draws. identified: its
-    machine.yaml is that of plain runs before."""
-
-    number: int
-    seed: tuple[int, ...]
-    source: str
-    family: str
-    case: str
-    names: tuple[str, ...]
-    size: float = 1.0
-    identified: bool = False
-
-    @property
-    def name(self) -> str:
-        return f"{self.number:03d}"
 
 
 def orders(

@@ -12,15 +12,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from workbench.blind.sources.simulator.campaign import built, rounded
-from workbench.blind.sources.simulator.content import Content
-from workbench.blind.sources.simulator.families import Family
-from workbench.blind.sources.simulator.hoist.kernel import COLUMNS, HEIGHT, RECORD_S, SPEED, TENSION, TORQUE
-from workbench.blind.sources.simulator.hoist.machines import Drawn
-from workbench.blind.sources.simulator.hoist.record import CURRENT_NOISE, ENCODER_NOISE_RAD_S, HOIST
-from workbench.blind.sources.simulator.hoist.truth import WIRE_KG_M3, Truth
-from workbench.blind.sources.simulator.kind import Kind
-from workbench.blind.sources.source import Source
+from benchmarks.validation.campaign import built, rounded
+from benchmarks.validation.content import Content
+from benchmarks.validation.families import Family
+from benchmarks.validation.hoist import CURRENT_NOISE, ENCODER_NOISE_RAD_S, HOIST
+from benchmarks.validation.hoist_machines import Drawn
+from benchmarks.validation.hoist_motion import COLUMNS, HEIGHT, RECORD_S, SPEED, TENSION, TORQUE, WIRE_KG_M3, Truth
+from benchmarks.validation.kind import Kind
+from benchmarks.validation.sources import Source
 from workbench.machine import Hoist, with_values
 from workbench.multibody import Driven, Outcome, Shaft, Switches, engine, hang, move, sampled
 

@@ -6,9 +6,9 @@ import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from workbench.blind.sources.simulator.content import Content
-from workbench.blind.sources.simulator.families import Family
-from workbench.blind.sources.simulator.kind import Kind
+from benchmarks.validation.content import Content, kind_of
+from benchmarks.validation.families import FAMILIES, Family
+from benchmarks.validation.kind import Kind
 from workbench.errors import InputError, nearest
 
 
@@ -29,17 +29,15 @@ class Source:
     ready: Callable[[], object] = lambda: None
 
 
-_WHERE = {
-    "simulator": "workbench.blind.sources.simulator.source",
-    "multibody": "workbench.blind.sources.multibody",
-    "plant": "workbench.blind.sources.plant",
-}
-NAMES = tuple(_WHERE)
+SIMULATOR = Source("simulator", tuple(FAMILIES), kind_of, lambda content: content)
+NAMES = (SIMULATOR.name, "multibody", "plant")
 
 
 def source_of(name: str) -> Source:
     """The source of that name. InputError with the nearest one where there is none."""
-    if name not in _WHERE:
+    if name not in NAMES:
         raise InputError(f"unknown source '{name}'; {nearest(name, NAMES)}", place="source")
-    source: Source = importlib.import_module(_WHERE[name]).SOURCE
+    if name == SIMULATOR.name:
+        return SIMULATOR
+    source: Source = importlib.import_module(f"benchmarks.validation.{name}").SOURCE
     return source
