@@ -23,13 +23,17 @@ from workbench.yaml_strict import Document
 
 @dataclass(frozen=True, repr=False)
 class Campaign(Shown):
-    """Measured runs of one machine. `notes` concern the campaign; each run carries its own."""
+    """Measured runs of one machine. `notes` concern the campaign; each run carries its own.
+
+    doubts: that a run is what runs.yaml says, from physics and the other runs; see `doubts.py`. Commands look for them.
+    """
 
     name: str
     path: Path
     machine: Hoist | Axis
     runs: tuple[Run, ...]
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def run(self, name: str) -> Run:
         """The run of that name; InputError with the nearest one when there is none."""
@@ -41,8 +45,8 @@ class Campaign(Shown):
 
     @property
     def all_notes(self) -> tuple[str, ...]:
-        """The campaign's notes, then each run's under the run's name."""
-        return (*self.notes, *(f"{run.name}: {note}" for run in self.runs for note in run.notes))
+        """What is doubtful, the campaign's notes, then each run's under the run's name."""
+        return (*self.doubts, *self.notes, *(f"{run.name}: {note}" for run in self.runs for note in run.notes))
 
 
 def read_campaign(
