@@ -231,10 +231,10 @@ def _gains(kind: Kind, seen: Sequence[Seen]) -> Iterator[str]:
         )
         return
     size = float(np.median([np.sqrt(np.mean(s.y**2)) for s in seen]))
-    k = _alone([s.excess for s in seen], lambda v, usual: abs(v - usual) > EXCESS_APART * size, least)
-    if k is not None:
+    odd = _alone([s.excess for s in seen], lambda v, usual: abs(v - usual) > EXCESS_APART * size, least)
+    if odd is not None:
         yield (
-            f"{seen[k].run.name}: {kind.plant.input} is {seen[k].excess:+.3g} {kind.drive.unit} off what its motion "
+            f"{seen[odd].run.name}: {kind.plant.input} is {seen[odd].excess:+.3g} {kind.drive.unit} off what its motion "
             f"takes on average, in the other runs {np.median([s.excess for s in seen]):+.3g}; check the sensor's offset"
         )
 
@@ -285,7 +285,7 @@ def _copied_rows(runs: Sequence[Run]) -> Iterator[str]:
         )
 
 
-def _windows(run: Run) -> tuple[Array, Array]:
+def _windows(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """(hash of ROWS rows, index of the first) of all stretches in which noisy signals go on changing."""
     names = [name for name in sorted(run.signals) if "reference" not in name and _turns(run[name]) > 0.3]
     count = len(run.time_s) - ROWS + 1
