@@ -1,15 +1,15 @@
 """The speed controller as a short program of named assignments, which is printed as C99 and as structured text.
 
-Each line is Python; `where`, `min`, `max`, `abs` and comparisons are all that it takes. The program says what
-`workbench.control.pi` does, without what belongs to the drive (encoder, speed filter, delay) and without what is
-switched off. `checked` runs it beside the compiled step of the studies before anything is printed.
+Each line is Python; `where`, `min`, `max`, `abs`, comparisons, `and` and `or` are all that it takes. The program does
+what `workbench.control.pi` does, without what belongs to the drive (encoder, speed filter, delay) and without what is
+switched off. Before a step its inputs and its memory are checked; where a check fails, the last torque is held and
+`fault` is set with the check's number, until a reset. Every check is a range, and NaN lies in none. `checked` runs the
+program beside the compiled step of the studies before anything is printed.
 """
 
 from __future__ import annotations
 
-import ast
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -27,6 +27,11 @@ from workbench.simulate.loop import torque_limits
 
 AGREES = 1e-9  # of the torque limit
 RECORD_SAMPLES = 400
+SPEED_MARGIN = 1.5  # of the largest speed: what is still taken as one
+SPEED_NOISE = 0.02  # of the largest speed: what a measured speed may jump beside its motion
+STATE_TORQUES = 1e6  # of the torque limit: what a memory or a wanted torque may come to
+BRAKE_TORQUES = 2.0  # of all motors' nominal torque: what a brake may add to the motors' torque
+LOADS = 4.0  # of the load's weight: what a wire may pull whose breaking load is not stated
 
 
 @dataclass(frozen=True)
@@ -39,15 +44,42 @@ class Number:
 
 
 @dataclass(frozen=True)
+class Check:
+    """What has to hold; `reason` is told where it does not."""
+
+    reason: int
+    holds: str
+    meaning: str
+
+
+HOLD = Check(1, "abs(torque_hold_nm) <= torque_limit_nm", "the holding torque of a reset is beyond the torque limit")
+REFERENCE = Check(2, "abs(reference) <= speed_limit_rad_s", "the speed reference is no number or implausible")
+SPEED = Check(3, "abs(speed) <= speed_limit_rad_s", "the measured speed is no number or implausible")
+SLOPE = Check(4, "fresh or abs(speed - speed_before) <= speed_step_rad_s",
+              "the measured speed changed faster than the inertia allows")  # fmt: skip
+STATE = Check(5, "abs({}) <= state_limit", "the memory is no number or implausible")
+RESULT = Check(6, "abs(wanted) <= state_limit", "the computed torque is no number or implausible")
+CHECKS = (HOLD, REFERENCE, SPEED, SLOPE, STATE, RESULT)
+
+
+@dataclass(frozen=True)
 class Program:
     """numbers: constants. memory: names of what is kept from sample to sample. reset: lines that set the memory from
-    `torque_hold_nm`. step: (lines, comment) in blocks, from the inputs to `torque` and the memory."""
+    `torque_hold_nm`. step: (comment, lines) in blocks, from the inputs to `command` and the memory.
+
+    `fresh`, a truth, and `speed_before` are kept beside the memory: the check of the slope needs them."""
 
     numbers: tuple[Number, ...]
     memory: tuple[str, ...]
     reset: tuple[str, ...]
     step: tuple[tuple[str, tuple[str, ...]], ...]
     sample_time_s: float
+
+    @property
+    def before(self) -> tuple[Check, ...]:
+        """The checks before a step."""
+        state = " and ".join(STATE.holds.format(name) for name in self.memory)
+        return REFERENCE, SPEED, SLOPE, Check(STATE.reason, state, STATE.meaning)
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -62,7 +94,8 @@ class Program:
 
 @dataclass(frozen=True)
 class Record:
-    """A test record: inputs at samples, and the torque that the compiled step of the studies gives, all (n,)."""
+    """A test record: inputs at samples, and the torque that the compiled step of the studies gives, all (n,). top: the
+    largest speed; fastest: what the speed changes at most from sample to sample."""
 
     hold_nm: float
     reference_rad_s: Array
@@ -70,6 +103,8 @@ class Record:
     motor_failed: Array
     torque_nm: Array
     largest_nm: float
+    top_rad_s: float
+    fastest_rad_s: float
 
 
 def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) -> Program:
@@ -83,7 +118,8 @@ def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) ->
         Number("torque_limit_nm", limits["u_all"], "largest torque of all motors together"),
         Number("torque_limit_one_failed_nm", limits["u_one"], "largest torque after one motor failed"),
     ]
-    memory, reset = ["integral"], ["integral = torque_hold_nm"]
+    numbers += _plausible(machine, payload_kg, dt)
+    memory, reset = ["integral_nm"], ["integral_nm = torque_hold_nm"]
     limit = ["largest = where(motor_failed, torque_limit_one_failed_nm, torque_limit_nm)"]
     if machine.drive.field_weakening:
         numbers.append(Number("weakening_speed_rad_s", limits["w_weak"], "above it the limit falls as 1/speed"))
@@ -91,18 +127,18 @@ def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) ->
         limit.append("largest = largest * min(weakening_speed_rad_s / max(abs(speed), 1e-9), 1.0)")
     steps: list[tuple[str, tuple[str, ...]]] = [
         ("largest torque at this speed", tuple(limit)),
-        ("PI", ("wanted = kp * (set_point_weight * reference - speed) + integral",)),
+        ("PI", ("wanted = kp * (set_point_weight * reference - speed) + integral_nm",)),
     ]
     if ff.weight > 0.0:
         numbers.append(Number("weight_share", ff.weight, "of the holding torque that is fed forward"))
-        reset = ["hold = torque_hold_nm", "integral = torque_hold_nm * (1.0 - weight_share)"]
-        memory.append("hold")
+        reset = ["hold_nm = torque_hold_nm", "integral_nm = torque_hold_nm * (1.0 - weight_share)"]
+        memory.append("hold_nm")
     if settings.notch is not None:
         b0, b1, b2, a1, a2 = notch_coefficients(settings.notch, dt)
         for name, value in zip(("b0", "b1", "b2", "a1", "a2"), (b0, b1, b2, a1, a2), strict=True):
             numbers.append(Number(name, value, f"notch at {settings.notch.frequency_hz:g} Hz"))
         memory += ["z1", "z2"]
-        reset += ["z2 = (b2 - a2) * integral", "z1 = (b1 - a1) * integral + z2"]
+        reset += ["z2 = (b2 - a2) * integral_nm", "z1 = (b1 - a1) * integral_nm + z2"]
         lines = (
             "cut = b0 * wanted + z1",
             "z1 = b1 * wanted - a1 * cut + z2",
@@ -115,7 +151,7 @@ def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) ->
             Number("low_pass_gain", low_pass_gain(settings.low_pass_hz, dt), f"low-pass at {settings.low_pass_hz:g} Hz")
         )
         memory.append("smooth")
-        reset.append("smooth = integral")
+        reset.append("smooth = integral_nm")
         steps.append(("low-pass", ("smooth = smooth + low_pass_gain * (wanted - smooth)", "wanted = smooth")))
     steps += _fed_forward(settings, machine, payload_kg, numbers, memory, reset)
     torque = ["torque = min(max(wanted, -largest), largest)"]
@@ -128,10 +164,32 @@ def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) ->
         torque += [
             "torque = min(max(torque, torque_before - torque_step_nm), torque_before + torque_step_nm)",
             "torque_before = torque",
+            "command = min(max(torque, -largest), largest)",  # a motor that fails lowers the limit at once
         ]
+    else:
+        torque.append("command = torque")
     steps.append(("limits", tuple(torque)))
     steps.append(("integral and anti-windup", _integral(settings, numbers)))
     return Program(tuple(numbers), tuple(memory), tuple(reset), tuple(steps), dt)
+
+
+def _plausible(machine: Hoist, payload_kg: float, dt: float) -> list[Number]:
+    """The ranges of the checks. The slope: motors at their limit, brake and a wire at its breaking load together, on
+    what turns with the motors alone: |dw/dt| <= (T_u + T_b + F r/i)/J."""
+    motor, top = machine.motor, machine.motor.nominal_speed_rad_s
+    most = torque_limits(machine)["u_all"]
+    load_kg = machine.carriage.mass_kg + payload_kg
+    wire_n = machine.wire.breaking_load_n or LOADS * load_kg * machine.gravity_m_s2
+    at_motor = wire_n * 0.5 * machine.winch.drum_diameter_m / machine.gearbox.ratio
+    turning = motor.count * motor.rotor_inertia_kg_m2 + machine.winch.inertia_kg_m2 / machine.gearbox.ratio**2
+    slope = (most + BRAKE_TORQUES * motor.count * motor.nominal_torque_nm + at_motor) / turning
+    counts = machine.drive.encoder_counts_per_turn
+    counted = 4.0 * math.pi / (counts * dt) if counts else 0.0
+    return [
+        Number("speed_limit_rad_s", SPEED_MARGIN * top, "what is taken as a speed: 1.5 of the largest"),
+        Number("speed_step_rad_s", slope * dt + SPEED_NOISE * top + counted, "most that it changes from call to call"),
+        Number("state_limit", STATE_TORQUES * max(most, top), "what a memory may come to"),
+    ]
 
 
 def _fed_forward(
@@ -157,7 +215,7 @@ def _fed_forward(
         if ff.through_the_wire:
             parts += _behind_the_wire(settings, machine, payload_kg, numbers, memory, reset)
     if ff.weight > 0.0:
-        parts.append("wanted = wanted + weight_share * hold")
+        parts.append("wanted = wanted + weight_share * hold_nm")
     if ff.friction > 0.0:
         up, down = torque(0.0, ff.friction, 1.0, 0.0), -torque(0.0, ff.friction, -1.0, 0.0)
         numbers.append(Number("friction_hoisting_nm", up, "fed forward while the reference hoists"))
@@ -199,45 +257,63 @@ def _integral(settings: PiSettings, numbers: list[Number]) -> tuple[str, ...]:
     if settings.anti_windup == "conditional":
         return (
             "push = where((wanted - torque) * (reference - speed) > 0.0, 0.0, reference - speed)",
-            "integral = integral + sample_time_s * ki * push",
+            "integral_nm = integral_nm + sample_time_s * ki * push",
         )
     if settings.anti_windup == "none":
-        return ("integral = integral + sample_time_s * ki * (reference - speed)",)
+        return ("integral_nm = integral_nm + sample_time_s * ki * (reference - speed)",)
     numbers.append(
         Number("tracking_rate_per_s", settings.tracking_rate_per_s, "how fast the integral runs back at a limit")
     )
     return (
-        "integral = integral + sample_time_s * (ki * (reference - speed) + tracking_rate_per_s * (torque - wanted))",
+        "push = ki * (reference - speed) + tracking_rate_per_s * (torque - wanted)",
+        "integral_nm = integral_nm + sample_time_s * push",
     )
 
 
-def record_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0, hold_nm: float | None = None) -> Record:
+# The reference of a record, of the largest speed: until which part of it, level, slope from 0.05 on.
+PROFILE = (
+    (0.05, 0.0, 0.0), (0.3, 0.0, 2.0), (0.5, 0.5, 0.0), (0.6, -0.3, 0.0), (0.8, 1.2, 0.0), (1.0, -0.1, 0.0),
+)  # fmt: skip
+FOLLOWS, RIPPLE, RIPPLES, FAILS_FROM = 0.03, 0.01, 7.0, 0.7
+
+
+def record_of(
+    settings: PiSettings,
+    machine: Hoist,
+    payload_kg: float = 0.0,
+    hold_nm: float | None = None,
+    samples: int = RECORD_SAMPLES,
+) -> Record:
     """What the compiled step gives for a reference with steps, ramps and rests, a speed that follows it late with a
     ripple, and a motor that fails; long enough to reach the limits and come back."""
-    dt, n = settings.sample_time_s, RECORD_SAMPLES
+    dt, n = settings.sample_time_s, samples
     t, top = dt * np.arange(n), machine.motor.nominal_speed_rad_s
     part = np.arange(n) / n
-    reference = top * np.select(
-        [part < 0.05, part < 0.3, part < 0.5, part < 0.6, part < 0.8], [0.0, (part - 0.05) * 2.0, 0.5, -0.3, 1.2], -0.1
-    )
-    speed = np.zeros(n)
+    shapes = [level + slope * (part - 0.05) for _, level, slope in PROFILE]
+    reference = top * np.select([part < until for until, _, _ in PROFILE], shapes)
+    fastest = 0.5 * next(x.value for x in _plausible(machine, payload_kg, dt) if x.name == "speed_step_rad_s")
+    follows = np.zeros(n)
     for k in range(1, n):
-        speed[k] = speed[k - 1] + 0.03 * (reference[k - 1] - speed[k - 1])
-    speed = speed + 0.01 * top * np.sin(2.0 * math.pi * 7.0 * part)
-    failed_from = 0.7
+        follows[k] = follows[k - 1] + min(max(FOLLOWS * (reference[k - 1] - follows[k - 1]), -fastest), fastest)
+    speed = follows + RIPPLE * top * np.sin(2.0 * math.pi * RIPPLES * part)
     limits = torque_limits(machine)
     hold = 0.3 * limits["u_all"] if hold_nm is None else hold_nm
     values: dict[str, Any] = {
         **vars(HOIST.values(machine, payload_kg)),
         **loop_values(settings, _ideal(machine), hold),
         **limits,
-        "t_fail": t[int(failed_from * n)] - 0.5 * dt,
+        "t_fail": t[round(FAILS_FROM * n)] - 0.5 * dt,
     }
     p = SimpleNamespace(**values)
     controller = full_pi(False, settings.feed_forward.through_the_wire)
     step = Step(controller, p, controller.start(p, hold, 0.0), dt)
     torque = np.array([step(float(r), float(at), float(w), 0.0) for r, at, w in zip(reference, t, speed, strict=True)])
-    return Record(hold, reference, speed, (t >= values["t_fail"]).astype(float), torque, limits["u_all"])
+    failed = t >= values["t_fail"]
+    # A limited slope leaves the torque beyond one motor's limit for a while; the drive gives no more than the limit.
+    largest = np.where(failed, limits["u_one"], limits["u_all"])
+    largest = largest * np.minimum(limits["w_weak"] / np.maximum(np.abs(speed), 1e-9), 1.0)
+    torque = np.clip(torque, -largest, largest)
+    return Record(hold, reference, speed, failed.astype(float), torque, limits["u_all"], top, fastest)
 
 
 def _ideal(machine: Hoist) -> Any:
@@ -247,20 +323,23 @@ def _ideal(machine: Hoist) -> Any:
 
 
 def run(program: Program, record: Record) -> Array:
-    """The program's torque for the inputs of a record, (n,)."""
+    """The program's torque for the inputs of a record, (n,). AssertionError where a check fails on the way."""
     scope: dict[str, Any] = {"where": lambda c, a, b: a if c else b, "min": min, "max": max, "abs": abs}
     scope |= {number.name: number.value for number in program.numbers}
-    code = [compile(line, "<program>", "exec") for line in program.lines]
-    scope["torque_hold_nm"] = record.hold_nm
-    for reset in program.reset:
-        exec(reset, scope)
+    scope |= {"torque_hold_nm": record.hold_nm, "fresh": True, "speed_before": 0.0}
+    checks = [(check, compile(check.holds, "<check>", "eval")) for check in program.before]
+    code = compile("\n".join(program.lines), "<program>", "exec")
+    assert eval(HOLD.holds, scope), HOLD.meaning
+    exec("\n".join(program.reset), scope)
     out = np.empty(len(record.torque_nm))
     for k in range(len(out)):
         scope |= {"reference": float(record.reference_rad_s[k]), "speed": float(record.speed_rad_s[k])}
         scope["motor_failed"] = record.motor_failed[k] > 0.5
-        for line in code:
-            exec(line, scope)
-        out[k] = scope["torque"]
+        for check, holds in checks:
+            assert eval(holds, scope), f"sample {k}: {check.meaning}"
+        exec(code, scope)
+        scope |= {"fresh": False, "speed_before": scope["speed"]}
+        out[k] = scope["command"]
     return out
 
 
@@ -270,12 +349,3 @@ def checked(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) -> tu
     worst = float(np.max(np.abs(run(program, record) - record.torque_nm)))
     assert worst <= AGREES * record.largest_nm, f"the program is {worst:g} N m off the controller of the studies"
     return program, record
-
-
-def tree(expression: str) -> ast.expr:
-    """The right side of a line, for a printer."""
-    return ast.parse(expression, mode="eval").body
-
-
-def written_numbers(values: Sequence[float]) -> list[str]:
-    return [repr(float(value)) for value in values]
