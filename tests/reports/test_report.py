@@ -117,12 +117,12 @@ def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, run) 
     assert done.status == 0
     page = Page((copy / "report.html").read_text(encoding="utf-8"))
     assert page.foreign == []
-    # A head and two references, a head and what is used of machine and drive; then a head and four runs.
-    assert [len(lines) for lines in page.tables[:5]] == [3, 7, 5, 5, 5]
+    # Two references, the criteria and their sum, what is used of machine and drive; then four runs: each with a head.
+    assert [len(lines) for lines in page.tables[:6]] == [3, 10, 7, 5, 5, 5]
     assert "What is asked." in page.words
-    assert "Ruckig with the same limits, jerk-limited at 0.8 m/s³, costs" in page.words
+    assert "Take the trapezoid with acceleration" in page.words
     assert f"Report: {copy / 'report.html'}" in done.out
-    assert "Ruckig with the same limits, jerk-limited at 0.8 m/s³, costs" in done.out
+    assert "Take the trapezoid with acceleration" in done.out
     assert max(map(len, done.out.splitlines())) <= 100
 
 
@@ -210,9 +210,9 @@ def test_a_study_whose_runs_all_failed_has_a_page_that_says_why(results, tmp_pat
     lost = tuple(
         replace(row, status="failed", reason="ran away", metrics=dict.fromkeys(row.metrics)) for row in result.rows
     )
-    write_study_report(replace(result, rows=lost), tmp_path / "lost.html")
+    write_study_report(replace(result, rows=lost, folder=tmp_path), tmp_path / "lost.html")
     words = Page((tmp_path / "lost.html").read_text(encoding="utf-8")).words
-    assert "9000kg_ruckig failed: ran away." in words
+    assert "0kg_ruckig failed: ran away." in words and "1 more of 4 runs failed" in words
 
 
 def test_a_result_of_an_older_version_without_the_newer_metrics_still_has_a_report(results, tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from workbench.metrics import View, shown_in
 from workbench.run import Run
 from workbench.study import tables
 from workbench.study.answer import answer, read_answer
-from workbench.study.decide import decision_table
+from workbench.study.decide import criteria_table, decision_table, decisions
 from workbench.study.findings import sentences, utilisation, utilisation_table
 from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
 from workbench.study.load import plan_study
@@ -149,10 +149,13 @@ MOST_LINES = 60
 
 
 def decision(result: Finished) -> list[Table]:
-    """What decides: a row a reference, then how much of what machine and drive bear is used."""
+    """What decides: a row a reference, the criteria at the heaviest payload, the use of what the machine bears."""
     uses = utilisation(result.rows, result.machine)
     first = decision_table(result.rows)
-    return [*([first] if first is not None else []), *([utilisation_table(uses)] if uses else [])]
+    given = Scenario.model_validate(dict(result.scenario)).decide
+    made = [one for one in decisions(result.rows, result.machine, given, _beside(result)) if one.taken is not None]
+    criteria = [criteria_table(made[-1])] if made and len(made[-1].candidates) > 1 else []
+    return [*([first] if first is not None else []), *criteria, *([utilisation_table(uses)] if uses else [])]
 
 
 def run_tables(rows: Sequence[Row]) -> list[Table]:
