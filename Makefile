@@ -8,6 +8,8 @@ PY := $(VENV)/bin/python
 STAMP := $(VENV)/.set-up
 BENCH_STAMP := $(VENV)/.set-up-bench
 DOCS_STAMP := $(VENV)/.set-up-docs
+# The lock without its hashes: pip would ask for one of this project too.
+CONSTRAINTS := $(VENV)/constraints.txt
 PIP := $(PY) -m pip --disable-pip-version-check install -qq
 
 # Where the demo finds a recorded campaign; without one, replay and identification are left out.
@@ -90,7 +92,7 @@ lock: ## write requirements.lock anew for what pyproject.toml names; UPGRADE=1 t
 	@[ -x $(VENV)-lock/bin/uv ] || { $(PY) -m venv $(VENV)-lock && $(VENV)-lock/bin/python -m pip install -qq uv; }
 	$(VENV)-lock/bin/uv pip compile pyproject.toml --extra app --extra blind --extra import --extra multibody --extra serve --extra test --extra dev \
 	  --universal --python-version 3.11 --fork-strategy fewest --only-binary :all: \
-	  --no-emit-index-url --no-emit-find-links --no-annotate --custom-compile-command "make lock" \
+	  --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --custom-compile-command "make lock" \
 	  $(if $(UPGRADE),--upgrade) --quiet -o requirements.lock
 
 clean: ## remove the environment, the caches and the demo's results
@@ -114,16 +116,17 @@ $(STAMP): requirements.lock pyproject.toml Makefile
 	@[ -f $@ ] || rm -rf $(VENV)
 	@$(MAKE) -s $(PY)
 	@echo "installing requirements.lock into $(VENV)"
-	@$(PIP) -r requirements.lock
+	@$(PIP) --require-hashes -r requirements.lock
+	@sed -n 's/ *\\$$//; /==/p' requirements.lock >$(CONSTRAINTS)
 	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 
 $(BENCH_STAMP): $(STAMP)
 	@echo "installing the peers to measure against"
-	@$(PIP) -c requirements.lock -e '.[bench]' --no-build-isolation
+	@$(PIP) -c $(CONSTRAINTS) -e '.[bench]' --no-build-isolation
 	@touch $@
 
 $(DOCS_STAMP): $(STAMP)
 	@echo "installing what builds the docs"
-	@$(PIP) -c requirements.lock -e '.[docs]' --no-build-isolation
+	@$(PIP) -c $(CONSTRAINTS) -e '.[docs]' --no-build-isolation
 	@touch $@

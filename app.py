@@ -1,7 +1,7 @@
 """`streamlit run app.py`: the dashboard. `workbench app` starts the same."""
 
-from workbench.dashboard.shell import run
-from workbench.dashboard.warm import warm
+from streamlit.starlette import App
 
-warm()
-run()
+from workbench.dashboard.server import SCRIPT, middleware, routes
+
+app = App(SCRIPT, routes=routes(), middleware=middleware())

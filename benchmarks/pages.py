@@ -1,7 +1,7 @@
 """The dashboard in a real browser: `python -m benchmarks.pages [--sessions 20]`, on a computer that does nothing else.
 
 Figures: from the address to verdict, table and first figure, and to the whole first page (all figures drawn, the script
-ended), on a server that nobody has visited, at the first start of this version and at a later one; from a slider's
+ended), on a server that nobody has visited, and at a second start; from a slider's
 release to new figures; frames a second of the page Machine; and the server's memory after each of many sessions that
 move sliders and are closed. One line of JSON.
 """
@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 from tests.support import browser
 from tests.support.browser import Visit
-from workbench.dashboard import first_study
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -111,7 +110,6 @@ def main(say: Callable[[str], None] = print) -> None:
     os.environ["STREAMLIT_SERVER_DISCONNECTED_SESSION_TTL"] = str(KEPT_S)
     with tempfile.TemporaryDirectory() as folder, browser.browser() as started:
         home = Path(folder) / "server"
-        first_study.kept_file().unlink(missing_ok=True)
         for start in ("first_start", "later_start"):
             figure_s, whole_s = first_page_s(started, Path(folder) / start)
             measured[start] = {"first_figure_s": figure_s, "whole_page_s": whole_s}

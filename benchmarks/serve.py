@@ -17,7 +17,6 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -25,67 +24,49 @@ from typing import Any
 import numpy as np
 
 from workbench.control import PiSettings, full_pi, loop_values
-from workbench.engine.sampled import Step, observe
+from workbench.engine.stepped import Step, observe
 from workbench.machine import Axis, Hoist, default_hoist, save_machine
 from workbench.metrics import observer
 from workbench.plants import HOIST
 from workbench.references import Limits, motor_speed_rad_s, plan_motion
 from workbench.references import Step as Way
 from workbench.run import Array
-from workbench.serve.pace import ask_priority
 from workbench.serve.plant import SIGNALS
-from workbench.serve.serve import Wish, serve
+from workbench.serve.serve import Wish, ask_priority, serve
 from workbench.serve.session import Session
-from workbench.serve.udp import COMMAND, STATE
+from workbench.serve.udp import State, command_packet, state_in
 from workbench.simulate.loop import LoopCase, case_limits, simulate_loop
 
 PAYLOAD_KG, START_M = 4500.0, 9.0
 
 
-@dataclass(frozen=True)
-class Seen:
-    """What a client has of one state."""
-
-    time_s: float
-    torque_nm: float
-    signals: dict[str, float]
-    flags: int
-
-
 class Client:
     """One end of the line: a command out, a state in."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, token: str = "") -> None:
         self._line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._line.settimeout(5.0)
         self._line.connect(("127.0.0.1", port))
-        self._sequence = 0
+        self._sequence, self._token = 0, token
 
     def close(self) -> None:
         self._line.close()
 
     def send(self, torque_nm: float, flags: int = 0) -> None:
         self._sequence += 1
-        self._line.send(COMMAND.pack(b"WBC1", self._sequence, flags, 0, torque_nm))
+        self.send_bytes(command_packet(self._sequence, torque_nm, flags, self._token))
 
     def send_bytes(self, data: bytes) -> None:
         self._line.send(data)
 
-    def receive(self) -> Seen:
-        while True:
-            data = self._line.recv(65_536)
-            if data[:4] == b"WBS1":
-                _, _, _, flags, now, torque, *rest = STATE.unpack(data)
-                return Seen(now, torque, dict(zip(SIGNALS, rest, strict=False)), flags)
-
-    def receive_bytes(self) -> bytes:
-        """The next state as it comes."""
-        while (data := self._line.recv(65_536))[:4] != b"WBS1":
+    def receive(self) -> State:
+        """The next state. TimeoutError after five seconds without one."""
+        while (state := state_in(self._line.recv(65_536))) is None:
             pass
-        return data
+        return state
 
     def order(self, order: dict[str, Any]) -> dict[str, Any]:
-        self._line.send(json.dumps(order).encode())
+        self._line.send(json.dumps({**order, "token": self._token}).encode())
         return self.answer()
 
     def answer(self) -> dict[str, Any]:
@@ -152,19 +133,20 @@ def closed_loop(client: Client, case: LoopCase, every: int = 1) -> dict[str, flo
     step = Step(controller, p, controller.start(p, hold, first["angle_motor_rad"]), dt)
     reference: Array = np.asarray(case.speed_reference_rad_s)
     rows = np.empty((len(reference), len(SIGNALS) + 1))
-    seen = Seen(0.0, hold, {name: first[name] for name in SIGNALS}, 0)
+    signals, at_work = {name: float(first[name]) for name in SIGNALS}, hold
     for k, r in enumerate(reference):
-        rows[k] = [*(seen.signals[name] for name in SIGNALS), seen.torque_nm]
-        torque = step(float(r), k * dt, seen.signals["speed_motor_rad_s"], seen.signals["angle_motor_rad"])
+        rows[k] = [*signals.values(), at_work]
+        torque = step(float(r), k * dt, signals["speed_motor_rad_s"], signals["angle_motor_rad"])
         client.send(torque)
         until = (k + 1) * dt - 1e-9
         while (seen := client.receive()).time_s < until:
             if every == 1:
                 break
-    signals = {name: rows[:, i] for i, name in enumerate(SIGNALS)}
-    signals |= {"torque_motor_nm": rows[:, -1], "speed_reference_rad_s": reference}
-    signals["time_s"] = np.asarray(dt * np.arange(len(reference)), dtype=float)
-    return observer().finish(observe(observer(), p, signals, dt), p, len(reference) * dt)
+        signals, at_work = seen.signals, seen.at_work
+    run = {name: rows[:, i] for i, name in enumerate(SIGNALS)}
+    run |= {"torque_motor_nm": rows[:, -1], "speed_reference_rad_s": reference}
+    run["time_s"] = np.asarray(dt * np.arange(len(reference)), dtype=float)
+    return observer().finish(observe(observer(), p, run, dt), p, len(reference) * dt)
 
 
 def off_percent(metrics: dict[str, float], study: dict[str, float]) -> dict[str, float]:
@@ -181,11 +163,11 @@ import socket, struct, sys
 line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 line.connect(("127.0.0.1", int(sys.argv[1])))
 line.settimeout(5)
-command, hold, k = struct.Struct("<4sIIId"), float(sys.argv[2]), 0
+command, hold, k = struct.Struct("<4sIIId16s"), float(sys.argv[2]), 0
 try:
     while True:
         k += 1
-        line.send(command.pack(b"WBC1", k, 0, 0, hold + (20.0 if k // 2000 % 2 else -20.0)))
+        line.send(command.pack(b"WBC2", 0x01020304, k, 0, hold + (20.0 if k // 2000 % 2 else -20.0), b""))
         line.recv(200)
 except OSError:
     pass
@@ -212,18 +194,9 @@ def real_time_loop(machine: Hoist) -> dict[str, float]:
     state every fourth step."""
     with tempfile.TemporaryDirectory() as folder:
         save_machine(machine, Path(folder) / "machine.yaml")
-        options = [
-            "--port",
-            "0",
-            "--send-every",
-            "4",
-            "--priority",
-            "--payload",
-            PAYLOAD_KG,
-            "--start-position",
-            START_M,
-        ]
-        words = [sys.executable, "-m", "workbench", "serve", f"{folder}/machine.yaml", *map(str, options)]
+        options = ["--port", "0", "--send-every", "4", "--priority"]
+        options += ["--payload", str(PAYLOAD_KG), "--start-position", str(START_M)]
+        words = [sys.executable, "-m", "workbench", "serve", f"{folder}/machine.yaml", *options]
         server = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         assert server.stderr is not None
         try:

@@ -23,8 +23,8 @@ from workbench.machine import Hoist, default_hoist, get_value, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.run import Run
 from workbench.simulate.loop import LoopCase, simulate_loop
+from workbench.watch.cause import diagnosed
 from workbench.watch.change import WINDOW
-from workbench.watch.diagnosed import diagnosed
 from workbench.watch.estimate import estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Rules
 
@@ -74,7 +74,7 @@ def month(machine: Hoist, cycles: int, change: Change, seed: int) -> Iterator[tu
             factors, effects = change(k)
             values = {
                 key: get_value(machine, key) * factors.get(key, 1.0) * (1.0 + scatter * rng.normal())
-                for key, scatter in SCATTER.items()
+                for key, scatter in {**dict.fromkeys(factors, 0.0), **SCATTER}.items()
             }
             true = with_values(machine, values).model_copy(update={"effects": dict(effects)})
             payload = float(rng.choice(PAYLOADS))

@@ -50,12 +50,12 @@ def named(requirements: list[str]) -> set[str]:
 
 
 def pins() -> dict[str, str]:
-    """name -> version of requirements.lock; anything but an exact pin fails."""
+    """name -> version of requirements.lock; anything but an exact pin with its hashes fails."""
     versions = {}
-    for line in LOCK.splitlines():
+    for line in LOCK.replace("\\\n", "").splitlines():
         if line.strip() and not line.startswith("#"):
-            match = re.fullmatch(r"([\w.-]+)==([\w.+!]+)(?: ; [^#]+)?", line)
-            assert match, f"not an exact pin: {line!r}"
+            match = re.fullmatch(r"([\w.-]+)==([\w.+!]+)(?: ; [^#]+?)?(?: +--hash=sha256:[0-9a-f]{64})+", line)
+            assert match, f"not an exact pin with its hashes: {line!r}"
             versions[normal(match[1])] = match[2]
     return versions
 
@@ -79,8 +79,12 @@ def tracked_text() -> list[tuple[str, str]]:
 
 def test_the_lock_holds_exact_pins_and_names_no_place():
     assert len(pins()) > 40
-    for word in ("http", "://", "--", "/work", "@", ".whl", "file:"):
+    for word in ("http", "://", "--index", "--find", "/work", "@", ".whl", "file:"):
         assert word not in LOCK, word
+
+
+def test_make_installs_nothing_whose_hash_is_not_locked():
+    assert "--require-hashes -r requirements.lock" in (ROOT / "Makefile").read_text(encoding="utf-8")
 
 
 def test_the_lock_pins_everything_that_pyproject_names():

@@ -17,16 +17,17 @@ PACKAGE = ROOT / "workbench"
 
 # Each row may import the rows above it. Neighbours in one row do not know each other.
 LAYERS = [
-    ("errors", "names", "verb"),
+    ("errors", "names", "record", "verb"),
     ("tables", "json_records"),
     ("shown",),
+    ("input_file",),
     ("yaml_strict", "whole_folder"),
     ("run",),
     ("log_formats",),
     ("trace",),
-    ("machine",),
-    ("plants", "multibody"),
     ("kinds",),
+    ("machine", "plants"),
+    ("multibody",),
     ("engine",),
     ("logs", "control", "references", "metrics"),
     ("effects",),
@@ -46,7 +47,7 @@ LAYERS = [
 LEVEL = {name: level for level, row in enumerate(LAYERS) for name in row}
 
 # The physics' floor stays quick to import and knows no screens.
-FLOOR = ("errors", "yaml_strict", "run", "trace", "machine", "plants", "kinds", "engine")
+FLOOR = ("errors", "yaml_strict", "record", "run", "trace", "machine", "plants", "kinds", "engine")
 TOO_HEAVY_FOR_THE_FLOOR = {"scipy", "control", "streamlit", "plotly", "pandas", "matplotlib"}
 TOO_HEAVY_FOR_HELP = ["numpy", "numba", "scipy", "pydantic", "plotly", "pyarrow", "control", "pandas", "streamlit"]
 
@@ -183,8 +184,7 @@ def test_help_version_and_usage_errors_load_nothing_heavy(argument: str):
 
 
 OPTION = re.compile(r"(?:^|[\s'\"`(])--[a-z]")
-# Beside the command line, the page of the manual that is written from the declarations.
-NAMES_OPTIONS = {"cli", "effects/page.py"}
+NAMES_OPTIONS = {"cli"}
 
 
 def option_names(source: str) -> list[str]:

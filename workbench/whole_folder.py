@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
+import re
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from workbench.errors import InputError
+from workbench.input_file import read_input
 
-MOST_REPLACED = 200_000_000  # bytes of a file that is looked into before it is replaced
+if sys.platform != "win32":  # there, what a killed writer leaves stays
+    import fcntl
+
+_HIDDEN = re.compile(r"\..+\.new-[a-z0-9_]{8}\.part")
 
 
 def is_free(folder: Path) -> bool:
@@ -48,7 +55,8 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         raise InputError("is the current folder; name one to be made", file=folder)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        hidden = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent))
+        sweep(target.parent)
+        hidden, lock = _locked(target)
     except (FileExistsError, NotADirectoryError) as error:
         raise InputError(
             "no results can be written there: a file stands where a folder must be", file=folder
@@ -63,6 +71,36 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         raise InputError(f"no results written: {error.strerror or error}", file=folder) from error
     finally:
         shutil.rmtree(hidden, ignore_errors=True)
+        os.close(lock)
+
+
+def sweep(parent: Path) -> None:
+    """Remove hidden folders whose writer was killed: the lock that each writer holds on its own goes with it."""
+    if sys.platform == "win32":
+        return
+    for left in parent.iterdir():
+        if _HIDDEN.fullmatch(left.name):
+            with contextlib.suppress(OSError):  # another writer holds it, removes it too, or it is not ours to remove
+                handle = os.open(left, os.O_RDONLY)
+                try:
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    shutil.rmtree(left, ignore_errors=True)
+                finally:
+                    os.close(handle)
+
+
+def _locked(target: Path) -> tuple[Path, int]:
+    """A hidden folder beside `target`, and the open handle that holds its lock (of the null device without locks)."""
+    while True:
+        hidden = Path(tempfile.mkdtemp(prefix=f".{target.name}.new-", suffix=".part", dir=target.parent))
+        if sys.platform == "win32":
+            return hidden, os.open(os.devnull, os.O_RDONLY)
+        handle = os.open(hidden, os.O_RDONLY)
+        with contextlib.suppress(OSError):  # a file system without locks: then nobody else gets one either
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.lexists(hidden):  # else it was swept before it was locked
+            return hidden, handle
+        os.close(handle)
 
 
 def replace_json(path: Path, data: Mapping[str, object], mark: str) -> None:
@@ -97,13 +135,11 @@ def check_replaceable(path: Path, mark: str) -> None:
     """InputError unless nothing stands there, an empty file, or a JSON file with the key `mark`."""
     if not os.path.lexists(path):
         return
+    if not path.is_file():
+        raise InputError("is no file that can be replaced", file=path)
     try:
-        if not path.is_file():
-            raise InputError("is no file that can be replaced", file=path)
-        content = path.read_bytes() if path.stat().st_size < MOST_REPLACED else b"-"
+        content = read_input(path, "json")
         existing = json.loads(content) if content else {mark: None}
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", file=path) from error
     except (ValueError, RecursionError):
         existing = None
     if not (isinstance(existing, dict) and mark in existing):

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.attack import watch_states
 from workbench.machine import default_hoist
 from workbench.machine.files import machine_text
 
@@ -30,13 +31,14 @@ COLUMNS = "columns:\n  time_s: {column: time_s, scale: 1.0}\n  speed_motor_rad_s
 
 # Which file is mangled: of a campaign one of three forms of its log, or machine.yaml, of a hoist or of an axis, or
 # runs.yaml; zip and upload are the whole campaign as a browser sends it; a scenario and a controller's file stand for
-# themselves; index, signals, manifest and ran (scenario.yaml) are of a finished result.
+# themselves; index, signals, manifest and ran (scenario.yaml) are of a finished result; state, copies and sidecar are a
+# watch's.
 KINDS = (
     "csv", "parquet", "mat", "machine", "axis", "runs", "zip", "upload", "scenario", "controller", "index", "signals",
-    "manifest", "ran",
+    "manifest", "ran", *watch_states.KINDS,
 )  # fmt: skip
 OF_A_RESULT = {"index": "index.parquet", "signals": "", "manifest": "manifest.json", "ran": "scenario.yaml"}
-_BINARY = ("parquet", "mat", "zip", "index", "signals")
+_BINARY = ("parquet", "mat", "zip", "index", "signals", "state", "copies")
 _STUDY = """\
 name: small
 payloads_kg: [0, 9000]
@@ -132,6 +134,8 @@ def good(kind: str, variant: int) -> bytes:
             for name, part in (("machine.yaml", "machine"), ("runs.yaml", "runs"), ("runs/lift.csv", "csv")):
                 archive.writestr(f"lifts/{name}", good(part, 0))
         return stream.getvalue()
+    if kind in watch_states.KINDS:
+        return watch_states.good(kind)
     if kind == "axis":
         return _AXIS.encode()
     if kind == "controller":
@@ -177,7 +181,9 @@ def mangled(kind: str, seed: int) -> bytes:
         ways += [_junk_keys, _deep, _bomb, _number, _number, _number]
     if kind == "csv":
         ways += [_holes, _holes, _many_columns]
-    if kind in ("parquet", "index", "signals") and chance.random() < 0.5:
+    if kind == "state" and chance.random() < 0.5:
+        return watch_states.changed_rows(content, chance)
+    if kind in ("parquet", "index", "signals", "copies") and chance.random() < 0.5:
         return _changed_table(content, chance)
     for _ in range(chance.choice([1, 1, 1, 2, 3])):
         content = chance.choice(ways)(content, chance)

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.attack import watch_states
 from benchmarks.attack.mangle import AXIS_RUNS, CUT, OF_A_RESULT, ROOT, RUNS, finished_result, good, mangled, signals_of
 from workbench.errors import InputError
 from workbench.logs import Campaign, read_campaign
@@ -57,6 +58,8 @@ def read(kind: str, content: bytes, folder: Path) -> Ended:
             return _scenario(content, folder)
         if kind == "controller":
             return _controller(content, folder)
+        if kind in watch_states.KINDS:
+            return Ended(*watch_states.read(kind, content, folder))
         if kind in OF_A_RESULT:
             return _result(kind, content, folder)
         return _judged(
@@ -86,7 +89,7 @@ def _campaign(kind: str, content: bytes, folder: Path) -> Campaign:
 
 
 def _upload(kind: str, content: bytes, folder: Path) -> Campaign:
-    from workbench.dashboard.uploads.campaign import Uploaded, read_uploaded
+    from workbench.dashboard.uploads import Uploaded, read_uploaded
 
     if kind == "zip":
         return read_uploaded([Uploaded("lifts.zip", content)], folder)

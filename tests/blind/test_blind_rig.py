@@ -70,7 +70,7 @@ def test_a_case_of_a_rig_repeats_its_runs_on_another_true_machine(rig: Rig, tmp_
     short = replace(rig, runs=rig.runs[1:2])
     (order,) = ordered(Asked(runs=DEMO, cases=1, case="singles", effects="friction_viscous"), 7)[0]
     assert SMALLEST <= order.size <= LARGEST
-    _, label = made(tmp_path, short, order)
+    _, label = made(short, tmp_path, order)
     again, recorded = read_campaign(tmp_path / "001"), read_campaign(DEMO)
     (run,), measured = again.runs, recorded.run(short.runs[0].name)
     assert again.machine == recorded.machine
@@ -91,7 +91,7 @@ def test_an_axis_gives_its_motion_and_plays_it_again(tmp_path: Path):
     assert rig.kind == "axis"
     assert rig_from(json.loads(json.dumps(rig.said()))) == rig
     wanted, _ = ordered(Asked(runs=tmp_path / "own", cases=1, case="none"), 3)
-    made(tmp_path, replace(rig, runs=rig.runs[:1]), wanted[0])
+    made(replace(rig, runs=rig.runs[:1]), tmp_path, wanted[0])
     ours, theirs = (read_campaign(tmp_path / name).runs[0] for name in ("001", "own"))
     (speed,) = {"velocity_m_s", "speed_rad_s"} & set(theirs.signals)
     seen = np.interp(theirs.time_s, ours.time_s, ours[speed])

@@ -484,7 +484,7 @@ def test_an_axis_without_a_gap_is_identified_down_to_its_ripple_and_noise_and_an
 
 def test_an_ordered_axis_is_made_with_its_size_in_the_label(tmp_path):
     order = orders(2, {"simulator": families_of(["axis_std"])}, counts={"singles": 1})[0]
-    _, label = made(tmp_path, None, order)
+    _, label = made(None, tmp_path, order)
     assert label.effects == order.names
     assert label.torque_change_rms_nm > 0.0
     assert len(label.torque_change_by_second_nm) == len(read_campaign(tmp_path / order.name).runs)

@@ -22,8 +22,8 @@ from workbench.dashboard.pages.study.runs import beside_ramps
 from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
 from workbench.errors import InputError
 from workbench.kinds import kind_of
+from workbench.kinds.axis import LinearAxis, RotaryAxis
 from workbench.machine import default_hoist, shipped, with_values
-from workbench.machine.axis import LinearAxis, RotaryAxis
 from workbench.machine.files import machine_text
 from workbench.study.decide import verdict
 from workbench.study.load import load_study, plan_study

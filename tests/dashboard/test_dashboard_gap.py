@@ -28,7 +28,7 @@ from workbench.dashboard.pages.gap import watch as gap_watch
 from workbench.dashboard.pages.gap import work as gap_work
 from workbench.dashboard.pages.gap.results import TAB
 from workbench.dashboard.pages.gap.view import VIEW, read_view, write_view
-from workbench.dashboard.serve import SCRIPT
+from workbench.dashboard.server import SCRIPT
 from workbench.diagnose import diagnose as orchestration
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.records import Diagnosis
@@ -325,10 +325,13 @@ def test_an_uploaded_campaign_is_copied_for_its_job(server, spring, monkeypatch)
     app = page("Gap").run()
     assert app.button(key="gap start").disabled
     files = [path for path in sorted(spring.rglob("*")) if path.is_file()]
-    app.file_uploader(key=f"{BOX} files").set_value([(f.name, f.read_bytes(), "text/plain") for f in files]).run()
+    app.file_uploader(key=f"{BOX} files 0").set_value([(f.name, f.read_bytes(), "text/plain") for f in files]).run()
     begun(one_candidate(app))
     job = the_job(server)
-    assert job.title == "uploaded (uploaded)" and job.spec["arguments"]["name"] == "uploaded"
+    name = job.spec["arguments"]["name"]
+    assert job.title == f"{name} (uploaded)" and name == load_machine(spring / "machine.yaml").name
+    again = shown(job.folder.parents[1].name.removeprefix("work-"))  # after a reload
+    assert again.selectbox(key=BOX).value == job.title and again.session_state["campaign chosen"] == job.title
     assert (job.file("inputs") / "campaign" / "runs.yaml").is_file()
     assert job.spec["arguments"]["folder"] == str(job.file("inputs") / "campaign")
 

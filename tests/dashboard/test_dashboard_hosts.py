@@ -1,28 +1,24 @@
-"""Which names a browser may call the server by: a page from elsewhere that names this computer is refused."""
+"""What the server answers and what its answers may do: hosts, security headers, no metrics, two sessions at once."""
 
 from __future__ import annotations
 
 import base64
-import hashlib
 import os
 import re
 import socket
-import subprocess
-import sys
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 
 pytest.importorskip("streamlit")
 
 from tests.support import browser
-from tests.support.proxy import documented_headers
-from workbench.dashboard import first_study, warm
-from workbench.dashboard.options import OPTIONS, flags, hosts_allowed
-
-ROOT = Path(__file__).resolve().parents[2]
-LOCAL = ["localhost", "127.0.0.1", "::1"]
+from tests.support.dashboard_app import page
+from workbench.dashboard.server import HERE, OPTIONS, hosts_allowed, is_allowed
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +29,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
-def status(address: str, host: str) -> int:
+def websocket_status(address: str, host: str) -> int:
     """Of the answer to a browser that opens the page's WebSocket under that name."""
     port = int(address.rpartition(":")[2])
     lines = [
@@ -46,75 +42,76 @@ def status(address: str, host: str) -> int:
         return int(line.recv(100).split()[1])
 
 
+def answer(address: str, host: str = "localhost") -> tuple[int, Any]:
+    """Status and headers of a plain request."""
+    try:
+        with urllib.request.urlopen(urllib.request.Request(address, headers={"Host": host}), timeout=10.0) as said:
+            return said.status, said.headers
+    except urllib.error.HTTPError as error:
+        return error.code, error.headers
+
+
 @pytest.mark.parametrize("host", ["localhost:8501", "127.0.0.1", "[::1]:8501", "workbench.example"])
 def test_this_computers_names_and_the_proxys_are_taken(server: str, host: str):
-    assert status(server, host) == 101
+    assert websocket_status(server, host) == 101
+    assert answer(server, host)[0] == 200
 
 
-@pytest.mark.parametrize("host", ["elsewhere.example:8501", "localhost.elsewhere.example", "192.0.2.1"])
-def test_another_name_is_refused(server: str, host: str):
-    assert status(server, host) == 403
+@pytest.mark.parametrize("host", ["elsewhere.example:8501", "localhost.elsewhere.example", "192.0.2.1", "[::1", "a b"])
+def test_another_name_is_refused_for_pages_files_and_the_websocket(server: str, host: str):
+    assert websocket_status(server, host) in (400, 403)
+    for path in ("/", "/Loop", "/_stcore/health", "/static/js/index.js"):
+        assert answer(server + path, host)[0] == 400
 
 
 def test_who_listens_to_others_without_a_name_is_reached_by_any():
-    assert OPTIONS["server.allowedHosts"] == LOCAL
-    assert hosts_allowed("127.0.0.1", ()) == LOCAL
-    assert hosts_allowed("0.0.0.0", ()) == [*LOCAL, "*"]
-    assert hosts_allowed("0.0.0.0", ("lifts.example",)) == [*LOCAL, "lifts.example"]
-    assert [flag for flag in flags({}) if "allowedHosts" in flag] == [f"--server.allowedHosts={h}" for h in LOCAL]
-
-
-def test_all_that_is_loaded_ahead_of_time_can_be(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-):
-    monkeypatch.setattr(first_study, "kept_file", lambda: tmp_path / "kept.study")
-    warm._load(soon_s=0.0, later_s=0.0)
-    assert (tmp_path / "kept.study").is_file()
-    assert not [record for record in caplog.records if record.exc_info]
-
-
-# Another thread is in the middle of importing pandas when the figures are made.
-WHILE_PANDAS_IS_IMPORTED = """
-import importlib.abc, sys, threading, time
-import numpy, plotly.graph_objects
-from workbench.dashboard import first_study, warm
-
-begun = threading.Event()
-
-class Slow(importlib.abc.MetaPathFinder):
-    def find_spec(self, name, path, target=None):
-        if name == "pandas.core.api":
-            begun.set()
-            time.sleep(0.3)
-
-sys.meta_path.insert(0, Slow())
-warm._study = warm._sliders = warm._loop = warm._others = lambda: plotly.graph_objects.Scatter(y=numpy.arange(3.0))
-importing = threading.Thread(target=__import__, args=["pandas"])
-importing.start()
-begun.wait()
-warm._load(soon_s=0.0, later_s=0.0)
-importing.join()
-"""
-
-
-def test_loading_ahead_of_time_waits_for_pandas_that_another_thread_imports():
-    done = subprocess.run(
-        [sys.executable, "-c", WHILE_PANDAS_IS_IMPORTED], cwd=ROOT, capture_output=True, text=True, check=True
+    assert OPTIONS["server.allowedHosts"] == HERE
+    assert hosts_allowed("127.0.0.1", ()) == HERE
+    assert hosts_allowed("0.0.0.0", ()) == [*HERE, "*"]
+    assert hosts_allowed("0.0.0.0", ("lifts.example",)) == [*HERE, "lifts.example"]
+    assert is_allowed("a.lifts.example:80", ["*.lifts.example"]) and not is_allowed(
+        "lifts.example", ["*.lifts.example"]
     )
-    assert done.stderr == ""
 
 
-def test_the_documented_proxies_forbid_frames_and_foreign_scripts_and_know_streamlits_and_our_own():
-    import streamlit
-
-    headers = documented_headers()["nginx"]
-    assert documented_headers()["Caddy"] == headers
+@pytest.mark.parametrize("path", ["/", "/Loop", "/_stcore/health", "/nothing.js"])
+def test_every_answer_forbids_frames_and_what_comes_from_elsewhere(server: str, path: str):
+    _, headers = answer(server + path)
     assert (headers["X-Frame-Options"], headers["X-Content-Type-Options"]) == ("DENY", "nosniff")
-    assert headers["Referrer-Policy"] == "same-origin"  # an address ends in the id that finds a visitor's work
+    assert headers["Referrer-Policy"] == "same-origin"
     policy = dict(part.split(maxsplit=1) for part in headers["Content-Security-Policy"].split("; "))
     assert (policy["default-src"], policy["frame-ancestors"]) == ("'self'", "'none'")
-    page = (Path(streamlit.__file__).parent / "static" / "index.html").read_text(encoding="utf-8")
-    page += (ROOT / "workbench" / "figures" / "film.html").read_text(encoding="utf-8")
-    inline = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-              for script in re.findall(r"<script>(.*?)</script>", page, re.DOTALL)]  # fmt: skip
-    assert policy["script-src"].split() == ["'self'", *(f"'sha256-{digest}'" for digest in inline)]
+    assert "unsafe" not in policy["script-src"] and "http" not in " ".join(policy.values())
+
+
+def test_nobody_reads_the_metrics(server: str):
+    assert answer(f"{server}/_stcore/metrics")[0] == 404
+
+
+def test_a_download_belongs_to_its_session_and_needs_none_when_it_is_written(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    """Streamlit calls the function of a download in a thread outside of every session. Two are asked at once."""
+    import streamlit
+
+    offered: dict[str, Any] = {}
+    drawn = streamlit.download_button
+
+    def noted(label: str, data: Any, file_name: str, *rest: Any, **more: Any) -> Any:
+        offered[file_name] = data
+        return drawn(label, data, file_name, *rest, **more)
+
+    monkeypatch.setattr(streamlit, "download_button", noted)
+    names, visitors = ["first-visitor", "second-visitor"], []
+    for name in names:
+        visitors.append(app := page("Study").run())
+        app.multiselect(key="study.payloads").set_value([0.0])
+        app.text_input(key="study.name").set_value(name).run()
+        assert not app.exception
+    caplog.clear()
+    with ThreadPoolExecutor(4) as threads:
+        written = list(threads.map(lambda name: (name, offered[f"{name}.html"]()), names * 2))
+    for name, content in written:
+        title, *_ = re.findall(r"<title>(.*?)</title>", content.decode())
+        assert name in title
+    assert "ScriptRunContext" not in caplog.text

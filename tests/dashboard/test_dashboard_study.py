@@ -24,7 +24,6 @@ from tests.support.dashboard_app import errors, figures, page
 from workbench.cli import cli
 from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2
 from workbench.dashboard import machines, session, shell, widgets
-from workbench.dashboard.options import OPTIONS, flags
 from workbench.dashboard.pages.compare import kept
 from workbench.dashboard.pages.compare.page import difference, machine_told_apart
 from workbench.dashboard.pages.loop.controls import KI, KP
@@ -32,7 +31,7 @@ from workbench.dashboard.pages.study.address import from_address, in_address
 from workbench.dashboard.pages.study.answer import OWN
 from workbench.dashboard.pages.study.controls import START, Controls, Desk, desk_of, scenario_of
 from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
-from workbench.dashboard.serve import SCRIPT
+from workbench.dashboard.server import OPTIONS, SCRIPT
 from workbench.errors import InputError
 from workbench.figures.study import peak_torque_over_payload
 from workbench.figures.style import GROUND, INK, for_dark
@@ -594,7 +593,6 @@ def test_streamlit_run_and_the_command_set_the_server_up_alike():
         return options
 
     assert flat(file) == OPTIONS
-    assert "--server.headless=true" in flags({})
 
 
 def test_without_streamlit_the_command_names_the_extra(monkeypatch):

@@ -20,9 +20,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.support.log_campaign import RUNS, csv_text, hoist_columns, write_campaign
-from workbench.dashboard.uploads import campaign as uploads
-from workbench.dashboard.uploads import zip_members as uploads_zip
-from workbench.dashboard.uploads.campaign import KEPT, Uploaded, read_uploaded
+from workbench.dashboard import uploads
+from workbench.dashboard.uploads import KEPT, Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
 from workbench.errors import InputError
 from workbench.log_formats import known
 
@@ -174,14 +173,14 @@ def test_other_packings_are_refused_before_they_are_unpacked(files, workspace):
 
 
 def test_a_zip_bomb_is_stopped_where_it_grows(files, workspace, monkeypatch):
-    monkeypatch.setattr(uploads_zip, "MOST_UNPACKED", 5_000_000)
+    monkeypatch.setattr(uploads, "MOST_UNPACKED", 5_000_000)
     packed = zipped({**files, "runs/lift.csv": b"0" * 50_000_000})
     assert len(packed) < 200_000
     assert refused([Uploaded("bomb.zip", packed)], workspace) == "bomb.zip: unpacks to more than 5 MB"
 
 
 def test_a_size_that_the_zip_lies_about_does_not_help_it(files, workspace, monkeypatch):
-    monkeypatch.setattr(uploads_zip, "MOST_UNPACKED", 5_000_000)
+    monkeypatch.setattr(uploads, "MOST_UNPACKED", 5_000_000)
     packed = zipped({**files, "runs/lift.csv": b"0" * 50_000_000})
     lied = packed.replace((50_000_000).to_bytes(4, "little"), (1000).to_bytes(4, "little"))
     assert lied != packed
@@ -196,7 +195,7 @@ def test_too_many_or_too_large_files_are_refused(files, workspace, monkeypatch):
     assert refused([Uploaded("lifts.zip", bytes(2_000_000))], workspace) == (
         "2 MB were uploaded, expected at most 1 MB"
     )
-    members = {f"{i}.csv": b"" for i in range(uploads_zip.MOST_MEMBERS + 1)}
+    members = {f"{i}.csv": b"" for i in range(uploads.MOST_MEMBERS + 1)}
     assert "holds 1004 files" in as_zip({**files, **members}, workspace)
 
 
@@ -271,7 +270,9 @@ def test_parquet_and_mat_logs_are_read(files, workspace, tmp_path, suffix):
 
 def test_a_session_keeps_its_newest_campaigns_only(files, workspace):
     read = [read_uploaded(loose(files), workspace).path for _ in range(KEPT + 2)]
-    assert set(workspace.iterdir()) == set(read[-KEPT:])
+    assert set(workspace.iterdir()) == set(read[-KEPT:]) == set(stored_campaigns(workspace))
+    again = read_stored(read[-1])
+    assert again.name == name_of(read[-1]) == again.machine.name and [run.name for run in again.runs] == ["lift"]
 
 
 NAMES = st.one_of(

@@ -144,7 +144,7 @@ def test_without_campaigns_the_page_asks_for_an_upload(nothing_offered):
 
 def test_an_uploaded_zip_is_replayed_and_stays_choosable(nothing_offered, simulated):
     app = page("Validate").run()
-    app.file_uploader(key=f"{BOX} files").upload("../../spring lifts.zip", zipped(simulated), "application/zip")
+    app.file_uploader(key=f"{BOX} files 0").upload("../../spring lifts.zip", zipped(simulated), "application/zip")
     app.run()
     assert not app.exception and errors(app) == []
     assert "Campaign spring lifts" in app.markdown[0].value
@@ -157,7 +157,7 @@ def test_uploaded_files_are_found_by_their_names(nothing_offered, simulated):
     app = page("Validate").run()
     files = [path for path in sorted(simulated.rglob("*")) if path.is_file()]
     sent = [(path.name, path.read_bytes(), "text/plain") for path in files]
-    app.file_uploader(key=f"{BOX} files").set_value(sent)
+    app.file_uploader(key=f"{BOX} files 0").set_value(sent)
     app.run()
     assert not app.exception and errors(app) == []
     assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full", "all runs"]
@@ -165,12 +165,12 @@ def test_uploaded_files_are_found_by_their_names(nothing_offered, simulated):
 
 def test_two_sessions_do_not_see_each_others_uploads(nothing_offered, simulated):
     one, other = page("Validate").run(), page("Validate").run()
-    one.file_uploader(key=f"{BOX} files").upload("mine.zip", zipped(simulated), "application/zip")
+    one.file_uploader(key=f"{BOX} files 0").upload("mine.zip", zipped(simulated), "application/zip")
     one.run()
     other.run()
-    assert one.session_state.get("campaigns uploaded")
+    assert any("mine" in option for option in one.selectbox(key=BOX).options)
     assert not any("mine" in option for option in other.selectbox(key=BOX).options)
-    folder = one.session_state["workbench workspace"].path
+    folder = one.session_state["campaigns read"]["mine (uploaded)"].path.parent
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
@@ -184,7 +184,7 @@ def test_two_sessions_do_not_see_each_others_uploads(nothing_offered, simulated)
 )  # fmt: skip
 def test_a_bad_upload_is_one_clear_sentence(nothing_offered, name, content, said):
     app = page("Validate").run()
-    app.file_uploader(key=f"{BOX} files").upload(name, content, "text/plain")
+    app.file_uploader(key=f"{BOX} files 0").upload(name, content, "text/plain")
     app.run()
     assert not app.exception
     (shown,) = errors(app)
@@ -198,7 +198,7 @@ def test_a_fault_in_an_uploaded_log_names_file_and_line_but_no_folder(nothing_of
     rows[41] = "0.4,oops,1,2,3"
     log.write_text("\n".join(rows))
     app = page("Validate").run()
-    app.file_uploader(key=f"{BOX} files").upload("bad.zip", zipped(folder), "application/zip")
+    app.file_uploader(key=f"{BOX} files 0").upload("bad.zip", zipped(folder), "application/zip")
     app.run()
     (shown,) = errors(app)
     assert shown == "lift.csv:42: lift: torque_motor1_nm: 'oops' is not a number"

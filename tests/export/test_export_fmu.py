@@ -18,7 +18,7 @@ from fmpy.validation import validate_fmu
 from tests.support.commands import Commands
 from tests.support.exported_fmu import Exported, Instance
 from workbench.control import FeedForward, Notch, PiSettings, loop_values
-from workbench.engine.sampled import observe
+from workbench.engine.stepped import observe
 from workbench.errors import InputError
 from workbench.export import compile as compiling
 from workbench.export.c_text import CText, c_operation
@@ -27,9 +27,9 @@ from workbench.export.model import Model, Start, model_of
 from workbench.export.units import BASE, over_time, unit_of
 from workbench.export.variables import meaning_of, range_of
 from workbench.kinds import KINDS
+from workbench.kinds.axis import LinearAxis, LinearFriction, LinearGravity
+from workbench.kinds.two_inertia import Coupling, LoadSide, MotorSide, RotaryFriction, RotaryGravity, TwoInertia
 from workbench.machine import Axis, Hoist, default_hoist, save_machine, with_correction, with_values
-from workbench.machine.axis import LinearAxis, LinearFriction, LinearGravity
-from workbench.machine.two_inertia import Coupling, LoadSide, MotorSide, RotaryFriction, RotaryGravity, TwoInertia
 from workbench.metrics import observer
 from workbench.plants import PLANTS, plant_of
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion

@@ -18,9 +18,9 @@ from tests.support.simulated_campaign import TRUTH, simulated_campaign, true_mac
 from workbench import __version__
 from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification, identify
+from workbench.kinds.hoist import guide_friction
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Hoist, default_hoist, get_value, load_machine, value_names, with_values
-from workbench.plants.hoist import guide_friction
 from workbench.reports.identify import page as identify_page
 from workbench.reports.identify.friction import combined_weight, force_balance, law
 from workbench.reports.identify.report import held, sentences, table, tolerances_off
@@ -132,7 +132,7 @@ def test_written_machine_is_the_identified_one_with_its_record(written: Path, id
     assert record["campaign"] == "lifts"
     assert record["runs"] == ["empty", "half", "full"]
     assert record["version"] == __version__
-    assert str(record["date"]).startswith("20")
+    assert "date" not in record  # the same runs, the same bytes
     assert set(record["parameters"]) == set(identified.fit.values())
     assert all(entry["std_error"] > 0.0 for entry in record["parameters"].values())
 

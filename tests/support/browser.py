@@ -1,7 +1,7 @@
 """The dashboard in a real browser: a server of its own, Debian's Chromium, what its console says, how long things take.
 
-`dashboard()` starts the server, `visit()` is a visitor, who gets each page with the headers of the documented proxy:
-what its security policy forbids is an error in the console. Times are measured inside the browser.
+`dashboard()` starts the server, `visit()` is a visitor. What the server's security policy forbids is an error in the
+console. Times are measured inside the browser.
 """
 
 from __future__ import annotations
@@ -20,10 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from tests.support.proxy import documented_headers
-
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, Request, Route
+    from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, Request
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 1280, 800
@@ -79,7 +77,7 @@ def dashboard(home: Path, words: Sequence[str] = APP) -> Iterator[str]:
 
     words: how Python is to start it, up to the port.
     """
-    from workbench.engine.cache import cache_folder
+    from workbench.engine.native import cache_folder
 
     for folder in (home, home / "tmp"):
         folder.mkdir(parents=True, exist_ok=True)
@@ -263,14 +261,6 @@ class Visit:
         return float(waited.json_value())
 
 
-def _as_behind_the_proxy(route: Route) -> None:
-    if route.request.resource_type != "document":
-        return route.fallback()
-    answer = route.fetch()
-    added = {name.lower(): value for name, value in documented_headers()["nginx"].items()}
-    return route.fulfill(response=answer, headers=answer.headers | added)
-
-
 @contextmanager
 def visit(started: Browser, address: str, shots: Path, scheme: Scheme = "light") -> Iterator[Visit]:
     """A visitor with nothing from before: no cookies, no storage."""
@@ -280,7 +270,6 @@ def visit(started: Browser, address: str, shots: Path, scheme: Scheme = "light")
     context.set_default_timeout(DRAWN_WITHIN_MS)
     context.add_init_script(_INSTRUMENTS)
     context.grant_permissions(["local-network-access"])  # a page that is handed on has no address of its own
-    context.route(re.compile(rf"^{re.escape(address)}/\w*(\?.*)?$"), _as_behind_the_proxy)
     page = context.new_page()
     shots.mkdir(parents=True, exist_ok=True)
     made = Visit(page, address, shots)

@@ -1,6 +1,6 @@
 """The hoist of docs/model.md written a second time, by hand, and a plain Runge-Kutta method for it.
 
-Nothing here is shared with workbench/plants: plain floats, no tracing, the table of
+Nothing here is shared with workbench/kinds: plain floats, no tracing, the table of
 symbols in one order. `rates` runs as Python and, jitted, inside the reference.
 """
 

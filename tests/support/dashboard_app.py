@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from workbench.dashboard.widgets import CHART
+
 if TYPE_CHECKING:
     from streamlit.testing.v1 import AppTest
 
-CHART = "workbench.chart"
 SLOWEST_S = 60.0  # a first run may compile kernels
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
+import socket
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -82,3 +84,29 @@ def uneven(file: Path) -> Opened:
 def ignored_interrupt(file: Path) -> Opened:
     ignored = signal.getsignal(signal.SIGINT) == signal.SIG_IGN
     raise InputError(f"SIGINT is {'ignored' if ignored else 'heard'}")
+
+
+def look_around(file: Path) -> Opened:
+    """What damaged or hostile files may make a parser do: open other files, list folders, write, run a program."""
+    assert file.read_bytes() == b"something"
+    new = os.O_WRONLY | os.O_CREAT
+    for other, flags in ((__file__, os.O_RDONLY), ("/etc/passwd", os.O_RDONLY), (file, new), (f"{file}.new", new)):
+        with contextlib.suppress(PermissionError):
+            raise InputError(f"opens {os.open(other, flags)} of {other}")
+    with contextlib.suppress(PermissionError):
+        raise InputError(f"lists {os.listdir('/')}")
+    with contextlib.suppress(PermissionError):
+        os.execv("/bin/true", ["true"])
+    raise InputError("nothing else can be opened")
+
+
+def call_home(file: Path) -> Opened:
+    with socket.socket() as line, contextlib.suppress(PermissionError):
+        line.settimeout(1.0)
+        line.connect(("127.0.0.1", 9))
+    with socket.socket() as line:
+        try:
+            line.bind(("127.0.0.1", 0))
+        except PermissionError:
+            raise InputError("nothing else can be opened") from None
+    raise InputError("listens")

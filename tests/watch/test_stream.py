@@ -16,17 +16,15 @@ from benchmarks.watch import healthy, month
 from tests.support.commands import Commands
 from tests.support.opcua_machine import OpcUaMachine
 from workbench.errors import InputError
+from workbench.kinds.axis import LinearAxis
 from workbench.logs.runs_file import Entry
 from workbench.machine import default_hoist, save_machine
-from workbench.machine.axis import LinearAxis
 from workbench.run import Run
 from workbench.watch.arrivals import Arrivals, Arrived
 from workbench.watch.estimate import estimate
 from workbench.watch.judge import Rules
-from workbench.watch.stream.cut import TRIGGER, Cut, CutRules, Cutter
-from workbench.watch.stream.line import Line, still_speed
-from workbench.watch.stream.logged import Logs, on_grid, with_payload
-from workbench.watch.stream.nodes import nodes_of
+from workbench.watch.opcua import Line, nodes_of, still_speed
+from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, with_payload
 from workbench.watch.watch import Watch
 
 HOIST = default_hoist()

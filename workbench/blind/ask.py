@@ -5,9 +5,11 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from workbench.blind import recorded
 from workbench.blind.make import Made, Tell, make
 from workbench.blind.orders import Order, families_of, orders
 from workbench.blind.rig import Rig
@@ -55,8 +57,35 @@ def make_asked(asked: Asked, folder: Path, *, key: Path | None = None, processes
     if asked.cases < 1:
         raise InputError(f"{asked.cases}, expected at least 1", place="cases")
     seed = secrets.randbelow(MOST_SEED) if asked.seed is None else asked.seed
+    if recorded.SOURCE in asked.sources:
+        return _recorded(asked, folder, seed, key=key, processes=processes, tell=tell)
     wanted, rig = ordered(asked, seed)
     return make(folder, wanted, seed, rig=rig, key=key, asked=asked.said(), processes=processes, tell=tell)
+
+
+def _recorded(asked: Asked, folder: Path, seed: int, **more: Any) -> Made:
+    if tuple(asked.sources) != (recorded.SOURCE,):
+        raise InputError("recorded does not go with other sources; make a folder of each", place="source")
+    if asked.runs is None:
+        raise InputError("recorded needs a campaign of measured runs", place="runs")
+    unfit = {"machine": asked.machine, "family": asked.families, "effects": asked.effects}
+    for place, value in unfit.items():
+        if value:
+            raise InputError("does not go with recorded: the machine is that of the runs", place=place)
+    if asked.identified != "no" or asked.case == "pairs":
+        place = "case" if asked.case == "pairs" else "identified"
+        raise InputError("does not go with recorded: one piece is bent of a machine that is identified", place=place)
+    known = recorded.recording(asked.runs)
+    if asked.kind not in (None, known.kind):
+        raise InputError(f"{asked.kind}, but the machine is of kind {known.kind}", place="kind")
+    share = 100.0 * known.remainder_rms / known.input_rms
+    more["tell"](f"{known.name} identified on {len(known.runs)} runs; it leaves {share:.1f} % of its input")
+    wanted = recorded.ordered(seed, known, asked.cases, asked.case)
+    return make(folder, wanted, seed, asked=asked.said(), one=partial(_one, known), **more)
+
+
+def _one(known: recorded.Recording, folder: Path, order: Order) -> Any:
+    return recorded.made(folder, known, order)
 
 
 def ordered(asked: Asked, seed: int) -> tuple[list[Order], Rig | None]:

@@ -20,8 +20,15 @@ def family_of(row: Row) -> str:
     return str(row["label"].get("family") or row.get("source") or "–")
 
 
+def recorded(row: Row) -> bool:
+    """Whether the runs are those of a real machine."""
+    return row["label"].get("source") == "recorded"
+
+
 def source_of(row: Row) -> str:
-    """What played the machine, and whether machine.yaml was identified first; of recorded campaigns "recorded"."""
+    """What played the machine, and whether machine.yaml was identified first; of a recorded machine also which one."""
+    if recorded(row):
+        return f"recorded {family_of(row)}"
     source = str(row["label"].get("source") or "recorded")
     return f"{source}, identified first" if row["label"].get("identified") else source
 
@@ -81,9 +88,11 @@ def right_or_alike(row: Row) -> bool:
     told = set(row["label"]["effects"])
     if right_as_stated(row):
         return True
-    if row["word"] != "named" or len(told) != 1 or len(row["names"]) != 1:
+    if row["word"] != "named" or len(told) != 1:
         return False
-    return told <= {*row["names"], *row["alike"]} or set(row["names"]) <= set(row["label"].get("alike") or ())
+    if len(row["names"]) == 1 and told <= {*row["names"], *row["alike"]}:
+        return True
+    return any(set(row["names"]) == set(known.split("+")) for known in row["label"].get("alike") or ())
 
 
 def among_first_three(row: Row) -> bool:

@@ -96,9 +96,9 @@ def measure(key: str) -> Measure:
 
 
 def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """ "source, kind" -> its rows, then each kind's all where it has more than one source."""
+    """ "kind, source" -> its rows, recorded machines first; then each kind's all where it has more than one source."""
     grouped: dict[str, list[Row]] = {}
-    for row in sorted(rows, key=lambda r: (criteria.kind_of(r), criteria.source_of(r))):
+    for row in sorted(rows, key=lambda r: (not criteria.recorded(r), criteria.kind_of(r), criteria.source_of(r))):
         grouped.setdefault(f"{criteria.kind_of(row)}, {criteria.source_of(row)}", []).append(row)
     for kind in sorted({criteria.kind_of(row) for row in rows}):
         of_kind = [row for row in rows if criteria.kind_of(row) == kind]

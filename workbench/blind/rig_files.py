@@ -27,8 +27,7 @@ from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Hoist, load_machine
-from workbench.machine.quantities import Finite, NotNegative, Positive
-from workbench.machine.record import Record
+from workbench.record import Finite, NotNegative, Positive, Record
 from workbench.run import Array, Run
 from workbench.yaml_strict import load, validate
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import logging
 import os
@@ -42,6 +43,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+LEAST_ADDRESSES = 2_000_000_000  # bytes; replay of three short runs takes 1.9e9, of which it touches a tenth
 
 
 class LazyGroup(click.Group):
@@ -113,6 +115,7 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _speak()
     try:
+        _check_address_space(words)
         status = cli.main(words, prog_name="workbench", standalone_mode=False)
         sys.stdout.flush()
         sys.exit(status if isinstance(status, int) else 0)
@@ -128,14 +131,30 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
     except (InputError, OSError, MemoryError) as error:
         if os.environ.get("WORKBENCH_DEBUG") == "1":
             raise
-        click.echo(f"error: {_sentence(error, words)}", err=True)
+        with contextlib.suppress(OSError):  # a full disk may hold what stderr is sent to
+            click.echo(f"error: {_sentence(error, words)}", err=True)
         sys.exit(EXIT_BAD_INPUT)
+
+
+def _check_address_space(words: Sequence[str]) -> None:
+    """MemoryError where a limit on addresses leaves no room for the compiled libraries: they would abort or hang."""
+    if sys.platform == "win32" or not words or words[0] not in COMMANDS or {"-h", "--help"} & {*words}:
+        return
+    import resource
+
+    most = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if words[0] != "schema" and most != resource.RLIM_INFINITY and most < LEAST_ADDRESSES:
+        raise MemoryError(
+            f"the limit of {most / 1e6:.0f} MB of addresses (ulimit -v) is too small, "
+            f"expected at least {LEAST_ADDRESSES / 1e6:.0f} MB"
+        )
 
 
 def _sentence(error: InputError | OSError | MemoryError, words: Sequence[str]) -> str:
     """The error in one line, with its path."""
     if isinstance(error, MemoryError):
-        return "not enough memory for this input; try fewer or shorter runs"
+        said = str(error)
+        return said if "ulimit" in said else "not enough memory for this input; try fewer or shorter runs"
     if isinstance(error, InputError):
         return str(error)
     # A full disk is met by write(), which knows no path: then it is --out that cannot be filled.

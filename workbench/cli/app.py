@@ -69,7 +69,7 @@ def _open(url: str) -> None:
 def _server(port: int, address: str, hosts: tuple[str, ...]) -> Iterator[subprocess.Popen[bytes]]:
     """The server as a child process; it is terminated at the end of the block, and killed if it does not end."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(EXIT_TERMINATED))  # so that the block ends then too
-    words = [sys.executable, "-m", "workbench.dashboard.serve", str(port), address, *hosts]
+    words = [sys.executable, "-m", "workbench.dashboard.server", str(port), address, *hosts]
     # The address that streamlit would tell of is the one that it listens on, not the one to open.
     environment = {"STREAMLIT_LOGGER_LEVEL": "warning", **os.environ}
     server = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environment)

@@ -10,7 +10,7 @@ from workbench.errors import InputError, nearest
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Axis, Hoist, load_machine
 from workbench.plants import plant_of
-from workbench.simulate.band import check_band
+from workbench.simulate.lowpass import check_band
 
 ALL = "all"
 

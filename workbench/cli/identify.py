@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from pathlib import Path
 
 import click
@@ -47,10 +46,9 @@ def command(
     from workbench.identify.identify import identify
 
     keys = None if free is None else [key.strip() for key in free.split(",")]
-    date = datetime.now(UTC).isoformat(timespec="seconds")
 
     def run() -> report.Identification:
-        return identify(read, free=keys, band_hz=band, date=date)
+        return identify(read, free=keys, band_hz=band)
 
     if out is None:
         identification = run()

@@ -17,14 +17,21 @@ from workbench.cli.options import effects_option
     type=click.Choice(["udp", "modbus", "opcua"]),
     default="udp",
     show_default=True,
-    help="modbus and opcua need the extra 'serve'.",
+    help="opcua needs the extra 'serve'.",
 )
 @click.option("--rate", type=float, default=1000.0, show_default=True, help="Steps of the plant per second.")
 @click.option(
     "--address",
     default="127.0.0.1",
     show_default=True,
-    help="Address to listen on. The default is reachable from this computer only.",
+    help="Address to listen on. The default is reachable from this computer only; others need --token.",
+)
+@click.option(
+    "--token",
+    default="",
+    envvar="WORKBENCH_TOKEN",
+    show_envvar=True,
+    help="8 to 16 characters that clients have to show.",
 )
 @click.option(
     "--port",
@@ -57,6 +64,7 @@ def command(
     protocol: str,
     rate: float,
     address: str,
+    token: str,
     port: int | None,
     payload: float,
     start_position: float | None,
@@ -87,7 +95,7 @@ def command(
     read = load_machine(machine, check_effects=check)
     wish = Wish(
         protocol, rate, address, port, payload, start_position, watchdog, not leave_brake,  # type: ignore[arg-type]
-        tuple(chosen_ready(ready, read)), send_every, lock_step, priority,
+        tuple(chosen_ready(ready, read)), send_every, lock_step, priority, token,
     )  # fmt: skip
     stop = threading.Event()
     for name in (signal.SIGINT, signal.SIGTERM):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import click
 
 from workbench.cli.options import effects_option, keyed_number
+from workbench.errors import InputError
 
-EXIT_ALARM = 1
+EXIT_ALARM, EXIT_FAILED = 1, 2
+WAIT_S = 60.0  # for another watch of the same state
 
 
 @click.command(name="watch")
@@ -50,6 +53,7 @@ EXIT_ALARM = 1
 @click.option("--for", "seconds", type=click.FloatRange(0.0), help="Run time in s. Default: until Ctrl-C.")
 @click.option("--skip-diagnosis", is_flag=True, help="Do not diagnose new alarms.")
 @click.option("--webhook", help="Address to which each new alarm is posted as JSON.")
+@click.option("--rebuild", is_flag=True, help="Make a damaged watch.sqlite anew from cycles.parquet, then go on.")
 @effects_option
 def command(
     source: str,
@@ -71,26 +75,33 @@ def command(
     seconds: float | None,
     skip_diagnosis: bool,
     webhook: str | None,
+    rebuild: bool,
 ) -> int:
     """Estimate friction, mass, inertia and offset from each log in FOLDER, or each cycle of a stream; raise an alarm
     when they change.
 
     A log is described by its entry in FOLDER/runs.yaml, or by a file beside it, LOG.yaml, with payload_kg and
     start_position_m. A stream is an OPC UA server, opc.tcp://HOST:PORT; see docs/watch.md. The state consists of
-    watch.sqlite, cycles.parquet, alarms.parquet and watch.html. Exit status: 1 if this call raised an alarm, else 0.
+    watch.sqlite, cycles.parquet, alarms.parquet and watch.html. Exit status: 1 if there is an alarm that no earlier
+    call has told of by its exit status, 2 if anything failed, else 0.
     """
+    import os
     import signal
+    import sys
     import threading
     import time
+    import traceback
 
     from workbench.effects import check
     from workbench.machine import load_machine
     from workbench.reports.watch.page import answer, write_page
+    from workbench.watch import watch as at_work
+    from workbench.watch.cause import diagnosed
     from workbench.watch.change import HEALTHY
-    from workbench.watch.diagnosed import diagnosed
     from workbench.watch.judge import Rules
-    from workbench.watch.stream.line import SCHEME, line_of
-    from workbench.watch.watch import Watch, run
+    from workbench.watch.opcua import SCHEME, line_of
+    from workbench.watch.store import DamagedError
+    from workbench.watch.watch import Watch
 
     rules = Rules(
         cycles_between, healthy or HEALTHY, pause, warm_up, dict(keyed_number(word, "limits") for word in limits)
@@ -102,23 +113,46 @@ def command(
     streams = source.startswith(SCHEME)
     folder = state / "stream" if streams else Path(source)
     line = line_of(source, nodes, read, folder, sample, still, stand, silent, once=once) if streams else None
-    watch = Watch(
-        folder, read, state, rules, settle_s=0.0 if streams else settle, line=line,
-        diagnose=None if skip_diagnosis else diagnosed, hook=webhook, say=lambda text: click.echo(text, err=True),
-    )  # fmt: skip
+    if rebuild:
+        count = at_work.rebuild(state, read, rules)
+        click.echo(f"watch.sqlite is made anew with {count} cycles; the damaged one is watch.sqlite.damaged.", err=True)
     ends = None if seconds is None else time.monotonic() + seconds
+    watch = None
     try:
+        watch = Watch(
+            folder, read, state, rules, settle_s=0.0 if streams else settle, line=line, wait_s=WAIT_S,
+            diagnose=None if skip_diagnosis else diagnosed, hook=webhook, say=_say,
+            page=lambda made: write_page(made, state / "watch.html"),
+        )  # fmt: skip
         if line is not None:
             line.start()
             click.echo(f"Listening to {source}; Ctrl-C ends it.", err=True)
-        run(
-            watch, every, lambda: stop.is_set() or (ends is not None and time.monotonic() >= ends), once=once,
-            settle_s=settle, after=lambda: write_page(watch, state / "watch.html"),
-        )  # fmt: skip
+        over = lambda: stop.is_set() or (ends is not None and time.monotonic() >= ends)  # noqa: E731
+        at_work.run(watch, every, over, once=once, settle_s=settle)
         click.echo(answer(watch))
         click.echo(f"\nReport: {state / 'watch.html'}")
-        return EXIT_ALARM if watch.new_alarms else 0
+        sys.stdout.flush()
+        return EXIT_ALARM if watch.store.report() else 0
+    except DamagedError as error:
+        raise InputError(
+            error.problem.replace("'rebuild'", "the same command with --rebuild"), file=error.file
+        ) from error
+    except BrokenPipeError:  # who reads the answer has seen enough; the alarm is told of by the next call
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_FAILED
+    except (InputError, OSError, MemoryError):
+        raise
+    except Exception:  # a defect shows where it arose, and is no alarm
+        traceback.print_exc()
+        return EXIT_FAILED
     finally:
         if line is not None:
             line.close()
-        watch.close()
+        if watch is not None:
+            watch.close()
+
+
+def _say(text: str) -> None:
+    """A full disk may hold what stderr is sent to; the watch goes on."""
+    with contextlib.suppress(OSError):
+        click.echo(text, err=True)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from workbench.machine.quantities import Frequency, KiGain, KpGain, RateLimit, TrackingTime
-from workbench.machine.record import Record
+from workbench.kinds import KINDS
+from workbench.record import Frequency, KiGain, KpGain, RateLimit, Record, TrackingTime
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)]
 
@@ -200,10 +200,9 @@ class RotaryCascade(Cascade):
 Settings: TypeAlias = Any
 # The controller of each kind of machine.
 SETTINGS: dict[str, type[PiSettings] | type[LinearCascade] | type[RotaryCascade]] = {
-    "hoist": PiSettings,
-    "axis-linear": LinearCascade,
-    "axis-rotary": RotaryCascade,
-    "two_inertia": RotaryCascade,
+    kind.name: (RotaryCascade if kind.drive.suffix == "nm" else LinearCascade) if loop.position_loop else PiSettings
+    for kind in KINDS.values()
+    if (loop := kind.closed_loop) is not None
 }
 
 

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import streamlit as st
 
-from workbench.dashboard.charts import load_ahead
 from workbench.dashboard.jobs.place import jobs_workspace
-from workbench.dashboard.warm import whole_pandas
 from workbench.dashboard.widgets import is_dark
 
 if TYPE_CHECKING:
@@ -75,10 +74,10 @@ def _function(title: str) -> Callable[[], None]:
 
 def run() -> None:
     """The whole app: called once per rerun by the script that streamlit runs."""
-    whole_pandas()
+    if "pandas" in sys.modules:  # Plotly looks for it there, and would use one that another session half imported
+        import pandas  # noqa: F401
     st.set_page_config(page_title="workbench", page_icon=_ICON, layout="wide")
     st.html(_STYLE_DARK + _STYLE if is_dark() else _STYLE)
-    load_ahead()
     jobs_workspace()  # a page's link drops what names this session's jobs from the address; here it comes back
     pages: list[StreamlitPage] = []
     for title in present():

@@ -10,6 +10,7 @@ text(value, digits)     a number with sane digits
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -18,9 +19,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import streamlit as st
+from streamlit.components import v2
 
-from workbench.dashboard import charts
+from workbench.dashboard.server import PLOTLY
 from workbench.errors import InputError
+from workbench.figures.save import NOT_SHARED
 from workbench.names import powers
 
 if TYPE_CHECKING:
@@ -32,6 +35,10 @@ SMALL = 1e-4  # below it leading zeros are no number that people read
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader
 _UNIT = re.compile(r"(?<=\d) (?:N m|k?N|Hz|%|k?g|m?[ms])(?!\w)")  # that stays on its number's line
 Better = Literal["lower", "higher"]
+# `st.plotly_chart` draws a changed figure anew, and the reader's zoom is lost. This component changes the drawing.
+CHART = "workbench_chart"
+_JS = (Path(__file__).parent / "assets" / "chart.js").read_text(encoding="utf-8").replace("@PLOTLY@", PLOTLY)
+_chart = v2.component(CHART, js=_JS, isolate_styles=False)
 
 
 class Number(NamedTuple):
@@ -107,13 +114,15 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
     from workbench.figures.style import for_dark
 
     config = {
+        **NOT_SHARED,
         "scrollZoom": True,
-        "displaylogo": False,
-        "modeBarButtonsToRemove": ["select2d", "lasso2d", "autoScale2d"],
+        "modeBarButtonsToRemove": [*NOT_SHARED["modeBarButtonsToRemove"], "select2d", "lasso2d", "autoScale2d"],
         "toImageButtonOptions": {"format": "png", "filename": key, "scale": 2},
     }
     shown = for_dark(figure) if is_dark() else figure
-    charts.draw(shown, key, config, alt)
+    said = f'{{"figure": {shown.to_json(validate=False)}, "config": {json.dumps(config)}, "alt": {json.dumps(alt)}}}'
+    # Streamlit keeps `__` in a component's key for itself; names of runs and jobs may hold it.
+    _chart(key=key.replace("%", "%25").replace("_", "%5F"), data=said.encode())
 
 
 def table(shown: Table) -> None:

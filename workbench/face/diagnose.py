@@ -16,7 +16,7 @@ from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 from workbench.reports.diagnosis import hypotheses, tables
 from workbench.reports.diagnosis.page import sections_of
-from workbench.simulate.band import check_band
+from workbench.simulate.lowpass import check_band
 from workbench.tables import Table, words
 
 

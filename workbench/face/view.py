@@ -46,6 +46,9 @@ class View:
         return _chosen(self.tables, name, "table")(record)
 
     def plot(self, record: object, name: str) -> Figure:
+        from workbench.figures.save import without_sharing
+
+        without_sharing()
         return _chosen(self.figures, name, "figure")(record)
 
     def to_pandas(self, record: object) -> DataFrame:

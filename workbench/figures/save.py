@@ -18,6 +18,25 @@ else:
     Figure = Any  # so that pydantic reads the record without loading plotly
 
 
+# No button that uploads a chart to Plotly's cloud, and no address to upload it to.
+NOT_SHARED: dict[str, Any] = {
+    "displaylogo": False,
+    "showSendToCloud": False,
+    "modeBarButtonsToRemove": ["sendChartToCloud"],
+    "plotlyServerURL": "",
+}
+
+
+def without_sharing() -> None:
+    """The same for what a notebook or `figure.show()` draws: Plotly's renderers of this process."""
+    from plotly.io import renderers
+
+    for name in renderers:
+        renderer = renderers[name]
+        if hasattr(renderer, "config"):
+            renderer.config = (renderer.config or {}) | NOT_SHARED
+
+
 @dataclass(frozen=True)
 class Section:
     """A part of a page, in this order: heading (none where empty), sentences, points as a list, tables, figures.
@@ -49,6 +68,7 @@ def save_page(
         generator=generator,
         sections=sections,
         plotly_js=get_plotlyjs(),
+        plot_config=NOT_SHARED,
         drawn=lambda figure: _drawn(next(numbers), figure),
     )
     path.write_text(page, encoding="utf-8")
@@ -64,6 +84,6 @@ def _drawn(number: int, figure: Figure) -> Markup:
             include_plotlyjs=False,
             full_html=False,
             div_id=f"figure-{number}",  # a fixed id instead of a random one: the same figures give the same bytes
-            config={"responsive": True, "displaylogo": False},
+            config={"responsive": True, **NOT_SHARED},
         )
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ from workbench.identify.parameters import free_parameters
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, with_values
-from workbench.run import Array
+from workbench.run import Array, Run
 from workbench.shown import Shown
 from workbench.simulate.driven import Bench
 from workbench.simulate.replay import ReplayResult, own_log, replay_runs
@@ -39,7 +40,7 @@ def identify(
 ) -> Identification:
     """Fit the campaign's machine to its runs; `free` are keys of machine.yaml, None for the kind's default.
 
-    date: when, for the record; the caller's clock.
+    date: when, for the record; the caller's clock. Without it the same runs give the same record.
     """
     machine = campaign.machine
     bench = Bench(machine, campaign.runs, band_hz)
@@ -75,12 +76,22 @@ def _ties(machine: Hoist | Axis, keys: Sequence[str]) -> list[tuple[str, str]]:
     return [pair for pair, third in kind_of(machine).ties if all(key in keys for key in (*pair, third))]
 
 
+def _digest(runs: Sequence[Run]) -> str:
+    """SHA-256 of the samples that the fit has seen, as they were read and repaired."""
+    digest = hashlib.sha256()
+    for run in runs:
+        for name, column in (("time_s", run.time_s), *sorted(run.signals.items())):
+            digest.update(f"{run.name}\0{name}\0{len(column)}\0".encode() + np.ascontiguousarray(column).tobytes())
+    return digest.hexdigest()
+
+
 def record(campaign: Campaign, result: Fit, levels: Levels, band_hz: float, date: str) -> dict[str, object]:
     """The record of the identification that goes into the machine's file."""
     return {
         "campaign": campaign.name,
         "runs": [run.name for run in campaign.runs],
-        "date": date,
+        **({"date": date} if date else {}),
+        "data_sha256": _digest(campaign.runs),
         "version": __version__,
         "method": "joint least squares on the band-limited torque balance, tolerances as priors",
         "band_hz": float(f"{band_hz:.6g}"),

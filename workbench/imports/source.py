@@ -17,8 +17,6 @@ _TIMES = ("time", "t", "zeit", "timestamp", TIME)
 
 def read_channels(file: Path) -> list[Channel]:
     """InputError for a file that is not there, not read, or holds no channels over a time."""
-    if not file.is_file():
-        raise InputError("no such file", file=file)
     channels = read_drive_csv(file) if file.suffix.lower() in TEXT else _by_format(file)
     if any(len(channel.time_s) and np.isnan(channel.time_s).all() for channel in channels):
         raise InputError(f"no column is a time; expected one named {', '.join(_TIMES)}", file=file)

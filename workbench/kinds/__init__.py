@@ -1,49 +1,65 @@
 """The kinds of machine there are, and which one a machine is of.
 
-A new kind is a machine record, a plant and a module here that makes its `Kind`, each named in its table.
+A new kind is one module here: machine.yaml's record, the equations, and what the workbench asks of the kind. It is
+found by its `Kind`; nothing else has to be edited.
 """
 
 from __future__ import annotations
 
+import importlib
+import math
+import pkgutil
+from dataclasses import replace
 from typing import Any, TypeVar, cast
 
-from workbench.kinds.axis import LINEAR, ROTARY
-from workbench.kinds.closed_loop import ClosedLoop, TopSpeed
+from workbench.kinds.axis import LINEAR, ROTARY, Axis
 from workbench.kinds.hoist import KIND as HOIST
-from workbench.kinds.load import Load
-from workbench.kinds.record import (
+from workbench.kinds.hoist import Hoist
+from workbench.kinds.kind import (
     STANDSTILL_LOG_STD,
     TIME,
     BaseValue,
+    ClosedLoop,
     CrossCheck,
     DeadLine,
     Discrepancy,
     Kind,
     Limits,
+    Load,
     Port,
     RigidBody,
     SignalSet,
+    Sizes,
     Table,
+    TopSpeed,
     Trace,
 )
-from workbench.kinds.sizes import Sizes
 from workbench.kinds.two_inertia import KIND as TWO_INERTIA
-from workbench.machine import Axis, Hoist
-from workbench.plants import plant_of
 
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
-KINDS = {kind.name: kind for kind in (HOIST, LINEAR, ROTARY, TWO_INERTIA)}
+
+
+def _found() -> dict[str, Kind]:
+    """The kinds that this package's modules hold, those of full studies first."""
+    modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
+    kinds = [value for module in modules for value in vars(module).values() if isinstance(value, Kind)]
+    return {kind.name: kind for kind in sorted(kinds, key=lambda kind: not kind.studies)}
+
+
+KINDS = _found()
 
 
 def kind_of(machine: Any) -> Kind:
     """The kind that a machine record is of."""
-    return KINDS[plant_of(machine).kind]
+    return KINDS[machine.kind if machine.kind in KINDS else f"{machine.kind}-{machine.motion}"]
 
 
 def load_of(machine: Any, payload_kg: float) -> Load | None:
     """The load as references that know their machine take it; None for a kind without one."""
-    load = kind_of(machine).load
-    return None if load is None else load(machine, payload_kg)
+    kind = kind_of(machine)
+    load = None if kind.load is None else kind.load(machine, payload_kg)
+    top = math.inf if kind.closed_loop is None else kind.looped.top_speed(machine).speed
+    return load if load is None or math.isinf(top) else replace(load, top_speed_m_s=top)
 
 
 LOOPED = " or ".join(f"kind '{kind.plant.kind}'" for kind in KINDS.values() if kind.closed_loop is not None)
@@ -64,34 +80,3 @@ def looped(machine: AnyMachine) -> AnyMachine | None:
 def of_kind(machine: Any) -> str:
     """a machine of kind 'axis', for messages."""
     return f"a machine of kind '{machine.kind}'"
-
-
-__all__ = [
-    "HOIST",
-    "KINDS",
-    "LINEAR",
-    "LOOPED",
-    "ROTARY",
-    "STANDSTILL_LOG_STD",
-    "STUDIED",
-    "TIME",
-    "TWO_INERTIA",
-    "BaseValue",
-    "ClosedLoop",
-    "CrossCheck",
-    "DeadLine",
-    "Discrepancy",
-    "Kind",
-    "Limits",
-    "Port",
-    "RigidBody",
-    "SignalSet",
-    "Sizes",
-    "Table",
-    "TopSpeed",
-    "Trace",
-    "kind_of",
-    "looped",
-    "of_kind",
-    "studied",
-]

@@ -3,9 +3,9 @@
 declared.py   what a format is; limits of what a file may hold
 known.py      the formats that are read, and which one a file has
 *_file.py     a format each: its declaration and its opener
-table.py      what a log gives: columns of numbers
-opening.py    opens a log, in this process or in a worker, within its limits
-process.py    the worker as this process sees it; worker.py is what runs in it, channel.py what they say
+opening.py    opens a log as columns of numbers, in this process or in a worker, within its limits
+worker.py     the worker: what runs in it, and what this process sees of it
+confined.py   what a worker may touch: the one file that it parses
 """
 
 from workbench.log_formats.declared import OWN, UPLOADED, Limits, LogFormat

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from workbench.errors import InputError
 
 if TYPE_CHECKING:
     from workbench.run import Array
@@ -25,6 +28,24 @@ class Limits:
     bytes: int
     seconds: float
     memory_bytes: int
+
+    def check(self, rows: int, samples: int) -> None:
+        """InputError for a column of too many rows, or too many samples of all columns."""
+        if rows > self.rows:
+            count = f"{self.rows / MB:g} million" if self.rows >= MB else str(self.rows)
+            raise InputError(f"holds more than {count} rows, the most that is read; cut it")
+        if 8 * samples > self.bytes:
+            raise InputError(
+                f"unpacks to more than {self.bytes / MB:g} MB, the most that is read; cut it or leave columns out"
+            )
+
+    def counted(self, pieces: Iterable[tuple[int, Array]], columns: int) -> Iterator[tuple[int, Array]]:
+        """The pieces of an opener, each counted before it is handed on. InputError as soon as they are too many."""
+        rows = [0] * columns
+        for column, piece in pieces:
+            rows[column] += len(piece)
+            self.check(rows[column], sum(rows))
+            yield column, piece
 
 
 OWN = Limits(rows=50 * MB, bytes=4000 * MB, seconds=300.0, memory_bytes=2000 * MB)
@@ -54,9 +75,10 @@ class LogFormat:
 
     name: as in "is not a readable MAT file". suffixes: lower case, with the dot. open: looks into a file; a function
     of a module, for a worker imports it by name. isolated: its parser is not made for damaged files, so that it
-    never runs in this process. imports: modules that it needs, loaded before a file is touched. about: a sentence
-    for the documentation. own, uploaded: what a file may take that its user owns, and one that came from elsewhere.
-    row_name: how a user finds a data row.
+    never runs in this process. imports: every module that it needs, loaded before a file is touched, since the worker
+    can open no other file afterwards; one that is not installed is left out. about: a sentence for the documentation.
+    own, uploaded: what a file may take that its user owns, and one that came from elsewhere. row_name: how a user
+    finds a data row.
     """
 
     name: str
@@ -68,3 +90,21 @@ class LogFormat:
     own: Limits = OWN
     uploaded: Limits = UPLOADED
     row_name: Callable[[Path, int], str] = row_number
+
+
+@contextmanager
+def plain_errors(format_name: str, limits: Limits) -> Iterator[None]:
+    """Whatever a parser raises on a damaged file becomes an InputError. The caller adds the file's name."""
+    try:
+        yield
+    except InputError:
+        raise
+    except MemoryError as error:
+        raise InputError(
+            f"takes more than the {limits.memory_bytes / MB:g} MB of memory that a log may; is it damaged?"
+        ) from error
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno and error.strerror:
+            raise InputError(f"cannot be read: {error.strerror}") from error
+        first = (str(error).splitlines() or [""])[0] or type(error).__name__
+        raise InputError(f"is not a readable {format_name} file: {first[:200]}") from error

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.input_file import read_input
 from workbench.log_formats.rates import Channel
 from workbench.run import Array
 
-MOST_BYTES = 1_000_000_000
 MOST_HEAD = 200  # lines before the numbers
 SCOPE_KEY = "SampleTime[ms]"
 TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
@@ -30,8 +30,6 @@ _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 
 def read_drive_csv(file: Path) -> list[Channel]:
     """The channels with their own times, s; times are NaN where the file has none. InputError, naming the line."""
-    if file.stat().st_size > MOST_BYTES:
-        raise InputError(f"is larger than {MOST_BYTES / 1e6:g} MB; cut it", file=file)
     lines = [line.rstrip("\r") for line in _text(file).split("\n")]
     while lines and (not lines[-1].strip() or lines[-1].strip() == "EOF"):
         lines.pop()
@@ -52,7 +50,7 @@ def split_unit(title: str) -> tuple[str, str]:
 
 
 def _text(file: Path) -> str:
-    data = file.read_bytes()
+    data = read_input(file, "drive log")
     for mark, name in ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
         if data.startswith(mark):
             return data.decode(name, errors="replace")

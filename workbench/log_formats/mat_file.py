@@ -42,9 +42,7 @@ def _pieces(file: Path, wanted: Sequence[str], lengths: dict[str, int], limits: 
     import numpy as np
     import scipy.io
 
-    from workbench.log_formats.table import check_size
-
-    check_size(max(lengths[name] for name in wanted), sum(lengths[name] for name in wanted), limits)
+    limits.check(max(lengths[name] for name in wanted), sum(lengths[name] for name in wanted))
     for index, name in enumerate(wanted):
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # scipy warns where it guesses
@@ -60,13 +58,35 @@ def _open73(file: Path) -> Opened:
         raise InputError(
             "is a version 7.3 file (HDF5); save it with: save('log.mat', '-v7'), or install the extra 'import'"
         ) from error
+    while h5py.h5pl.size():  # a data set may ask for a filter, which is a library looked for in these folders
+        h5py.h5pl.remove(0)
     held = h5py.File(file, "r")
-    names = [name for name, item in held.items() if isinstance(item, h5py.Dataset) and _is_vector73(item)]
+    names = []
+    for name in held:
+        _check_within(held, name)
+        if isinstance(item := held[name], h5py.Dataset) and _is_vector73(item):
+            names.append(name)
 
     def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
         return _pieces73(held, wanted, limits)
 
     return Opened(names, pieces)
+
+
+def _check_within(held: Any, name: str) -> None:
+    """InputError for what HDF5 would follow out of the file: links by path, external storage, virtual data sets."""
+    import h5py
+
+    why = ""
+    if not isinstance(held.get(name, getlink=True), h5py.HardLink):
+        why = "is a link to another place or file"
+    elif isinstance(item := held[name], h5py.Dataset):
+        if item.external:
+            why = "keeps its samples in another file"
+        elif item.is_virtual:
+            why = "is put together of other data sets"
+    if why:
+        raise InputError(f"{why}; expected samples in the file itself, as MATLAB saves them", place=name)
 
 
 def _is_vector73(item: Any) -> bool:
@@ -83,9 +103,7 @@ def _is_vector73(item: Any) -> bool:
 def _pieces73(held: Any, wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
     import numpy as np
 
-    from workbench.log_formats.table import check_size
-
-    check_size(max(held[name].size for name in wanted), sum(held[name].size for name in wanted), limits)
+    limits.check(max(held[name].size for name in wanted), sum(held[name].size for name in wanted))
     for index, name in enumerate(wanted):
         yield index, _real(name, np.asarray(held[name][()]).ravel())
 
@@ -106,5 +124,5 @@ MAT = LogFormat(
         "MATLAB, one real vector per column; version 7.3 (HDF5) with the extra `import`, else save with "
         "`save('log.mat', '-v7')`. Scalars, matrices, text and structures are no columns."
     ),
-    imports=("scipy.io",),
+    imports=("scipy.io", "scipy.io.matlab", "h5py"),
 )

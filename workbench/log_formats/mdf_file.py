@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,6 +14,12 @@ from workbench.log_formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
     from workbench.run import Array
+
+
+_FUNCTIONS = "sin|cos|tan|asin|acos|atan|arcsin|arccos|arctan|sinh|cosh|tanh|exp|log|log10|sqrt|abs|pow"
+_TOKEN = re.compile(rf"\s+|[-+*/(),]|X1?\b|(\d+\.?\d*|\.\d+)([eE][-+]?\d{{1,3}})?|({_FUNCTIONS})(?=\()")
+LONGEST_FORMULA = 500
+_CLOSED: dict[str, Any] = {"process_bus_logging": False}
 
 
 def open_mdf(file: Path) -> Opened:
@@ -26,13 +33,15 @@ def open_mdf(file: Path) -> Opened:
     from workbench.log_formats.rates import TIME, distinct, titled
 
     _without_temporary_files()
-    mdf: Any = MDF(str(file))
+    # As a stream: a path may be copied, unpacked, or looked for under another name. What is attached stays packed.
+    mdf: Any = MDF(file.open("rb"), **_CLOSED)
     places: list[tuple[int, int]] = []
     titles: list[str] = []
     for g, group in enumerate(mdf.groups):
         master = mdf.masters_db.get(g)
         for i, channel in enumerate(group.channels):
             if i != master and group.channel_group.cycles_nr:
+                _check_formulas(channel)
                 places.append((g, i))
                 titles.append(titled(channel.name, _unit(channel)))
     titles = distinct(titles)
@@ -44,6 +53,23 @@ def open_mdf(file: Path) -> Opened:
         return _pieces(mdf, dict(zip(titles, places, strict=True)), longest, wanted, limits)
 
     return Opened([TIME, *titles], pieces)
+
+
+def _check_formulas(channel: Any) -> None:
+    """InputError for a conversion whose formula is more than arithmetic: asammdf hands it to Python."""
+    conversions = [getattr(channel, "conversion", None)]
+    while conversions:
+        if (conversion := conversions.pop()) is None:
+            continue
+        formula = getattr(conversion, "formula", "") or ""
+        formula = formula.decode("latin-1") if isinstance(formula, bytes) else str(formula)
+        if len(formula) > LONGEST_FORMULA or _TOKEN.sub("", formula):
+            raise InputError(
+                f"is converted by the formula {formula[:60]!r}, expected arithmetic in X; convert it before saving",
+                place=str(channel.name),
+            )
+        inner = getattr(conversion, "referenced_blocks", None) or {}
+        conversions += [block for block in inner.values() if hasattr(block, "conversion_type")]
 
 
 class _Nowhere(io.BytesIO):
@@ -72,10 +98,9 @@ def _pieces(
     import numpy as np
 
     from workbench.log_formats.rates import TIME, Channel, at_times
-    from workbench.log_formats.table import check_size
 
     rows = int(mdf.groups[longest].channel_group.cycles_nr)
-    check_size(rows, rows * len(wanted), limits)
+    limits.check(rows, rows * len(wanted))
     time_s = np.asarray(mdf.get_master(longest), dtype=np.float64)
     for index, name in enumerate(wanted):
         if name == TIME:
@@ -99,5 +124,5 @@ MDF = LogFormat(
         "`time_s` is the time of the group with the most samples, and channels of other rates are taken at it, linear "
         "between their samples and missing beyond their ends."
     ),
-    imports=("workbench.log_formats.rates",),
+    imports=("asammdf", "asammdf.blocks.mdf_v3", "asammdf.blocks.mdf_v4", "workbench.log_formats.rates"),
 )

@@ -31,10 +31,15 @@ def _pieces(log: object, wanted: Sequence[str], limits: Limits) -> Iterator[tupl
     import pyarrow as pa
 
     from workbench.log_formats.arrow import float_array
-    from workbench.log_formats.table import check_size
 
+    for group in range(log.metadata.num_row_groups):  # type: ignore[attr-defined]
+        row_group = log.metadata.row_group(group)  # type: ignore[attr-defined]
+        for number in range(row_group.num_columns):
+            if row_group.column(number).file_path:
+                column = row_group.column(number).path_in_schema
+                raise InputError("keeps its samples in another file; expected them in the file itself", place=column)
     rows = int(log.metadata.num_rows)  # type: ignore[attr-defined]
-    check_size(rows, rows * len(wanted), limits)
+    limits.check(rows, rows * len(wanted))
     for index, name in enumerate(wanted):
         kind = log.schema_arrow.field(name).type  # type: ignore[attr-defined]
         if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):

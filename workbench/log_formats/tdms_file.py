@@ -25,7 +25,8 @@ def open_tdms(file: Path) -> Opened:
         raise InputError("TDMS files need the extra 'import': pip install '.[import]'") from error
     from workbench.log_formats.rates import TIME, distinct, titled
 
-    tdms = TdmsFile.open(str(file))
+    # As a stream: of a path, the index file beside it would be opened too.
+    tdms = TdmsFile.open(file.open("rb"))
     channels = [c for group in tdms.groups() for c in group.channels() if len(c) and c.dtype.kind in "fiub"]
     if not channels:
         raise InputError("holds no channels of numbers with samples")
@@ -44,10 +45,9 @@ def _pieces(known: dict[str, Any], longest: Any, wanted: Sequence[str], limits: 
     import numpy as np
 
     from workbench.log_formats.rates import TIME, Channel, at_times
-    from workbench.log_formats.table import check_size
 
     rows = max(len(known[name]) for name in wanted if name != TIME) if longest is None else len(longest)
-    check_size(rows, rows * len(wanted), limits)
+    limits.check(rows, rows * len(wanted))
     for index, name in enumerate(wanted):
         if name == TIME and longest is not None:
             yield index, _time(longest)
@@ -74,5 +74,5 @@ TDMS = LogFormat(
         "channels carry their rate (`wf_increment`), `time_s` is the time of the longest, and the others are taken at "
         "it, linear between their samples and missing beyond their ends."
     ),
-    imports=("workbench.log_formats.rates",),
+    imports=("nptdms", "workbench.log_formats.rates"),
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.errors import InputError
+from workbench.input_file import readable_file
 from workbench.kinds import TIME, Kind, SignalSet, kind_of
 from workbench.log_formats.opening import open_log
 from workbench.logs.channels import clipped, drop_dead, is_constant, refuse_infinite
@@ -22,7 +23,6 @@ from workbench.logs.signals import Raw, read_signals
 from workbench.logs.spikes import bridge_spikes
 from workbench.machine import Axis, Hoist
 from workbench.run import Array, Run
-from workbench.yaml_strict import readable_file
 
 
 def read_run(

@@ -11,8 +11,7 @@ from pydantic import Field, StringConstraints, field_validator, model_validator
 from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
-from workbench.machine.quantities import Finite, Payload, Position
-from workbench.machine.record import Record
+from workbench.record import Finite, Payload, Position, Record
 from workbench.yaml_strict import Document, dotted, load, validate
 
 Fail = Callable[..., InputError]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from workbench.errors import InputError, nearest
 from workbench.kinds import TIME, SignalSet
-from workbench.log_formats.table import LogFile, Table
+from workbench.log_formats.opening import LogFile, Table
 from workbench.logs.runs_file import Column
 from workbench.run import Array
 

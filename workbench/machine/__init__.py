@@ -2,48 +2,23 @@
 
 from typing import Any, TypeAlias
 
-from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
-from workbench.machine.correction import HoistCorrection, LinearCorrection, MeasuredCorrection, RotaryCorrection
+from workbench.kinds.axis import Axis, LinearAxis, LinearCorrection, RotaryAxis, RotaryCorrection
+from workbench.kinds.correction import MeasuredCorrection
+from workbench.kinds.hoist import DRIVES, Drive, Hoist, HoistCorrection
+from workbench.kinds.two_inertia import TwoInertia
 from workbench.machine.files import (
+    RECORDS,
     SHIPPED,
     default_hoist,
     load_machine,
     machine_from,
+    machine_text,
     save_machine,
     shipped,
     shipped_hoist,
 )
-from workbench.machine.hoist import DRIVES, Drive, Hoist
-from workbench.machine.two_inertia import TwoInertia
 from workbench.machine.values import get_value, value_names, with_correction, with_values
 
 Machine = Hoist | Axis
 # A machine of any kind, where what is a kind's own is asked of its record or by that kind's code alone.
 AnyKind: TypeAlias = Any
-
-__all__ = [
-    "DRIVES",
-    "SHIPPED",
-    "AnyKind",
-    "Axis",
-    "Drive",
-    "Hoist",
-    "HoistCorrection",
-    "LinearAxis",
-    "LinearCorrection",
-    "Machine",
-    "MeasuredCorrection",
-    "RotaryAxis",
-    "RotaryCorrection",
-    "TwoInertia",
-    "default_hoist",
-    "get_value",
-    "load_machine",
-    "machine_from",
-    "save_machine",
-    "shipped",
-    "shipped_hoist",
-    "value_names",
-    "with_correction",
-    "with_values",
-]

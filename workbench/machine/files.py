@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import TypeVar
 
 from workbench.errors import InputError, nearest
-from workbench.machine.axis import Axis, LinearAxis, RotaryAxis
-from workbench.machine.hoist import Hoist
-from workbench.machine.two_inertia import TwoInertia
+from workbench.kinds import KINDS
+from workbench.kinds.axis import Axis
+from workbench.kinds.hoist import Hoist
 from workbench.whole_folder import replace_text
 from workbench.yaml_strict import Document, dumps, load, validate
 
 # What machine.yaml may describe. A kind of several motions has a record for each.
-RECORDS: tuple[type[Hoist] | type[Axis], ...] = (Hoist, LinearAxis, RotaryAxis, TwoInertia)
+RECORDS: tuple[type[Hoist] | type[Axis], ...] = tuple(kind.record for kind in KINDS.values())
 T = TypeVar("T")
 CheckEffects = Callable[[Hoist | Axis], None]
 _HEAD = ("format", "kind", "motion", "name")
-_TAIL = ("sensors", "tolerances", "effects", "measured_correction", "identified")
+_TAIL = ("sensors", "tolerances", "effects", "allowances", "measured_correction", "log", "identified")
 
 
 def load_machine(path: str | os.PathLike[str], *, check_effects: CheckEffects | None = None) -> Hoist | Axis:
@@ -79,6 +79,7 @@ def machine_text(machine: Hoist | Axis) -> str:
     """A machine as complete YAML: every value, defaults included; what is not set is left out."""
     free = machine.model_dump(include={"effects", "identified"})  # not ours: kept with whatever nulls it holds
     data = machine.model_dump(exclude_none=True) | free
+    data["log"] = machine.log.model_dump(exclude_defaults=True)  # nothing where the log says all
     order = [*_HEAD, *(key for key in data if key not in (*_HEAD, *_TAIL)), *_TAIL]
     return dumps({key: data[key] for key in order if key in data and data[key] != {}})
 

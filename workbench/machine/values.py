@@ -8,8 +8,8 @@ from typing import Any, TypeVar, cast
 from pydantic import BaseModel, ValidationError
 
 from workbench.errors import InputError, nearest
-from workbench.machine.axis import Axis
-from workbench.machine.hoist import Hoist
+from workbench.kinds.axis import Axis
+from workbench.kinds.hoist import Hoist
 from workbench.yaml_strict import dotted, problem_lines
 
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from workbench.kinds import LINEAR, ROTARY, TWO_INERTIA, Kind
+from workbench.kinds import KINDS, LINEAR, ROTARY, Kind
 from workbench.metrics import hoist
 from workbench.metrics.metric import (
     EVERYWHERE,
@@ -238,4 +238,9 @@ def metric_set(kind: Kind) -> MetricSet:
 
 LINEAR_SET = metric_set(LINEAR)
 ROTARY_SET = metric_set(ROTARY)
-SETS = {LINEAR.name: LINEAR_SET, ROTARY.name: ROTARY_SET, TWO_INERTIA.name: ROTARY_SET}
+# Of every kind with a position loop.
+SETS = {
+    kind.name: LINEAR_SET if kind.drive.suffix == LINEAR.drive.suffix else ROTARY_SET
+    for kind in KINDS.values()
+    if kind.closed_loop is not None and kind.closed_loop.position_loop
+}

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from workbench.errors import InputError
-from workbench.kinds.load import Load
+from workbench.kinds import Load
 from workbench.references.kind import Move, PlannedKind, Ramp
 from workbench.references.limits import LimitPair, Limits, Step
 from workbench.references.registry import planned_kind

@@ -1,9 +1,8 @@
 """A plant that answers in real time, for a controller or PLC at the other end of a line.
 
-live.py      a machine, one compiled step at a time, with numbers that may be set between two steps
-plant.py     the machines that are served: hoist with drive, brake and faults, axis with its input alone
-points.py    what a client may read and write: name, unit, meaning
-session.py   commands in, signals out: the client's latest torque, watchdog, faults, counts
-pace.py      steps at a fixed rate: catching up, overruns, jitter
-udp.py, modbus.py, opcua.py   a protocol each: what comes in becomes a command, what goes out is a signal
+plant.py     a machine, one compiled step at a time, with numbers and faults that may be set between two steps
+points.py    what a client may read and write: name, unit, range, meaning
+session.py   commands in, signals out: who controls, watchdog, counts, pace
+udp.py, tcp.py   the protocols: UDP; Modbus and OPC UA behind one gate
+serve.py     all of it, from first to last
 """

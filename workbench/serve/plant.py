@@ -1,25 +1,207 @@
-"""The machines that are served: the hoist with its drive, brake and faults; an axis with its input alone."""
+"""The machines that are served, one compiled step at a time: the hoist behind its drive, brake and faults; an axis."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
+from workbench.control import lag_step
 from workbench.control.events import BRAKE_SPEED
+from workbench.effects import Active, Effect, alone, find, joined, sizes_of
 from workbench.engine.source import LAG
-from workbench.errors import InputError
+from workbench.engine.stepped import LiveStep
+from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of, of_kind
 from workbench.machine import Axis, Hoist
 from workbench.plants import HOIST, Effects
-from workbench.serve.live import LiveMachine
-from workbench.simulate.loop import RAIL_PLAY, kept_by_others, torque_limits
+from workbench.simulate.loop import BOUNDLESS, RAIL_PLAY, kept_by_others, torque_limits
+from workbench.simulate.plant_model import PlantModel
 from workbench.trace.expr import Scalar, clip
 
 HOIST_STEP_S, AXIS_STEP_S = 0.001, 0.0002  # of the integration: an axis' friction turns over more sharply
-BRAKE_TORQUES = 2.0  # of all motors' nominal torque together: what the brake holds where nothing else is said
+BRAKE_TORQUES = 2.0  # of all motors' nominal torque together: what the brake holds where nothing else is stated
+# What is taken from a client, of what the machine can bear; more is no order but a fault of the line.
+MOST_INPUT, MOST_PAYLOAD, MOST_EFFECT = 100.0, 3.0, 10.0
+MOST_BRAKE_LATE_S = 10.0
+STRONGEST = 1e9  # N or N m, where machine.yaml states no limit: docs/bounds.md
 
 SIGNALS = tuple(signal.name for signal in HOIST.signals)
+
+
+class LiveMachine:
+    """A machine that stands still until it is stepped. All numbers SI; hoisting, or forward, positive.
+
+    The machine's own effects are at work; those named in `ready` are compiled in too, at the values where they vanish,
+    and may be set between two steps. hold: the input that holds it at the start without friction's help; at_work: the
+    input behind limits and lag; both in the input's unit. A state that is not finite is never shown: the machine stays
+    where it was and is no longer `bounded`.
+    """
+
+    has_brake = False
+    carries = False  # a payload, which may change
+    # Faults that only some machines have.
+    brake_closed = False
+    slack = off_rail = overloaded = False
+    payload_kg = 0.0
+
+    def __init__(
+        self,
+        machine: Hoist | Axis,
+        step_s: float,
+        payload_kg: float,
+        start: float,
+        ready: Sequence[str],
+        *,
+        longest_step_s: float,
+        faults: Effects,
+        lag_s: float = 0.0,
+    ) -> None:
+        """longest_step_s: of the integration. faults: effects that are no part of the library. InputError for what
+        cannot be."""
+        self.machine, self.kind = machine, kind_of(machine)
+        self.plant = self.kind.plant
+        self._start, self._start_payload_kg, self._lag_s = start, payload_kg, lag_s
+        self._dt, self._substeps = step_s, max(1, math.ceil(step_s / longest_step_s - 1e-9))
+        self._sizes = sizes_of(machine)
+        made = alone(machine, self._vanished(ready))
+        active = Active(self.plant.kind, made.effects, made.values)
+        self.effects: Mapping[str, Effect] = {effect.id: effect for effect in made.chosen}
+        self.left_out = made.sensors_left_out
+        effects = joined(active.effects, faults)
+        self._model, self._starts = PlantModel(self.plant, active), active.values_of(0.0)
+        names = (*self.plant.parameters, *effects.parameters)
+        self._place = {name: i for i, name in enumerate(names)}
+        self.shown = tuple(signal.name for signal in self.plant.signals)
+        self._step = LiveStep(self.plant, effects, names, self.shown)
+        self.reset()
+
+    def _vanished(self, names: Sequence[str]) -> dict[str, dict[str, float]]:
+        """Effects that the machine does not have, at the values where they vanish."""
+        ready = {}
+        for name in names:
+            effect = find(name, self.plant.kind)
+            if effect.on_sensor:
+                raise InputError(f"'{name}' acts on the log's sensors, not on the plant", place="ready")
+            if name not in self.machine.effects:
+                ranges = effect.ranges(self._sizes)
+                ready[name] = {amount.name: amount.vanishes_at for amount in ranges if amount.vanishes_at is not None}
+        return ready
+
+    def _fault_values(self) -> dict[str, float]:
+        """Of the faults, at the start."""
+        return {}
+
+    def reset(self) -> None:
+        """Standing still at the start, no fault, time 0."""
+        values: dict[str, float] = {**vars(self.plant.values(self.machine, self._start_payload_kg)), **self._starts}
+        state, hold = self._model.starts([self._start], [0.0], [0.0], [SimpleNamespace(**values)])
+        self.hold = float(hold[0])
+        lag = lag_step(self._lag_s, self._dt / self._substeps)
+        values |= dict(zip(LAG, (lag.left, lag.start, lag.slope_per_s), strict=True)) | self._fault_values()
+        self._values = np.array([values[name] for name in self._place])
+        self._state = np.ascontiguousarray(state[:, 0])
+        self._steps = 0
+        self.at_work = self.hold
+        self.motor_lost = self.limited = self.overloaded = False
+        self.bounded = self._changed = True
+        # What is seen before the first step: a step of hardly any length.
+        self._step.numbers(self._values)
+        self._step.step(0.0, 1e-9, 1, self.hold, self._state.copy(), self.hold)
+        self._signals = self._step.shown.copy()
+
+    @property
+    def hold_nm(self) -> float:
+        """Of a hoist: the torque of all motors that holds the load at the start, N m."""
+        return self.hold
+
+    @property
+    def torque_nm(self) -> float:
+        """Of a hoist: the torque of all motors at work, N m."""
+        return self.at_work
+
+    @property
+    def time_s(self) -> float:
+        return self._steps * self._dt
+
+    @property
+    def signals(self) -> Mapping[str, float]:
+        """The plant's signals by name, as of the last step."""
+        return dict(zip(self.shown, self._signals.tolist(), strict=True))
+
+    def signal(self, name: str) -> float:
+        return float(self._signals[self.shown.index(name)])
+
+    def limit(self) -> float:
+        """The largest input that the drive gives now."""
+        return math.inf
+
+    def most_input(self) -> float:
+        """The largest input that is taken as one."""
+        return STRONGEST
+
+    def step(self, asked: float) -> None:
+        """One step under an input, as far as the drive can give it."""
+        if self._changed:
+            self._step.numbers(self._values)
+            self._changed = False
+        limit = self.limit()
+        held = min(max(asked, -limit), limit)
+        before = self._state.copy()
+        at_work = self._step.step(self.time_s, self._dt, self._substeps, held, self._state, self.at_work)
+        if not (np.all(np.abs(self._state) < BOUNDLESS) and np.isfinite(self._step.shown).all()):
+            self._state[:] = before
+            self.bounded = False
+            return
+        self.limited, self.at_work = held != asked, at_work
+        self._signals[:] = self._step.shown
+        self._steps += 1
+
+    # What may be set, from the next step on.
+
+    def lose_motor(self, lost: bool) -> None:
+        """One motor gives no torque, or gives it again."""
+        self.motor_lost = lost
+
+    def close_brake(self, closed: bool) -> None:
+        """Nothing, where there is no brake."""
+
+    def effect_parameters(self, name: str) -> dict[str, tuple[float, float]]:
+        """The parameters of an effect with the range that is taken from a client: MOST_EFFECT times what the library
+        searches, and whatever value the machine has."""
+        ranges = {}
+        for amount in self.effects[name].ranges(self._sizes):
+            known = (self._values[self._place[amount.symbol]], amount.lowest, amount.highest)
+            least, most = float(min(known)), float(max(known))
+            ranges[amount.name] = (min(least, MOST_EFFECT * least), max(most, MOST_EFFECT * most))
+        return ranges
+
+    def effect_value(self, name: str, parameter: str) -> float:
+        return float(self._values[self._place[self._symbol(name, parameter)]])
+
+    def set_effect(self, name: str, parameter: str, value: float) -> None:
+        """InputError for an unknown name, with the nearest, and for an impossible value."""
+        symbol = self._symbol(name, parameter)
+        self.effects[name].check(parameter, value, self.plant.kind)
+        self._put(symbol, value)
+
+    def _symbol(self, name: str, parameter: str) -> str:
+        if name not in self.effects:
+            raise InputError(f"unknown effect '{name}'; {nearest(name, self.effects)}")
+        symbols = {amount.name: amount.symbol for amount in self.effects[name].ranges(self._sizes)}
+        if parameter not in symbols:
+            raise InputError(f"effect '{name}' has no parameter '{parameter}'; {nearest(parameter, symbols)}")
+        return symbols[parameter]
+
+    def _value(self, name: str) -> float:
+        return float(self._values[self._place[name]])
+
+    def _put(self, name: str, value: float) -> None:
+        self._values[self._place[name]] = value
+        self._changed = True
 
 
 def _brake(s: Any, p: Any) -> Scalar:
@@ -35,7 +217,6 @@ def _slack(s: Any, p: Any) -> Scalar:
 _FAULTS = Effects(
     {"motor_torque_nm": [_brake], "wound_length_m": [_slack]}, ("brake_closed", "T_brake", "slack_m", *LAG)
 )
-_NO_FAULTS = Effects(parameters=LAG)
 
 
 class LivePlant(LiveMachine):
@@ -57,35 +238,53 @@ class LivePlant(LiveMachine):
         at = 0.5 * (low + high) if start_position_m is None else start_position_m
         if not low <= at <= high:
             raise InputError(f"{at:g} m, expected {low:g} to {high:g} m, the rail", place="start_position_m")
-        if not (math.isfinite(payload_kg) and payload_kg >= 0.0):
-            raise InputError(f"{payload_kg:g} kg, expected 0 or more", place="payload_kg")
         self._hoist, self._limits = machine, torque_limits(machine)
+        most = self.most_payload_kg()
+        if not 0.0 <= payload_kg <= most:
+            raise InputError(f"{payload_kg:g} kg, expected 0 to {most:.6g}", place="payload_kg")
         super().__init__(
             machine, step_s, payload_kg, at, ready, longest_step_s=HOIST_STEP_S, faults=_FAULTS,
             lag_s=machine.drive.torque_lag_s,
         )  # fmt: skip
 
-    def _more_values(self) -> dict[str, float]:
+    def _fault_values(self) -> dict[str, float]:
         motor = self._hoist.motor
-        return {
-            "brake_closed": 0.0, "T_brake": BRAKE_TORQUES * motor.count * motor.nominal_torque_nm, "slack_m": 0.0
-        }  # fmt: skip
+        strong = BRAKE_TORQUES * motor.count * motor.nominal_torque_nm
+        return {"brake_closed": 0.0, "T_brake": strong, "slack_m": 0.0}
 
     @property
-    def slack(self) -> bool:
-        return float(self._signals[SIGNALS.index("tension_min_n")]) <= 0.0
+    def slack(self) -> bool:  # type: ignore[override]
+        return self.signal("tension_min_n") <= 0.0
 
     @property
-    def off_rail(self) -> bool:
-        height = float(self._signals[SIGNALS.index("position_carriage_m")])
-        rail = self._hoist.rail
+    def off_rail(self) -> bool:  # type: ignore[override]
+        rail, height = self._hoist.rail, self.signal("position_carriage_m")
         return not rail.lowest_position_m - RAIL_PLAY <= height <= self._hoist.highest_position_m + RAIL_PLAY
+
+    def step(self, asked: float) -> None:
+        """As any machine; the wire is overloaded once a fall has carried more than its breaking load."""
+        super().step(asked)
+        breaks_at = self._hoist.wire.breaking_load_n
+        if breaks_at is not None and not self.overloaded:
+            self.overloaded = max(self.signal("tension_drum_n"), self.signal("tension_dead_line_n")) > breaks_at
 
     def limit(self) -> float:
         """Of all motors' torque, N m; see `torque_limits`."""
         speed = abs(float(self._signals[0]))
         limit = self._limits["u_one" if self.motor_lost else "u_all"]
         return limit * self._limits["w_weak"] / speed if speed > self._limits["w_weak"] else limit
+
+    def most_input(self) -> float:
+        return MOST_INPUT * self._limits["u_all"]
+
+    def most_payload_kg(self) -> float:
+        """Some times what the motors at their limit hold: T = m g dx/dphi."""
+        held = self._limits["u_all"] / (self._hoist.gravity_m_s2 * self._hoist.lift_m_per_rad)
+        return MOST_PAYLOAD * held
+
+    def most_slack_m(self) -> float:
+        """Both falls from the top to the bottom."""
+        return 2.0 * self._hoist.wire.segment_length_m
 
     # Faults, from the next step on.
 
@@ -98,26 +297,26 @@ class LivePlant(LiveMachine):
         self._put("brake_closed", 1.0 if closed else 0.0)
 
     @property
-    def brake_closed(self) -> bool:
-        return bool(self._values[self._place["brake_closed"]] > 0.5)
+    def brake_closed(self) -> bool:  # type: ignore[override]
+        return self._value("brake_closed") > 0.5
 
     @property
-    def payload_kg(self) -> float:
-        return float(self._values[self._place["m_p"]])
+    def payload_kg(self) -> float:  # type: ignore[override]
+        return self._value("m_p")
 
     def carry(self, payload_kg: float) -> None:
         self._put("m_p", payload_kg)
 
     @property
     def slack_m(self) -> float:
-        return float(self._values[self._place["slack_m"]])
+        return self._value("slack_m")
 
     def let_out(self, slack_m: float) -> None:
         self._put("slack_m", slack_m)
 
 
 class LiveAxis(LiveMachine):
-    """An axis that stands still until it is stepped, under the input itself: machine.yaml of an axis has no drive.
+    """An axis that stands still until it is stepped, under the input itself: its drive's limits are not at work.
     InputError for what cannot be."""
 
     def __init__(
@@ -130,15 +329,13 @@ class LiveAxis(LiveMachine):
         at = 0.0 if start is None else start
         if not math.isfinite(at):
             raise InputError(f"{at:g}, expected a finite number", place="start_position_m")
-        super().__init__(machine, step_s, 0.0, at, ready, longest_step_s=AXIS_STEP_S, faults=_NO_FAULTS)
-
-
-_WITH_A_DRIVE = {HOIST.kind: LivePlant}
+        faults = Effects(parameters=LAG)
+        super().__init__(machine, step_s, 0.0, at, ready, longest_step_s=AXIS_STEP_S, faults=faults)
 
 
 def live_machine(
     machine: Hoist | Axis, step_s: float, payload_kg: float, start: float | None, ready: Sequence[str]
 ) -> LiveMachine:
     """The machine as it is served. start: m or rad, None for mid rail or zero. InputError for what cannot be."""
-    make = _WITH_A_DRIVE.get(kind_of(machine).plant.kind, LiveAxis)
+    make = LivePlant if kind_of(machine).plant.kind == HOIST.kind else LiveAxis
     return make(machine, step_s, payload_kg, start, ready)  # type: ignore[arg-type]

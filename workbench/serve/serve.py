@@ -1,24 +1,29 @@
-"""A machine served from first to last: plant, session, protocol, and what is said of it."""
+"""A machine served from first to last: plant, session, protocol, and the lines for whoever runs it."""
 
 from __future__ import annotations
 
+import ipaddress
 import math
+import os
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
+from workbench.effects import effects_for
 from workbench.errors import InputError
 from workbench.machine import Axis, Hoist
-from workbench.serve.pace import ask_priority, lines
+from workbench.plants import plant_of
 from workbench.serve.plant import live_machine
 from workbench.serve.session import Say, Session
+from workbench.serve.tcp import ModbusServer, OpcUaServer
 from workbench.serve.udp import UdpServer
 
 ProtocolName = Literal["udp", "modbus", "opcua"]
 PORTS: dict[str, int] = {"udp": 5560, "modbus": 5020, "opcua": 4840}
 HIGHEST_RATE_HZ, LOWEST_RATE_HZ = 20_000.0, 1.0
+TOKEN_CHARACTERS = (8, 16)
 
 
 class Server(Protocol):
@@ -33,7 +38,8 @@ class Server(Protocol):
 
 @dataclass(frozen=True)
 class Wish:
-    """What is to be served. lock_step: a step for every command instead of a clock (UDP only)."""
+    """What is to be served. lock_step: a step for every command instead of a clock (UDP only). token: what clients have
+    to show, "" for none; other addresses than this computer's own ask for one."""
 
     protocol: ProtocolName = "udp"
     rate_hz: float = 1000.0
@@ -47,16 +53,37 @@ class Wish:
     send_every: int = 1
     lock_step: bool = False
     priority: bool = False
+    token: str = ""
 
     def check(self) -> None:
-        if not (math.isfinite(self.rate_hz) and LOWEST_RATE_HZ <= self.rate_hz <= HIGHEST_RATE_HZ):
+        """InputError for what cannot be."""
+        if not LOWEST_RATE_HZ <= self.rate_hz <= HIGHEST_RATE_HZ:
             raise InputError(
                 f"{self.rate_hz:g} Hz, expected {LOWEST_RATE_HZ:g} to {HIGHEST_RATE_HZ:g} Hz", place="rate_hz"
             )
-        if not (math.isfinite(self.watchdog_s) and self.watchdog_s > 0.0):
+        if not 0.0 < self.watchdog_s < math.inf:
             raise InputError(f"{self.watchdog_s:g} s, expected more than 0", place="watchdog_s")
         if self.lock_step and self.protocol != "udp":
             raise InputError(f"takes the protocol udp, not {self.protocol}", place="lock_step")
+        least, most = TOKEN_CHARACTERS
+        if self.token and not (least <= len(self.token) <= most and self.token.isascii() and self.token.isprintable()):
+            raise InputError(f"expected {least} to {most} printable characters of ASCII", place="token")
+        if not self.token and not self.local:
+            raise InputError(
+                f"{self.address} is reached from other computers, where anybody may move the plant: give a token too, "
+                "see docs/deployment.md",
+                place="address",
+            )
+
+    @property
+    def local(self) -> bool:
+        """Whether only this computer reaches the address."""
+        if self.address == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.address).is_loopback
+        except ValueError:
+            return False
 
 
 def serve(
@@ -78,24 +105,28 @@ def serve(
     plant = live_machine(machine, step_s, wish.payload_kg, wish.start_position_m, wish.ready)
     session = Session(plant, step_s, wish.watchdog_s, watchdog_brake=wish.watchdog_brake, clock=time.monotonic, say=say)
     server = _server(session, wish)
-    try:
-        say(
+    for name in plant.left_out:
+        session.say(f"{name} acts on the log's sensors and is not in the plant: signals here are the true ones")
+    if wish.priority:
+        session.say(f"The plant runs {ask_priority()}.")
+    ends = time.monotonic() + for_s
+
+    def listening() -> None:
+        reached = "reached from this computer only" if wish.local else "reached from other computers with the token"
+        drive = plant.kind.drive
+        session.say(
             f"{machine.name}: plant at {wish.rate_hz:g} Hz by {wish.protocol} on {wish.address}, port {server.port}, "
-            f"{_reach(wish.address)}. It {'hangs' if plant.has_brake else 'stands'} still until the first "
-            f"{plant.kind.drive.quantity}; {plant.hold:.1f} {plant.kind.drive.unit} hold it."
+            f"{reached}. It {'hangs' if plant.has_brake else 'stands'} still until the first {drive.quantity}; "
+            f"{plant.hold:.1f} {drive.unit} hold it."
         )
-        for name in plant.left_out:
-            say(f"{name} acts on the log's sensors and is not in the plant: signals here are the true ones")
-        ends = time.monotonic() + for_s
+        if wish.protocol == "opcua":
+            session.say(f"Endpoint: opc.tcp://{wish.address}:{server.port}/")
+        ready(session, server.port)
 
-        def until(now: float) -> bool:
-            return stop.is_set() or now >= ends
+    def until(now: float) -> bool:
+        return stop.is_set() or now >= ends
 
-        def listening() -> None:
-            ready(session, server.port)
-
-        if wish.priority:
-            say(f"The plant runs {ask_priority()}.")
+    try:
         if isinstance(server, UdpServer) and wish.lock_step:
             server.run_in_lock_step(until, listening)
         else:
@@ -105,36 +136,50 @@ def serve(
     return session.status()
 
 
-def last_words(status: dict[str, Any], *, lock_step: bool = False) -> list[str]:
-    """What is said at the end: pace with its histogram, and what was not taken."""
-    counts = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in sorted(status["counts"].items()))
-    return [*([] if lock_step else lines(status["pace"])), f"Counts: {counts or 'no command came'}."]
-
-
-def _reach(address: str) -> str:
-    if address in ("127.0.0.1", "::1", "localhost"):
-        return "reached from this computer only"
-    return "reached from other computers too, by anybody: there is no login"
-
-
 def _server(session: Session, wish: Wish) -> Server:
     port = PORTS[wish.protocol] if wish.port is None else wish.port
     if wish.protocol == "udp":
-        return UdpServer(session, wish.address, port, wish.send_every)
-    if wish.protocol == "modbus":
-        from workbench.serve.modbus import ModbusServer
+        return UdpServer(session, wish.address, port, wish.send_every, wish.token)
+    make = ModbusServer if wish.protocol == "modbus" else OpcUaServer
+    return make(session, wish.address, port, wish.token)
 
-        return ModbusServer(session, wish.address, port)
-    from workbench.serve.opcua import OpcUaServer
 
-    return OpcUaServer(session, wish.address, port)
+def ask_priority() -> str:
+    """Asks the system to run this thread before others; what came of it, in words."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(10))
+    except (AttributeError, OSError):  # not this system, or not this user
+        return (
+            "at ordinary priority, for the system gives this user no other (it takes root, or rtprio in limits.conf): "
+            "on a busy computer steps will be late"
+        )
+    return "at real-time priority"
+
+
+def last_words(status: dict[str, Any], *, lock_step: bool = False) -> list[str]:
+    """The last lines: pace with its histogram, and what was not taken."""
+    counts = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in sorted(status["counts"].items()))
+    return [*([] if lock_step else pace_lines(status["pace"])), f"Counts: {counts or 'no command came'}."]
+
+
+def pace_lines(record: dict[str, Any]) -> list[str]:
+    """The record of a pace in words, with the histogram."""
+    steps = max(record["steps"], 1)
+    head = (
+        f"{record['steps']} steps at {record['rate_hz']:g} Hz, {record['on_time_percent']:.3f} % on time, "
+        f"{record['overruns']} overruns, {record['skipped_s']:.3f} s skipped, "
+        f"latest start {record['latest_start_ms']:.2f} ms"
+    )
+    width = max(map(len, record["jitter"]))
+    rows = [
+        f"  {name:>{width}}  {count:>8}  {100.0 * count / steps:7.3f} %  {'#' * round(40.0 * count / steps)}"
+        for name, count in record["jitter"].items()
+    ]
+    return [head, "How late steps began:", *rows]
 
 
 def chosen_ready(text: str | None, machine: Hoist | Axis) -> Sequence[str]:
     """Names of effects with commas between; `all`: the whole library but for sensors."""
-    from workbench.effects import effects_for
-    from workbench.plants import plant_of
-
     if text is None:
         return ()
     if text.strip() == "all":

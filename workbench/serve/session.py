@@ -1,29 +1,110 @@
-"""Commands in, signals out: the client's latest torque, the watchdog, faults, and counts of all that happened."""
+"""Commands in, signals out: who controls, the latest torque, watchdog, faults, counts, and how late the steps began."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from workbench.errors import InputError, nearest
+from workbench.errors import InputError, nearest, one_line
 from workbench.serve import points as tables
-from workbench.serve.live import LiveMachine
-from workbench.serve.pace import Pace
+from workbench.serve.plant import LiveMachine
 
 SAID_EVERY_S = 5.0  # a complaint of one kind is repeated after that time at the earliest
 TOO_FAST = 1.2  # commands a step, over a second, that are worth a word
+LATE_US = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0)  # upper edges; beyond: the last
+MOST_BEHIND_S = 0.2  # what is caught up; of a longer pause the rest is left out of the plant's time
 
 Say = Callable[[str], None]
+
+
+class Pace:
+    """Times of steps. A step is on time where it ended before the next one was due.
+
+    Steps that are late are made up, one after the other; a pause of more than MOST_BEHIND_S (the computer slept) is
+    not: the plant's time stands still for the rest of it, which is counted as `skipped_s`.
+    """
+
+    def __init__(self, step_s: float) -> None:
+        self.step_s = step_s
+        self.late = [0] * (len(LATE_US) + 1)
+        self.steps = self.on_time = self.overruns = self.pauses = 0
+        self.worst_s = self.skipped_s = 0.0
+        self._began = math.nan
+        self._due = 0
+
+    def begin(self, now: float) -> None:
+        self._began, self._due = now, 0
+
+    @property
+    def due_s(self) -> float:
+        """When the next step is due, on the caller's clock."""
+        return self._began + self._due * self.step_s
+
+    def start(self, now: float) -> None:
+        """A step begins; `now` is at or after `due_s`."""
+        late = now - self.due_s
+        if late > MOST_BEHIND_S:
+            self.pauses += 1
+            self.skipped_s += late - MOST_BEHIND_S
+            self._began += late - MOST_BEHIND_S
+            late = MOST_BEHIND_S
+        self.worst_s = max(self.worst_s, late)
+        micro = 1e6 * late
+        self.late[next((i for i, edge in enumerate(LATE_US) if micro < edge), len(LATE_US))] += 1
+
+    def end(self, now: float) -> None:
+        """The step has ended."""
+        self.steps += 1
+        self._due += 1
+        if now <= self.due_s:
+            self.on_time += 1
+        else:
+            self.overruns += 1
+
+    def record(self) -> dict[str, Any]:
+        """For JSON: counts, the share on time, the histogram of how late steps began."""
+        names = [f"<{edge:g} us" for edge in LATE_US] + [f">={LATE_US[-1]:g} us"]
+        return {
+            "rate_hz": 1.0 / self.step_s,
+            "steps": self.steps,
+            "on_time": self.on_time,
+            "on_time_percent": 100.0 * self.on_time / self.steps if self.steps else 100.0,
+            "overruns": self.overruns,
+            "pauses": self.pauses,
+            "skipped_s": self.skipped_s,
+            "latest_start_ms": 1e3 * self.worst_s,
+            "jitter": dict(zip(names, self.late, strict=True)),
+        }
+
+
+def run_at_pace(
+    pace: Pace, step: Callable[[], None], until: Callable[[float], bool], wait: Callable[[float], None] = time.sleep
+) -> None:
+    """Steps when they are due until `until(now)`; wait(seconds) may do other work, and returns when they are over or
+    before."""
+    clock = time.monotonic
+    pace.begin(clock())
+    while not until(now := clock()):
+        if (left := pace.due_s - now) > 0.0:
+            wait(left)
+            continue
+        pace.start(now)
+        step()
+        pace.end(clock())
 
 
 class Session:
     """A plant in the hands of one client. Every method takes the lock: protocols may call from any thread.
 
-    watchdog_s: without a command for so long, the torque is zero and the brake closes, as a drive does that lost its
-    master; `watchdog_brake` False leaves the brake open. Time is passed in, in seconds of any steady clock.
+    who: the client, None for this process itself, which may always. The first one that commands or sets is the
+    controller until it is silent; the others may read. watchdog_s: without a command for so long, the torque is zero
+    and the brake closes, as a drive does that lost its master; `watchdog_brake` False leaves the brake open. Time is
+    passed in, in seconds of any steady clock.
     """
 
     def __init__(
@@ -37,25 +118,29 @@ class Session:
         say: Say = lambda line: None,
     ) -> None:
         self.plant: LiveMachine = plant
-        self.step_s, self.watchdog_s = step_s, watchdog_s
-        self._watchdog_brake, self._clock, self._say_line = watchdog_brake, clock, say
+        self.step_s, self.watchdog_s, self.clock = step_s, watchdog_s, clock
+        self._watchdog_brake, self._say_line = watchdog_brake, say
         self.lock = threading.RLock()
         self.pace = Pace(step_s)
         self.counts: Counter[str] = Counter()
         self._said: dict[str, float] = {}
-        self.brake_late_s: float = 0.0
+        self.controller: str | None = None
         self.inputs, self.outputs = tables.inputs(self), tables.outputs(plant)
-        self._waits = True
-        self._halted = ""
         self._start()
 
     def _start(self) -> None:
         self.asked = self.plant.hold
         self.brake_asked: bool = False
+        self.brake_late_s: float = 0.0
         self._opens_at: float | None = None  # time of the plant
-        self._heard = self._clock()
-        self._since, self._commands, self._steps = self._clock(), 0, 0
-        self._silent = False
+        self._waits, self._silent, self._halted = True, False, ""
+        self._begin_to_count()
+
+    def _begin_to_count(self) -> None:
+        """What is counted over a second, and the time that was left out, begin with the first command."""
+        self.heard_s = self._since = self.clock()
+        self._commands, self._steps = 0, 0
+        self._skipped_before_s = self.pace.skipped_s
 
     # What a client asks for.
 
@@ -64,23 +149,41 @@ class Session:
         """What a hoist's client asked for last: torque of all motors, N m."""
         return self.asked
 
-    def command(self, value: float, brake: bool | None = None) -> bool:
-        """The input from the next step on, in its unit; brake None leaves it. False where it is no number."""
+    def take(self, who: str | None) -> None:
+        """`who` controls from now on. InputError where another client does."""
+        if who is None:
+            return
         with self.lock:
-            if not math.isfinite(value):
-                word = self.plant.kind.drive.quantity
-                self.refused("not_finite", f"{word} {value}: expected a finite number; the last {word} stays")
+            if self.controller not in (None, who) and not (self._silent or self._waits):
+                raise InputError(
+                    f"read only: {self.controller} controls the plant until it is silent for {self.watchdog_s:g} s",
+                    place=who,
+                )
+            self.controller = who
+
+    def command(self, value: float, brake: bool | None = None, who: str | None = None) -> bool:
+        """The input from the next step on, in its unit; brake None leaves it. False, and the last input stays, where it
+        is no number that the machine can bear. InputError where another client controls."""
+        with self.lock:
+            self.take(who)
+            drive = self.plant.kind.drive
+            if not abs(value) <= self.plant.most_input():
+                self.refused(
+                    "not_finite",
+                    f"{drive.quantity} {value:g}: expected a finite number, at most {self.plant.most_input():.6g} "
+                    f"{drive.unit} either way; the last {drive.quantity} stays",
+                )
                 return False
             self.asked = value
+            if self._waits:
+                self._waits = False
+                self._begin_to_count()
             self.counts["commands"] += 1
             self._commands += 1
-            self._heard = self._clock()
-            if self._waits:  # time begins: what is counted over a second does, too
-                self._waits = False
-                self._since, self._commands, self._steps = self._heard, 1, 0
+            self.heard_s = self.clock()
             if self._silent:
                 self._silent = False
-                self._say("the client is back")
+                self.say("the client is back")
             if brake is not None and brake != self.brake_asked:
                 self.ask_brake(brake)
             return True
@@ -95,25 +198,32 @@ class Session:
         with self.lock:
             self.brake_late_s = late_s
 
-    def lose_motor(self, lost: bool) -> None:
-        with self.lock:
-            self.plant.lose_motor(lost)
-
     def reset(self) -> None:
         """Back to the start; the counts go on."""
         with self.lock:
             self.plant.reset()
-            self.brake_late_s = 0.0
-            self._waits, self._halted = True, ""
             self._start()
 
-    def set(self, name: str, value: object) -> None:
-        """A point by name. InputError for a name or a value that cannot be."""
-        with self.lock:
-            tables.write(self, self.inputs, name, value)
-            self.counts["orders"] += 1
+    def set(self, name: str, value: object, who: str | None = None) -> None:
+        """A point by name. InputError for a name or a value that cannot be, and where another client controls."""
+        self.set_all({name: value}, who)
 
-    def order(self, order: object) -> dict[str, Any]:
+    def set_all(self, values: Mapping[str, object], who: str | None = None) -> None:
+        """Points by name, all or none."""
+        with self.lock:
+            checked = []
+            for name, value in values.items():
+                point = tables.point_of((*self.inputs, *self.outputs), str(name))
+                if point.write is None:
+                    raise InputError(f"'{name}' is read only", place=str(name))
+                checked.append((point.write, point.check(value)))
+            if checked:
+                self.take(who)
+            for write, number in checked:
+                write(self, number)
+                self.counts["orders"] += 1
+
+    def order(self, order: object, who: str | None = None) -> dict[str, Any]:
         """A JSON order: {"set": {name: value}}, {"get": [names]}, {"status": true}, {"points": true}; the answer."""
         known = ("set", "get", "status", "points")
         if not isinstance(order, Mapping) or not order:
@@ -123,19 +233,16 @@ class Session:
                 raise InputError(f"unknown order '{key}'; {nearest(str(key), known)}")
         answer: dict[str, Any] = {}
         with self.lock:
-            values = order.get("set", {})
+            values, everything = order.get("set", {}), (*self.outputs, *self.inputs)
             if not isinstance(values, Mapping):
                 raise InputError("expected names with values", place="set")
-            for name, value in values.items():  # all or none
-                tables.point_of(self.inputs, str(name)).check(value)
-            for name, value in values.items():
-                self.set(str(name), value)
+            wanted = order.get("get", [])
+            asked = [tables.point_of(everything, str(x)) for x in (wanted if isinstance(wanted, list) else [wanted])]
+            self.set_all(values, who)
             if values:
                 answer["set"] = sorted(map(str, values))
             if "get" in order:
-                wanted = order["get"] if isinstance(order["get"], list) else [order["get"]]
-                everything = (*self.outputs, *self.inputs)
-                answer["get"] = {str(name): tables.point_of(everything, str(name)).read(self) for name in wanted}
+                answer["get"] = {point.name: point.read(self) for point in asked}
             if order.get("status"):
                 answer["status"] = self.status()
             if order.get("points"):
@@ -143,13 +250,21 @@ class Session:
         return answer
 
     def refused(self, kind: str, line: str) -> None:
-        """Counts what was not taken, and says it, not too often."""
+        """Counts what was not taken, and says it, at most every SAID_EVERY_S for one kind."""
         with self.lock:
             self.counts[f"refused_{kind}"] += 1
-            now = self._clock()
-            if now - self._said.get(kind, -math.inf) >= SAID_EVERY_S:
-                self._said[kind] = now
-                self._say(f"{line} ({self.counts[f'refused_{kind}']} so far)")
+            self._say_rarely(kind, f"{line} ({self.counts[f'refused_{kind}']} so far)")
+
+    def say(self, line: str) -> None:
+        """A line for whoever runs the server; one that cannot be written does not end the plant."""
+        with contextlib.suppress(OSError, ValueError):
+            self._say_line(one_line(line))
+
+    def _say_rarely(self, kind: str, line: str) -> None:
+        now = self.clock()
+        if now - self._said.get(kind, -math.inf) >= SAID_EVERY_S:
+            self._said[kind] = now
+            self.say(line)
 
     # Time goes on.
 
@@ -158,33 +273,40 @@ class Session:
         with self.lock:
             if self._waits or self._halted:
                 return
-            now = self._clock()
-            if live and not self._silent and now - self._heard > self.watchdog_s:
+            now = self.clock()
+            if live and not self._silent and now - self.heard_s > self.watchdog_s:
                 self._silent = True
                 self.counts["watchdog"] += 1
                 brake = ", the brake closes" if self._watchdog_brake and self.plant.has_brake else ""
                 word = self.plant.kind.drive.quantity
-                self._say(f"the client is silent for {self.watchdog_s:g} s: {word} is zero{brake}")
+                self.say(f"the client is silent for {self.watchdog_s:g} s: {word} is zero{brake}")
             if self.brake_asked or (self._silent and self._watchdog_brake):
                 self.plant.close_brake(True)
                 if not self.brake_asked:
                     self._opens_at = self.plant.time_s + self.brake_late_s
             elif self.plant.brake_closed and (self._opens_at is None or self.plant.time_s >= self._opens_at - 1e-9):
                 self.plant.close_brake(False)
-            self.plant.step(0.0 if self._silent else self.asked)
+            self._move()
             self.counts["steps"] += 1
             self._steps += 1
-            self._judge()
             self._rate(now)
 
-    def _judge(self) -> None:
+    def _move(self) -> None:
+        """The plant's own step; whatever becomes of it, the session goes on."""
+        overloaded = self.plant.overloaded
+        try:
+            self.plant.step(0.0 if self._silent else self.asked)
+        except ArithmeticError:
+            self.plant.bounded = False
         if not self.plant.bounded:
             self._halted = "diverged"
-            self._say("the state grew without bound; the plant stands still until it is reset")
+            self.say("the state grew without bound; the plant stands still until it is reset")
         elif self.plant.off_rail:
             self._halted = "off_rail"
             height = self.plant.signals["position_carriage_m"]
-            self._say(f"the carriage left the rail at height {height:.2f} m; the plant stands still until it is reset")
+            self.say(f"the carriage left the rail at height {height:.2f} m; the plant stands still until it is reset")
+        if self.plant.overloaded and not overloaded:
+            self.say(f"a fall of wire carried more than its breaking load, at {self.plant.time_s:.3f} s of the plant")
 
     def _rate(self, now: float) -> None:
         """Whether the client sends more than is used, once a second."""
@@ -193,12 +315,14 @@ class Session:
         if self._commands > TOO_FAST * self._steps:
             self.counts["superseded"] += self._commands - self._steps
             rate = self._commands / (now - self._since)
-            if now - self._said.get("fast", -math.inf) >= SAID_EVERY_S:
-                self._said["fast"] = now
-                self._say(
-                    f"the client sends {rate:.0f} commands a second, the plant takes {1.0 / self.step_s:.0f}: "
-                    "the last one before a step counts"
-                )
+            self._say_rarely(
+                "fast",
+                f"the client sends {rate:.0f} commands a second, the plant takes {1.0 / self.step_s:.0f}: "
+                "the last one before a step counts",
+            )
+        if self.skipped_s > 0.0:
+            left_out = f"{self.skipped_s:.3f} s of the plant's time were left out so far"
+            self._say_rarely("skipped", f"this computer was too late: {left_out}")
         self._since, self._commands, self._steps = now, 0, 0
 
     # What is to be seen.
@@ -212,12 +336,17 @@ class Session:
         return self._silent
 
     @property
+    def skipped_s(self) -> float:
+        """Time of the plant that was left out since the first command."""
+        return 0.0 if self._waits else self.pace.skipped_s - self._skipped_before_s
+
+    @property
     def flags(self) -> int:
         """Bits in the order of `points.FLAGS`."""
         plant = self.plant
         told = (
             plant.brake_closed, plant.motor_lost, self._silent, plant.limited, plant.slack,
-            self._halted == "off_rail", self._waits, self._halted == "diverged",
+            self._halted == "off_rail", self._waits, self._halted == "diverged", self.skipped_s > 0.0, plant.overloaded,
         )  # fmt: skip
         return sum(1 << bit for bit, told_so in enumerate(told) if told_so)
 
@@ -226,10 +355,8 @@ class Session:
         with self.lock:
             return {
                 "machine": self.plant.machine.name,
+                "controller": self.controller,
                 "values": {point.name: point.read(self) for point in self.outputs},
                 "counts": dict(self.counts),
                 "pace": self.pace.record(),
             }
-
-    def _say(self, line: str) -> None:
-        self._say_line(line)

@@ -1,51 +1,88 @@
-"""UDP: one packet in, one packet out; docs/serve.md has their layout.
+"""UDP, version 2: one packet in, one packet out; docs/serve.md has their layout.
 
-Command, 24 bytes, little endian: "WBC1", sequence uint32, flags uint32 (bit 0: the brake holds), reserved uint32,
-the input float64: of a hoist the torque of all motors, N m.
-State, 112 bytes: "WBS1", sequence uint32, sequence of the last command uint32, flags uint32 (bits of `points.FLAGS`),
-then float64: time_s, torque_at_work_nm, the plant's nine signals, payload_kg. An axis' state is shorter or longer: its
-input at work, its own signals, and no payload.
+Command, 40 bytes, little endian: "WBC2", byte order uint32, sequence uint32, flags uint32 (bit 0: the brake holds), the
+input float64 (of a hoist the torque of all motors, N m), the token in 16 bytes, zero where none is asked for.
+State: "WBS2", byte order, sequence, sequence of the last command, flags (bits of `points.FLAGS`), steps left out, all
+uint32; then each number among the outputs as float64.
 A datagram that begins with "{" is an order in JSON (see `Session.order`), answered in JSON.
 """
 
 from __future__ import annotations
 
+import hmac
 import json
 import select
+import socket
 import struct
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
-from workbench.errors import InputError
-from workbench.serve.live import LiveMachine
-from workbench.serve.pace import run_at_pace
+from workbench.errors import InputError, one_line
 from workbench.serve.plant import SIGNALS
-from workbench.serve.ports import udp_socket
-from workbench.serve.session import Session
+from workbench.serve.session import Session, run_at_pace
 
-COMMAND = struct.Struct("<4sIIId")
-STATE = struct.Struct(f"<4sIII{len(SIGNALS) + 3}d")  # of a hoist; see `state_of`
-COMMAND_MAGIC, STATE_MAGIC = b"WBC1", b"WBS1"
+BYTE_ORDER = 0x01020304  # a sender of the other byte order writes it as 0x04030201
+COMMAND = struct.Struct("<4sIIId16s")
+STATE_HEAD = struct.Struct("<4sIIIII")
+COMMAND_MAGIC, STATE_MAGIC = b"WBC2", b"WBS2"
 BRAKE_BIT = 1
 MOST_BYTES = 65_536
-MOST_A_STEP = 1000  # datagrams that are read before a step; a flood does not stop time
+MOST_A_STEP, DRAIN_SHARE = 1000, 0.5  # datagrams, and share of a step, that are read before it: a flood stops no time
+SILENT_S = 1.0  # states stop so long after the last command: nobody is sent more than he asks for
+REMINDED_EVERY_S = 1.0  # how often a client that may only read is told so
 
 Address = tuple[str, int]
 
 
-def state_of(plant: LiveMachine) -> struct.Struct:
-    """The layout of a machine's state."""
-    return struct.Struct(f"<4sIII{len(plant.shown) + 2 + plant.carries}d")
+@dataclass(frozen=True)
+class State:
+    """What a client reads out of a packet. numbers: the outputs that are numbers, in their order."""
+
+    sequence: int
+    echo: int
+    flags: int
+    skipped_steps: int
+    numbers: tuple[float, ...]
+
+    @property
+    def time_s(self) -> float:
+        return self.numbers[0]
+
+    @property
+    def at_work(self) -> float:
+        return self.numbers[1]
+
+    @property
+    def signals(self) -> dict[str, float]:
+        """Of a hoist, by name."""
+        return dict(zip(SIGNALS, self.numbers[2:], strict=False))
+
+
+def command_packet(sequence: int, value: float, flags: int = 0, token: str = "") -> bytes:
+    return COMMAND.pack(COMMAND_MAGIC, BYTE_ORDER, sequence & 0xFFFFFFFF, flags, value, token.encode())
+
+
+def state_in(data: bytes) -> State | None:
+    """The state in a datagram, None where it is none."""
+    count, rest = divmod(len(data) - STATE_HEAD.size, 8)
+    if count < 2 or rest or data[:4] != STATE_MAGIC:
+        return None
+    _, _, sequence, echo, flags, skipped = STATE_HEAD.unpack_from(data)
+    return State(sequence, echo, flags, skipped, struct.unpack_from(f"<{count}d", data, STATE_HEAD.size))
 
 
 class UdpServer:
-    """The socket of one session. One client at a time: the first one, until it is silent."""
+    """The socket of one session. InputError where the port is taken or not ours."""
 
-    def __init__(self, session: Session, address: str, port: int, send_every: int = 1) -> None:
-        self._session, self._every, self._state = session, send_every, state_of(session.plant)
+    def __init__(self, session: Session, address: str, port: int, send_every: int = 1, token: str = "") -> None:
+        self._session, self._every, self._token = session, send_every, token.encode().ljust(16, b"\0")
+        self._numbers = [point.read for point in session.outputs if point.kind == "number"]
+        self._state = struct.Struct(f"{STATE_HEAD.format}{len(self._numbers)}d")
         self._client: Address | None = None
         self._sequence = self._echo = 0
-        self._socket = udp_socket(address, port)
+        self._reminded_s = float("-inf")
+        self._socket = bound(address, port, socket.SOCK_DGRAM)
         self.port: int = self._socket.getsockname()[1]
 
     def close(self) -> None:
@@ -61,8 +98,8 @@ class UdpServer:
         listening()
         while not until(time.monotonic()):
             if self._readable(0.05):
-                for command in self._drain():
-                    if command:
+                for commanded in self._drain():
+                    if commanded:
                         self._session.step(live=False)
                         self._send()
 
@@ -78,64 +115,93 @@ class UdpServer:
     def _tick(self) -> None:
         for _ in self._drain():
             pass
-        self._session.step()
-        if self._session.counts["steps"] % self._every == 0:
+        session = self._session
+        session.step()
+        if session.counts["steps"] % self._every == 0 and session.clock() - session.heard_s <= SILENT_S:
             self._send()
 
     def _drain(self) -> Iterator[bool]:
-        """Every waiting datagram; True for each command that was taken."""
+        """Every waiting datagram, as far as there is time; True for each command that was taken."""
+        ends = time.monotonic() + max(DRAIN_SHARE * self._session.step_s, 1e-4)
         for _ in range(MOST_A_STEP):
             try:
                 data, sender = self._socket.recvfrom(MOST_BYTES)
             except (BlockingIOError, InterruptedError):
                 return
-            except ConnectionError:  # an answer to a client that has gone
+            except OSError:  # an answer to a client that has gone
                 continue
             if data[:1] == b"{":
                 self._order(data, sender)
             else:
                 yield self._command(data, sender)
+            if time.monotonic() > ends:
+                return
 
     def _command(self, data: bytes, sender: Address) -> bool:
-        session = self._session
+        """Whether the datagram was a command, and was taken."""
+        session, who = self._session, shown(sender)
+        if data[:4] != COMMAND_MAGIC:
+            old = ": version 1 of the protocol, this is version 2" if data[:4] == b"WBC1" else ""
+            session.refused("magic", f"packet from {who} begins with {data[:4]!r}, expected {COMMAND_MAGIC!r}{old}")
+            return False
         if len(data) != COMMAND.size:
-            word = "too short" if len(data) < COMMAND.size else "too long"
-            session.refused("size", f"packet of {len(data)} bytes from {shown(sender)} is {word}: "
-                            f"expected {COMMAND.size}; it is not used")  # fmt: skip
+            word = "short" if len(data) < COMMAND.size else "long"
+            session.refused("size", f"packet of {len(data)} bytes from {who} is too {word}: expected {COMMAND.size}")
             return False
-        magic, sequence, flags, _, value = COMMAND.unpack(data)
-        if magic != COMMAND_MAGIC:
-            session.refused("magic", f"packet from {shown(sender)} begins with {magic!r}, expected {COMMAND_MAGIC!r}")
+        _, order, sequence, flags, value, token = COMMAND.unpack(data)
+        if order != BYTE_ORDER:
+            session.refused("byte_order", f"packet from {who} is not little endian: byte order {order:#010x}, expected "
+                            f"{BYTE_ORDER:#010x}; it is not used")  # fmt: skip
             return False
-        if self._client not in (None, sender) and not (session.silent or session.waits):
-            session.refused("second_client", f"{shown(sender)} is not heard: {shown(self._client)} has the plant")
+        if not self._may(token, who):
             return False
-        if not session.command(value, bool(flags & BRAKE_BIT) if session.plant.has_brake else None):
+        try:
+            taken = session.command(value, bool(flags & BRAKE_BIT) if session.plant.has_brake else None, who)
+        except InputError as error:
+            session.refused("second_client", f"{who} is not heard: {error.problem}")
+            if session.clock() - self._reminded_s >= REMINDED_EVERY_S:
+                self._reminded_s = session.clock()
+                self._answer({"error": str(error)}, sender)
             return False
-        self._client, self._echo = sender, sequence
-        return True
+        if taken:
+            self._client, self._echo = sender, sequence
+        return taken
+
+    def _may(self, token: bytes, who: str) -> bool:
+        """Whether the token fits; who has the wrong one gets no answer."""
+        if hmac.compare_digest(token, self._token) or not self._token.strip(b"\0"):
+            return True
+        self._session.refused("token", f"{who} gave the wrong token; it gets no answer")
+        return False
 
     def _order(self, data: bytes, sender: Address) -> None:
         try:
             order = json.loads(data)
-            answer = self._session.order(order)
-        except (ValueError, RecursionError) as error:
-            answer = {"error": f"is no JSON: {error}"}
+            token = str(order.pop("token", "")) if isinstance(order, dict) else ""
+            if not self._may(token.encode(errors="replace").ljust(16, b"\0"), shown(sender)):
+                return
+            answer = self._session.order(order, shown(sender))
         except InputError as error:
             answer = {"error": str(error)}
+        except (ValueError, RecursionError) as error:
+            if self._token.strip(b"\0"):
+                self._session.refused("token", f"{shown(sender)} sent what is no JSON; it gets no answer")
+                return
+            answer = {"error": one_line(f"is no JSON: {error}", 300)}
         if "error" in answer:
             self._session.refused("order", f"order from {shown(sender)}: {answer['error']}")
-        self._to(json.dumps(answer).encode(), sender)
+        self._answer(answer, sender)
+
+    def _answer(self, answer: dict[str, object], to: Address) -> None:
+        self._to(json.dumps(answer).encode(), to)
 
     def _send(self) -> None:
         if self._client is None:
             return
         session, self._sequence = self._session, (self._sequence + 1) & 0xFFFFFFFF
-        plant = session.plant
-        values = [plant.time_s, plant.at_work, *plant.signals.values()]
-        if plant.carries:
-            values.append(plant.payload_kg)
-        self._to(self._state.pack(STATE_MAGIC, self._sequence, self._echo, session.flags, *values), self._client)
+        skipped = round(session.skipped_s / session.step_s) & 0xFFFFFFFF
+        head = (STATE_MAGIC, BYTE_ORDER, self._sequence, self._echo, session.flags, skipped)
+        self._to(self._state.pack(*head, *(read(session) for read in self._numbers)), self._client)
 
     def _to(self, data: bytes, address: Address) -> None:
         try:
@@ -144,5 +210,25 @@ class UdpServer:
             self._session.counts["not_sent"] += 1
 
 
-def shown(address: Address | None) -> str:
-    return "nobody" if address is None else f"{address[0]}:{address[1]}"
+def shown(address: Address) -> str:
+    return f"{address[0]}:{address[1]}"
+
+
+def bound(address: str, port: int, kind: socket.SocketKind) -> socket.socket:
+    """A socket with its port that does not block. InputError where the port is taken or not ours."""
+    try:
+        family = socket.getaddrinfo(address, port, type=kind)[0][0]
+        made = socket.socket(family, kind)
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"address {address} is not known: {error}", place="address") from error
+    try:
+        if kind == socket.SOCK_STREAM:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((address, port))
+    except OSError as error:
+        made.close()
+        raise InputError(
+            f"port {port} of {address} is taken or not ours to use ({error.strerror}); choose another", place="port"
+        ) from error
+    made.setblocking(False)
+    return made

@@ -21,8 +21,7 @@ from itertools import count, islice
 from typing import Any
 
 from workbench.effects.loading import know
-from workbench.effects.registry import files_behind
-from workbench.effects.user_file import UserFile
+from workbench.effects.registry import UserFile, files_behind
 from workbench.errors import InputError, one_line
 from workbench.study.batch import Spread, run_chunk
 from workbench.study.load import Study
@@ -106,12 +105,19 @@ def spread_on(cluster: str, say: Say = lambda text: None) -> Iterator[Spread]:
     line when a worker falls silent, and when others take its work.
     InputError for a text that is neither, without the extra `cluster`, and where nobody answers.
     """
+    with client_on(cluster) as client:
+        yield lambda study, numbers: _while_it_lives(_chunks(client, cluster, study, numbers, say), cluster)
+
+
+@contextmanager
+def client_on(cluster: str) -> Iterator[Any]:
+    """A client of `cluster`, closed with the block; InputError as `spread_on`."""
     local = re.fullmatch(r"local:([1-9]\d{0,3})", cluster)
     if not local and not re.fullmatch(r"(tcp|tls|ucx|ws|wss)://\S+", cluster):
         raise InputError(f"'{cluster}' is no cluster; expected tcp://host:port, or local:N for N processes here")
     client = _local_client(int(local[1])) if local else _in_time(cluster)
     try:
-        yield lambda study, numbers: _while_it_lives(_chunks(client, cluster, study, numbers, say), cluster)
+        yield client
     finally:
         # Whatever goes wrong at the end is no news: what is finished is kept, and the answer is out.
         with contextlib.suppress(Exception):

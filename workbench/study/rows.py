@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from workbench.errors import InputError, nearest
+from workbench.input_file import open_input, read_input, readable_file
 from workbench.metrics import MetricSet, set_with
 from workbench.study import arrow
 
@@ -63,16 +64,14 @@ def with_payload(row: Row) -> bool:
 
 
 MANIFEST = "manifest.json"
-MOST_BYTES = 5_000_000  # of a manifest
 HASHED = ("index.parquet", "scenario.yaml", "machine.yaml")
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
     """What a folder's manifest says; None where there is none, half of one, or one of another form."""
     try:
-        with (folder / MANIFEST).open("rb") as stream:
-            said = json.loads(stream.read(MOST_BYTES))
-    except (OSError, ValueError, RecursionError):
+        said = json.loads(read_input(folder / MANIFEST, "json"))
+    except (InputError, ValueError, RecursionError):
         return None
     if not isinstance(said, dict) or not isinstance(said.get("study", ""), str):
         return None
@@ -91,16 +90,12 @@ def check_whole(folder: Path, name: str) -> None:
     file = folder / name
     if name not in said or not file.is_file():
         return
-    try:
-        same = _digest(file) == said[name]
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", file=file) from error
-    if not same:
+    if _digest(file) != said[name]:
         raise InputError(f"is not what was written, as {MANIFEST} says: the result is damaged", file=file)
 
 
 def _digest(file: Path) -> str:
-    with file.open("rb") as stream:
+    with open_input(file, "table") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
@@ -150,7 +145,7 @@ def read_table(file: Path) -> Any:
 
     try:
         # ParquetFile, since read_table imports pandas and the datasets.
-        with pq.ParquetFile(file) as index:
+        with pq.ParquetFile(readable_file(file, "table")) as index:
             if index.metadata.num_rows > MOST_ROWS or index.metadata.num_columns > MOST_COLUMNS:
                 raise InputError("is no index of a study: it has too many rows or columns", file=file)
             table = index.read(use_threads=False)

@@ -28,11 +28,10 @@ from pydantic_core import CoreSchema
 from workbench.control import SETTINGS, AnyController, Events
 from workbench.errors import InputError
 from workbench.kinds import Kind, kind_of, of_kind
+from workbench.kinds.axis import LinearDrive, RotaryDrive
+from workbench.kinds.hoist import BY_NAME, Drive
 from workbench.machine import Axis, Hoist
-from workbench.machine.axis_drive import LinearDrive, RotaryDrive
-from workbench.machine.hoist import BY_NAME, Drive
-from workbench.machine.quantities import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Speed
-from workbench.machine.record import Record
+from workbench.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Record, Speed
 from workbench.references import ReferenceKind, Step, planned_kind, planned_kinds, recorded_kinds, usual_kinds
 from workbench.study.sweep import SampleBlock, SweepBlock
 

@@ -33,6 +33,7 @@ from typing import TYPE_CHECKING, Any
 
 from workbench import __version__
 from workbench.errors import InputError
+from workbench.input_file import readable_file
 from workbench.kinds import LOOPED, looped, of_kind
 from workbench.machine import AnyKind, load_machine
 from workbench.run import Run
@@ -190,7 +191,7 @@ class SavedRuns(Mapping[str, Run]):
 
         path = self._folder / self._rows[run_id].run_id / SIGNALS
         try:
-            with pq.ParquetFile(path) as file:
+            with pq.ParquetFile(readable_file(path, "table")) as file:
                 if file.metadata.num_rows > MOST_SAMPLES:
                     raise InputError("holds more samples than a run has: the result is damaged", file=path)
                 columns = arrow.columns(file.read(use_threads=False))

@@ -22,8 +22,7 @@ from pydantic import (
 from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist, get_value
-from workbench.machine.quantities import Finite, Positive
-from workbench.machine.record import Record
+from workbench.record import Finite, Positive, Record
 from workbench.run import Array
 
 MOST_VALUES = 100_000

@@ -1,13 +1,13 @@
 """A machine watched by its logs: each cycle's estimates, and when they leave the machine's identified self.
 
-estimate.py   a cycle's parameters with standard errors, from its torque balance
-change.py     the sequential test and its threshold, by simulation
-judge.py      cycle after cycle: baseline, events that are not the machine, alarms with their likeliest cause
-trend.py      how an alarm's parameter goes on, and when it meets a limit
-store.py      what is known, on disk: every cycle once, whole or not at all
-diagnosed.py  the diagnosis of an alarm's cycles
-told_apart.py causes that a diagnosis cannot tell apart, told apart beside the healthy cycles
-arrivals.py   logs in a folder: which are complete, and what is said of them
-stream/       cycles cut out of a server's stream, written as logs
-watch.py      the loop: what has arrived, estimate, judge, diagnose, store, tell
+estimate.py  a cycle's parameters with standard errors, from its torque balance
+change.py    the healthy baseline, and the threshold of the sequential test, by simulation
+judge.py     cycle after cycle: baseline, events that are not the machine, alarms with their likeliest cause, trends
+cause.py     the diagnosis of an alarm's cycles, beside the healthy cycles and beside what earlier alarms found
+store.py     the state on disk: every cycle once, whole or not at all, and its copies
+arrivals.py  logs in a folder: which are complete, and their descriptions
+stream.py    cycles cut out of a stream of values, written as logs
+opcua.py     an OPC UA server's stream
+watch.py     the loop: what has arrived, estimate, judge, diagnose, store, tell
+fleet.py     many machines at once
 """

@@ -10,18 +10,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-from pydantic import Field
+from pydantic import ValidationError
 
 from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.log_formats import suffixes
 from workbench.logs.reading import read_run
-from workbench.logs.runs_file import Column, Entry, read_runs
+from workbench.logs.runs_file import Column, Entry, Name, read_runs
 from workbench.machine import Axis, Hoist
-from workbench.machine.quantities import Finite, Payload, Position
-from workbench.machine.record import Record
+from workbench.record import Finite, Payload, Position, Record
 from workbench.run import Run
 from workbench.yaml_strict import load, validate
 
@@ -35,15 +33,21 @@ class Beside(Record):
     payload_kg: Payload | None = None
     start_position_m: Position | None = None
     start_time_s: Finite | None = None
-    name: Annotated[str, Field(min_length=1)] | None = None
+    name: Name | None = None
 
 
 @dataclass(frozen=True)
 class Arrived:
-    """A log that is complete. entry: what is said of it; None: nothing yet."""
+    """A log that is complete. entry: its description; None: there is none yet, or a wrong one, with its problem."""
 
     file: Path
     entry: Entry | None
+    problem: str = ""
+
+    @property
+    def described(self) -> str:
+        """Changes when the description does."""
+        return self.problem if self.entry is None else self.entry.model_dump_json()
 
 
 class Arrivals:
@@ -53,14 +57,15 @@ class Arrivals:
         if not folder.is_dir():
             raise InputError("is no folder; expected one that logs come into", file=folder)
         self._folder, self._machine, self._settle_s = folder, machine, settle_s
-        self._seen: dict[Path, tuple[tuple[int, int], float]] = {}
-        self._done: dict[Path, tuple[int, int]] = {}
+        self._seen: dict[Path, tuple[tuple[int, ...], float]] = {}
+        self._done: dict[Path, tuple[int, ...]] = {}
         self.columns: Mapping[str, Column] = {}
 
     def look(self, now: float) -> tuple[list[Arrived], int]:
         """The logs that are complete and not yet `done`, in order of their names; how many still change.
 
-        InputError where runs.yaml is wrong; it may be complete at the next look.
+        InputError where runs.yaml is wrong; it may be complete at the next look. What is wrong with the file beside a
+        log is that log's problem alone.
         """
         entries = self._entries()
         complete, waiting = [], 0
@@ -71,7 +76,7 @@ class Arrivals:
                 state = file.stat()
             except OSError:  # gone again
                 continue
-            sign = state.st_size, state.st_mtime_ns
+            sign = state.st_size, state.st_mtime_ns, *self._sign_beside(file)
             if self._done.get(file) == sign:
                 continue
             if self._seen.get(file, (None, 0.0))[0] != sign:
@@ -79,12 +84,23 @@ class Arrivals:
             if now - self._seen[file][1] < self._settle_s or state.st_size == 0:
                 waiting += 1
                 continue
-            complete.append(Arrived(file, entries.get(file.name) or self._beside(file)))
+            try:
+                complete.append(Arrived(file, entries.get(file.name) or self._beside(file)))
+            except InputError as error:
+                complete.append(Arrived(file, None, str(error)))
         return complete, waiting
 
     def done(self, file: Path) -> None:
         """Not to be looked at again unless it changes."""
         self._done[file] = self._seen[file][0]
+
+    def _sign_beside(self, file: Path) -> tuple[int, ...]:
+        """A log that was set aside for what stands beside it is looked at again when that changes."""
+        try:
+            state = file.with_name(f"{file.name}.yaml").stat()
+        except OSError:
+            return ()
+        return state.st_size, state.st_mtime_ns
 
     def _entries(self) -> dict[str, Entry]:
         runs = self._folder / RUNS
@@ -99,16 +115,13 @@ class Arrivals:
         beside = file.with_name(f"{file.name}.yaml")
         if not beside.is_file():
             plain = not kind.payload and kind.start is None
-            return Entry(name=file.stem, file=file.name) if plain else None
+            return entry_of(file, file.stem) if plain else None
         said = validate(Beside, load(beside))
         if kind.payload and said.payload_kg is None:
             raise InputError("needs payload_kg, in kg and at least 0", file=beside, place="payload_kg")
         if kind.start is not None and said.start_position_m is None:
             raise InputError(f"needs start_position_m, {kind.start.said}", file=beside, place="start_position_m")
-        return Entry(
-            name=said.name or file.stem, file=file.name, payload_kg=said.payload_kg,
-            start_position_m=said.start_position_m, start_time_s=said.start_time_s,
-        )  # fmt: skip
+        return entry_of(file, said.name or file.stem, **said.model_dump(exclude={"name"}))
 
     def read(self, arrived: Arrived) -> Run:
         """The log, checked and repaired as a campaign's. InputError for what is wrong with it."""
@@ -117,3 +130,15 @@ class Arrivals:
         runs = self._folder / RUNS
         run, _ = read_run(arrived.entry, arrived.file, self._machine, wanted, self.columns, None, runs)
         return run
+
+
+def entry_of(file: Path, name: str, **said: float | None) -> Entry:
+    """InputError for what no entry of runs.yaml may be: a file's name may hold any sign."""
+    try:
+        return Entry.model_validate({"name": name, "file": file.name, **said})
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise InputError(
+            f"cannot be a run's: {first['input']!r:.60}, {first['msg']}", file=file, place=place
+        ) from error

@@ -19,7 +19,6 @@ By the affine invariance of z, h depends on m, N and the rate only.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -114,32 +113,6 @@ def _whitening(off: Array, free: int) -> Array:
     values, vectors = np.linalg.eigh(scaled.T @ scaled / free)
     keep = values > 1e-8 * values.max()
     return np.asarray((vectors[:, keep] / np.sqrt(values[keep])).T / size)
-
-
-class Detector:
-    """The test at work: z one after the other; None or how many cycles ago the change most likely began."""
-
-    def __init__(self, count: int, threshold: float) -> None:
-        self._count, self.threshold = count, threshold
-        self._recent: deque[Array] = deque(maxlen=LENGTHS[-1])
-        self.statistic = 0.0
-        self.mean: Array = np.zeros(0)
-
-    def add(self, z: Array) -> int | None:
-        self._recent.append(z)
-        self.statistic, best = 0.0, 0
-        sums = np.cumsum(np.array(self._recent)[::-1], axis=0)
-        for n in LENGTHS:
-            if n > len(sums):
-                break
-            g = 0.5 * float(sums[n - 1] @ sums[n - 1]) / n / (1.0 + n / self._count)
-            if g > self.statistic:
-                self.statistic, best = g, n
-        if self.statistic <= self.threshold:
-            return None
-        self.mean = sums[best - 1] / best
-        self._recent.clear()
-        return best
 
 
 @cache

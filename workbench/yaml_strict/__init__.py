@@ -1,8 +1,8 @@
 """Strict YAML: plain data with a line number for every place, and one-line errors."""
 
+from workbench.input_file import readable_file
 from workbench.yaml_strict.checked import problem_lines, validate
 from workbench.yaml_strict.document import Document, Place, dotted
-from workbench.yaml_strict.paths import readable_file
 from workbench.yaml_strict.reader import load, loads
 from workbench.yaml_strict.writer import dumps
 

@@ -210,7 +210,7 @@ def _expectation(field: FieldInfo | None) -> str:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Of a quantity; because: reason and hint, as `workbench.machine.quantities` declares them."""
+    """Of a quantity; because: reason and hint, as `workbench.record` declares them."""
 
     lowest: float
     highest: float

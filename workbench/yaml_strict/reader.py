@@ -14,11 +14,10 @@ from pathlib import Path
 import yaml
 
 from workbench.errors import InputError
+from workbench.input_file import read_input
 from workbench.yaml_strict.document import Document, Place, dotted
-from workbench.yaml_strict.paths import readable_file
 from workbench.yaml_strict.scalars import meaning
 
-MAX_BYTES = 5_000_000
 MAX_DEPTH = 40
 MAX_VALUES = 200_000
 _Loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
@@ -27,14 +26,8 @@ _PLAIN_TAGS = {None, "!", "tag:yaml.org,2002:str", "tag:yaml.org,2002:map", "tag
 
 def load(path: str | os.PathLike[str]) -> Document:
     """Reads a YAML file. InputError names file and line of whatever is wrong with it."""
-    file = readable_file(path)
-    try:
-        with file.open("rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=file) from error
-    if len(content) > MAX_BYTES:
-        raise InputError(f"is larger than {MAX_BYTES // 1_000_000} MB; is it a log?", file=file)
+    file = Path(path)
+    content = read_input(file, "settings")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

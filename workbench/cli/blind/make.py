@@ -27,7 +27,7 @@ import click
     multiple=True,
     default=["simulator"],
     show_default=True,
-    help="Simulator of the machines: simulator, multibody or plant; may be repeated.",
+    help="Source of the runs: simulator, multibody or plant, may be repeated; or recorded, of the campaign of --runs.",
 )
 @click.option("--kind", type=click.Choice(["hoist", "axis"]), help="Machines of one kind only.")
 @click.option("--family", multiple=True, help="Family of machines, see docs/blind.md; may be repeated.")

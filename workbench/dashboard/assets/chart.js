@@ -1,7 +1,7 @@
 // Draws a Plotly figure in place of the one that it has drawn before: what the reader has zoomed into stays.
-// data: {"figure": {data, layout}, "config": {…}, "alt": "…"} as JSON in UTF-8, or nothing: the library is loaded ahead.
+// data: {"figure": {data, layout}, "config": {…}, "alt": "…"} as JSON in UTF-8.
 
-const LIBRARY = new URL("../workbench.plotly/plotly.min.js" + new URL(import.meta.url).search, import.meta.url);
+const LIBRARY = new URL("./@PLOTLY@", document.baseURI); // a route of the dashboard's server
 const HEIGHT = 450; // px, of a figure that names none
 const FULL_SCREEN = {
   name: "Full screen",
@@ -10,13 +10,7 @@ const FULL_SCREEN = {
   click: box => (document.fullscreenElement ? document.exitFullscreen() : box.requestFullscreen()),
 };
 
-let library;
-async function plotly() {
-  const ahead = document.getElementById("plotly-library"); // the page itself may have named it
-  if (ahead) await import(ahead.href).catch(() => {});
-  if (!window.Plotly) await import(LIBRARY.href);
-  return window.Plotly;
-}
+const library = import(LIBRARY.href).then(() => window.Plotly);
 
 // One figure at a time, in the page's order; the browser shows each before it begins with the next.
 let last = Promise.resolve();
@@ -42,7 +36,7 @@ function size(box) {
 
 async function draw(box) {
   const {figure, config} = box.wanted;
-  const Plotly = await (library ??= plotly());
+  const Plotly = await library;
   if (!box.isConnected || box.wanted.figure !== figure) return; // a newer one waits its turn
   const layout = {...keepZoom(figure.layout), ...size(box), autosize: false};
   const buttons = [...(config.modeBarButtonsToAdd ?? []), FULL_SCREEN];
@@ -71,10 +65,6 @@ function boxIn(parent) {
 }
 
 export default function ({data, parentElement}) {
-  if (!data) {
-    library ??= plotly();
-    return;
-  }
   const box = parentElement.querySelector(":scope > .workbench-chart") ?? boxIn(parentElement);
   box.wanted = JSON.parse(new TextDecoder().decode(data));
   if (box.wanted.alt) box.setAttribute("aria-label", box.wanted.alt);

@@ -12,7 +12,7 @@ import numpy as np
 
 from workbench.control import PiSettings, full_pi, loop_values
 from workbench.dashboard.plant.line import Line, OtherClientError, Seen
-from workbench.engine.sampled import Step as ControllerStep
+from workbench.engine.stepped import Step as ControllerStep
 from workbench.errors import InputError
 from workbench.kinds import load_of
 from workbench.machine import Hoist

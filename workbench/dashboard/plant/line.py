@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import threading
+import time
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -12,7 +13,7 @@ from workbench.errors import InputError
 from workbench.plants import HOIST
 from workbench.serve.points import BRAKE, FLAGS, TORQUE
 from workbench.serve.session import Session
-from workbench.serve.udp import BRAKE_BIT, COMMAND, COMMAND_MAGIC, MOST_BYTES, STATE, STATE_MAGIC
+from workbench.serve.udp import BRAKE_BIT, MOST_BYTES, command_packet, state_in
 
 HERE = "127.0.0.1"  # a page reaches plants of this computer only
 ANSWERS_WITHIN_S = 1.0
@@ -100,9 +101,7 @@ class UdpLine:
     """To a plant that another process of this computer serves over UDP."""
 
     def __init__(self, port: int) -> None:
-        self._orders, self._commands = (_socket(port) for _ in range(2))
-        self._orders.settimeout(ANSWERS_WITHIN_S)
-        self._commands.setblocking(False)
+        self._line = _socket(port)  # one socket: the plant knows its controller by it
         self._port, self._sequence = port, 0
         self._one_at_a_time = threading.Lock()
         self._seen: Seen | None = None
@@ -111,9 +110,12 @@ class UdpLine:
 
     def order(self, order: dict[str, Any]) -> dict[str, Any]:
         with self._one_at_a_time:
+            ends = time.monotonic() + ANSWERS_WITHIN_S
             try:
-                self._orders.send(json.dumps(order).encode())
-                answer: dict[str, Any] = json.loads(self._orders.recv(MOST_BYTES))
+                self._line.send(json.dumps(order).encode())
+                while not (data := self._receive(ends - time.monotonic())).startswith(b"{"):
+                    pass
+                answer: dict[str, Any] = json.loads(data)
             except (OSError, ValueError) as error:
                 said = f"no plant answers over UDP on port {self._port} of this computer"
                 raise InputError(f"{said}; start one with `workbench serve`", place="port") from error
@@ -122,16 +124,25 @@ class UdpLine:
         self._brake = bool(order.get("set", {}).get(BRAKE, self._brake))
         return answer
 
+    def _receive(self, within_s: float) -> bytes:
+        """The next datagram; a state becomes the latest one. OSError where none comes."""
+        self._line.settimeout(max(within_s, 0.0))
+        data = self._line.recv(MOST_BYTES)
+        if (state := state_in(data)) is not None:
+            self._unanswered = 0
+            self._seen = Seen(state.time_s, state.at_work, state.signals, state.flags)
+        return data
+
     def seen(self) -> Seen | None:
-        while True:
+        if self._one_at_a_time.acquire(blocking=False):  # an order that waits for its answer reads the states too
             try:
-                data = self._commands.recv(MOST_BYTES)
+                while True:
+                    self._receive(0.0)
             except OSError:
-                return self._seen
-            if len(data) == STATE.size and data[:4] == STATE_MAGIC:
-                self._unanswered = 0
-                _, _, _, flags, now, torque, *rest = STATE.unpack(data)
-                self._seen = Seen(now, torque, dict(zip(SIGNALS, rest, strict=False)), flags)
+                pass
+            finally:
+                self._one_at_a_time.release()
+        return self._seen
 
     def numbers(self) -> dict[str, float]:
         read: dict[str, float] = self.order({"get": list(READ)})["get"]
@@ -143,7 +154,7 @@ class UdpLine:
             raise OtherClientError
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         try:
-            self._commands.send(COMMAND.pack(COMMAND_MAGIC, self._sequence, BRAKE_BIT * self._brake, 0, torque_nm))
+            self._line.send(command_packet(self._sequence, torque_nm, BRAKE_BIT * self._brake))
         except OSError:
             return
 

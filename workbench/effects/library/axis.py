@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from workbench.effects.declare import EffectMemory, Parameter, effect
-from workbench.effects.parameter import INEXACT
-from workbench.plants.axis import friction
+from workbench.effects.declare import INEXACT, EffectMemory, Parameter, effect
+from workbench.kinds.axis import friction
 from workbench.trace.expr import Scalar, absolute, clip, maximum, minimum, sin, where
 
 CONTACT = 2.0 * math.pi * 100.0  # rad/s, of the teeth on their flank: beyond what a diagnosis compares

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from workbench.effects.declare import Parameter, effect
-from workbench.plants.two_inertia import coupling
+from workbench.kinds.two_inertia import coupling
 from workbench.trace.expr import Scalar
 
 

@@ -80,7 +80,7 @@ def _condition(d: Diagnosis) -> Section:
 
 
 def _gap(d: Diagnosis) -> Section:
-    return Section("2. The gap", (), d.gap.sentences, [report.gap_table(d)])
+    return Section("2. The gap", (), d.gap.sentences, [report.gap_table(d), report.runs_table(d)])
 
 
 def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:

@@ -52,6 +52,11 @@ def gap_table(d: Diagnosis) -> Table:
     for name, residual, speed in (
         ("as given", g.nominal_residual_rms, g.nominal_speed_rmse_percent),
         ("refitted within tolerances", g.residual_rms, g.speed_rmse_percent),
+        *(
+            [("delivered", d.delivered.residual_rms, d.delivered.speed_rmse_percent)]
+            if d.corrected != d.refitted
+            else []
+        ),
     ):
         row = [name, figures(residual), _times(residual, g.noise_rms)]
         if g.force_rms_n is not None:
@@ -59,8 +64,23 @@ def gap_table(d: Diagnosis) -> Table:
             row.append(figures(g.force_rms_n * residual / g.residual_rms) if g.residual_rms > 0.0 else NOTHING)
         rows.append([*row, figures(speed)])
     note = (
-        "Rms while moving. Open loop: the measured input drives the model from the first sample on, so every bias adds "
-        "up; judge by the residual."
+        f"Rms while moving, as `replay --band {g.band_hz:.5g}` prints it. Open loop: the measured input drives the "
+        "model from the first sample on, so every bias adds up; judge by the residual."
+    )
+    return Table(columns, rows, note)
+
+
+def runs_table(d: Diagnosis) -> Table:
+    """Each run: its share of the gap's energy, its residual before and after, the noise."""
+    unit = unit_of(d)
+    columns = [words("run"), Column("of the gap's\nenergy", "%"), Column("before", unit), Column("after", unit),
+               Column("noise", unit)]  # fmt: skip
+    rows = [
+        [run.name, f"{100.0 * run.share:.0f}", figures(run.before), figures(run.after), figures(run.noise)]
+        for run in d.delivered.runs
+    ]
+    note = (
+        "Before: refitted within tolerances; after: the delivered machine.yaml. Rms while moving, fitted to all runs."
     )
     return Table(columns, rows, note)
 

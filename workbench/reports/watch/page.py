@@ -44,7 +44,6 @@ def write_page(watch: Watch, path: Path) -> None:
         names = [(words_of(key), unit_of(key)) for key in keys]
         marks = [alarm.cycle for alarm in first]
         learned = watch.rules.healthy if judge.baseline is not None else len(kept)
-        thresholds = [detector.threshold for detector in judge.detectors.values()]
         over_time = np.array([k.statistic for k in kept])
         sections.append(
             Section(
@@ -52,7 +51,7 @@ def write_page(watch: Watch, path: Path) -> None:
                 figures=[
                     (parameters(names, values, learned, marks, [k.counted for k in kept]),
                      "Dots: one cycle's estimate, held by the machine's tolerances. Upright lines: alarms."),
-                    (statistic(over_time, thresholds[0] if thresholds else None, marks),
+                    (statistic(over_time, judge.limit, marks),
                      f"The threshold gives one false alarm in {watch.rules.cycles_between:g} cycles of a healthy "
                      "machine, by simulation; after an alarm the test begins anew."),
                 ],

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import streamlit as st
 
-from workbench.dashboard import session
-from workbench.dashboard.campaigns import campaign_or_none, last_name
+from workbench.dashboard.campaigns import campaign_or_none, is_own, last_name
 from workbench.dashboard.jobs.job import INPUTS, Call, Job, start
 from workbench.dashboard.jobs.place import new_jobs_workspace
 from workbench.effects import effects_for
@@ -62,7 +61,7 @@ def begin(question: Asked) -> Job:
         raise InputError("choose at least one effect to weigh", place="candidates")
     campaign = question.campaign
     # A session's own files go with it: the job gets a copy. The server's stay where they are.
-    own = campaign.path.is_relative_to(session.workspace())
+    own = is_own(campaign)
     arguments = {
         "folder": f"{INPUTS}/campaign" if own else str(campaign.path.resolve()),
         "name": campaign.name,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import streamlit as st
 
 from workbench.dashboard import session
-from workbench.dashboard.campaigns import last_name, offered, prefer
+from workbench.dashboard.campaigns import last_name, offered, prefer, uploaded
 from workbench.dashboard.jobs.job import Job, jobs_of, poll
 from workbench.dashboard.jobs.place import jobs_workspace
 from workbench.dashboard.pages.gap.choose import KIND, Asked, asked, begin
@@ -26,7 +26,7 @@ SHOWN = "gap shown"
 def show() -> None:
     """Draws the page."""
     jobs = _jobs()
-    if jobs and jobs[0].title in offered():  # after a reload
+    if jobs and jobs[0].title in offered() | uploaded():  # after a reload
         prefer(jobs[0].title)
     question: Asked | None = None
     bad: InputError | None = None

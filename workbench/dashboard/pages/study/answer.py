@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
@@ -139,6 +141,8 @@ def window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
 def take_away(result: StudyResult) -> None:
     """The runs' signals and the report; each is written when it is asked for."""
     name = result.study.scenario.name
+    # Taken here: Streamlit calls the function of a download in a thread that belongs to no session.
+    folder = session.workspace()
     with st.expander("Signals and report", icon=":material/download:"), st.container(horizontal=True):
         for ending, (write, kind) in FORMS.items():
             st.download_button(
@@ -146,11 +150,14 @@ def take_away(result: StudyResult) -> None:
                 key=f"study signals {ending}", on_click="ignore",
             )  # fmt: skip
         st.download_button(
-            "Report", lambda: _report(result), f"{name}.html", "text/html", key="study report", on_click="ignore"
-        )
+            "Report", lambda: report_of(result, folder), f"{name}.html", "text/html", key="study report",
+            on_click="ignore",
+        )  # fmt: skip
 
 
-def _report(result: StudyResult) -> bytes:
-    file = session.file_in_workspace("study.html")
-    save_study_page(result, file)
-    return file.read_bytes()
+def report_of(result: StudyResult, folder: Path) -> bytes:
+    """The report's page. folder: a private one of the session."""
+    with tempfile.TemporaryDirectory(dir=folder) as own:  # each click its own: two may come at once
+        file = Path(own) / "study.html"
+        save_study_page(result, file)
+        return file.read_bytes()

@@ -29,7 +29,7 @@ from workbench.figures.pareto import pareto
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.kinds import studied
-from workbench.machine import Axis, Hoist, shipped
+from workbench.machine import Axis, Hoist, default_hoist, shipped
 from workbench.study.decide import verdict
 from workbench.study.labels import swept_axes
 from workbench.study.load import standalone_text
@@ -77,6 +77,14 @@ def show() -> None:
         _over_payload(beside_payloads(scenario, machine))
         _ramps(scenario, machine, result, sentence)
         _damping(scenario, machine)
+
+
+def run_first() -> None:
+    """The runs of the study that the page begins with, ahead of a visitor."""
+    machine = default_hoist()
+    scenario = scenario_of(Desk(), machine)
+    for run in (results, beside_payloads, beside_ramps, on_damping):
+        run(scenario, machine)
 
 
 def _axis(desk: AxisDesk, machine: Axis, bad: Sequence[InputError], head: DeltaGenerator) -> None:

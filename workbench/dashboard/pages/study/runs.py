@@ -6,11 +6,9 @@ import logging
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import cast
 
 import streamlit as st
 
-from workbench.dashboard import first_study
 from workbench.machine import Axis, Hoist
 from workbench.machine.files import machine_text
 from workbench.metrics import columns
@@ -27,14 +25,11 @@ JERKS = (0.25, 0.4, 0.63, 1.0, 1.6, 2.5, 4.0)  # of the jerk that is set
 POINTS = 5
 KEPT = 20  # studies whose signals are kept, of all sessions together
 STEP_S = 1.5e-4  # of compute, for a step of the multi-body model
-RUNS, PAYLOADS, OTHER_RAMPS, DAMPING = "runs", "payloads", "ramps", "damping"  # what the first study keeps
 LUMPED = {"plant": "lumped"}  # of the curves beside a study: dozens of runs
 
 
 def results(scenario: Scenario, machine: Hoist | Axis) -> StudyResult:
     """The scenario's runs. InputError for what cannot be run."""
-    if (known := first_study.found(RUNS, scenario, machine)) is not None:
-        return cast(StudyResult, known)
     study = plan_study(scenario, machine)
     if scenario.plant == "multibody":
         steps = sum(spec.duration_s / min(spec.step_s, spec.controller.sample_time_s) for spec in study.specs)
@@ -44,8 +39,6 @@ def results(scenario: Scenario, machine: Hoist | Axis) -> StudyResult:
 
 def beside_payloads(scenario: Scenario, machine: Hoist) -> StudyResult:
     """The same at payloads from none to the heaviest."""
-    if (known := first_study.found(PAYLOADS, scenario, machine)) is not None:
-        return cast(StudyResult, known)
     most = max(9000.0, *(scenario.payloads_kg or (0.0,)))
     study = over_payload(changed(scenario, LUMPED), machine, [most * k / (POINTS - 1) for k in range(POINTS)])
     return _run(*_values(study), study)
@@ -53,8 +46,6 @@ def beside_payloads(scenario: Scenario, machine: Hoist) -> StudyResult:
 
 def beside_ramps(scenario: Scenario, machine: Hoist | Axis) -> Sequence[Row]:
     """Other accelerations and jerks at the heaviest payload; the trapezoid has accelerations only."""
-    if (known := first_study.found(OTHER_RAMPS, scenario, machine)) is not None:
-        return cast(Sequence[Row], known)
     limits = scenario.limits.given()
     acceleration, jerk = (limits.get(name, 0.0) for name in ("acceleration_m_s2", "jerk_m_s3"))
     accelerations = [_short(acceleration * k) for k in RAMPS if acceleration]
@@ -73,8 +64,6 @@ def _short(value: float) -> float:
 
 def on_damping(scenario: Scenario, machine: Hoist | Axis) -> str | None:
     """How far the answer hangs on the damping assumed for wire or coupling; None where its runs fail."""
-    if (known := first_study.found(DAMPING, scenario, machine)) is not None:
-        return str(known)
     return _on_damping(scenario.model_dump_json(), machine_text(machine), scenario, machine)
 
 

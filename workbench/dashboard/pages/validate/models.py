@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import streamlit as st
 
-from workbench.dashboard import session
+from workbench.dashboard.campaigns import is_own
 from workbench.dashboard.jobs.job import INPUTS, Call, Job, jobs_of, poll, remove, result_folder, start, stop
 from workbench.dashboard.jobs.place import jobs_workspace, new_jobs_workspace
 from workbench.dashboard.pages.validate.models_work import SHOWN
@@ -70,7 +70,7 @@ def _begin(campaign: Campaign) -> Job:
     assert hoist is not None
     check_multibody(hoist)
     # A session's own files go with it: the job gets a copy. The server's stay where they are.
-    own = campaign.path.is_relative_to(session.workspace())
+    own = is_own(campaign)
     folder = f"{INPUTS}/campaign" if own else str(campaign.path.resolve())
     what = Call("workbench.dashboard.pages.validate.models_work:run", {"folder": folder, **_question(campaign)})
     return start(KIND, what, new_jobs_workspace(), campaign.name, {"campaign": campaign.path} if own else {})

@@ -1,0 +1,269 @@
+"""The state of a watch under what a plant does to it: wrong side files, a full disk, two at once, damaged files."""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from benchmarks.attack.watch_states import HOIST, RULES, make_state, put, short_runs
+from tests.support.commands import Commands
+from workbench.errors import InputError
+from workbench.machine import save_machine
+from workbench.watch.store import Store
+from workbench.watch.watch import Watch
+
+OPTIONS = "--settle", "0.02", "--healthy", str(RULES.healthy), "--skip-diagnosis"
+
+
+@pytest.fixture
+def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A state of 60 cycles with an alarm, and its machine."""
+    place = tmp_path_factory.mktemp("made")
+    save_machine(HOIST, place / "machine.yaml")
+    make_state(place / "state")
+    return place
+
+
+@pytest.fixture
+def place(made: Path, tmp_path: Path) -> Path:
+    shutil.copytree(made, tmp_path / "place")
+    (tmp_path / "place" / "logs").mkdir()
+    return tmp_path / "place"
+
+
+def words(place: Path, *more: object) -> list[object]:
+    return ["watch", place / "logs", "--machine", place / "machine.yaml", "--state", place / "state", *OPTIONS, *more]
+
+
+def dump(place: Path) -> list[str]:
+    with contextlib.closing(sqlite3.connect(place / "state" / "watch.sqlite")) as db:
+        return sorted(line for line in db.iterdump() if line.startswith("INSERT"))
+
+
+def one_line(err: str) -> str:
+    assert len(err.strip().splitlines()) == 1 and "Traceback" not in err, err
+    return err
+
+
+# A file beside a log.
+
+
+@pytest.mark.parametrize(
+    ("said", "reason"),
+    [
+        ('name: "a/b"\npayload_kg: 0\nstart_position_m: 9\n', "name"),
+        ("payload_kg: -1\nstart_position_m: 9\n", "payload_kg"),
+        ("payload_kg: 1\nstart_position_m: [9]\n", "start_position_m"),
+        ("payload_kg: 0\n", "needs start_position_m"),
+        ("{", "expected"),
+    ],
+)
+def test_a_log_with_a_wrong_file_beside_it_is_set_aside_and_the_watch_goes_on(
+    said: str, reason: str, place: Path, commands: Commands
+):
+    first, second = (put(place / "logs", run) for run in short_runs(2))
+    beside = first.with_name(f"{first.name}.yaml")
+    right = beside.read_text()
+    beside.write_text(said)
+    done = commands(*words(place, "--once"))
+    assert done.status == 1  # the alarm that make_state left, and that no call has told of
+    assert f"not counted: {beside}" in done.err and reason in done.err and "Traceback" not in done.err
+    names = [name for (name,) in sqlite3.connect(place / "state" / "watch.sqlite").execute("SELECT name FROM cycles")]
+    assert second.stem in names and first.stem not in names
+    again = commands(*words(place, "--once"))
+    assert again.status == 0 and "not counted" not in again.err  # it was said once
+    beside.write_text(right)
+    assert commands(*words(place, "--once")).status == 0
+    names = [name for (name,) in sqlite3.connect(place / "state" / "watch.sqlite").execute("SELECT name FROM cycles")]
+    assert first.stem in names
+
+
+def test_a_file_whose_name_can_be_no_runs_name_is_set_aside(place: Path, commands: Commands):
+    file = put(place / "logs", short_runs(1)[0])
+    for odd in ("a\nb.csv", f"{'x' * 220}.csv", "a\\b.csv"):
+        shutil.copy(file, place / "logs" / odd)
+        shutil.copy(f"{file}.yaml", place / "logs" / f"{odd}.yaml")
+    file.unlink()
+    done = commands(*words(place, "--once"))
+    assert done.status == 1 and done.err.count("not counted") == 3 and "Traceback" not in done.err
+
+
+# A full disk: a limit on the size of files stands for it, which the system keeps to as to the end of a disk.
+
+
+@contextlib.contextmanager
+def file_sizes_up_to(size: int) -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def counted(place: Path) -> int:
+    with contextlib.closing(sqlite3.connect(f"file:{place / 'state' / 'watch.sqlite'}?mode=ro", uri=True)) as db:
+        return int(db.execute("SELECT COUNT(*) FROM cycles").fetchone()[0])
+
+
+def test_on_a_full_disk_one_call_says_one_line_and_the_next_goes_on(place: Path, commands: Commands):
+    first, second = short_runs(2)
+    put(place / "logs", first)
+    assert commands(*words(place, "--once")).status == 1
+    put(place / "logs", second)
+    with file_sizes_up_to(4096):
+        done = commands(*words(place, "--once"))
+    assert done.status == 2 and "cannot be written" in done.err and "rollback" not in done.err.lower()
+    assert "Traceback" not in done.err
+    assert counted(place) == 61
+    assert commands(*words(place, "--once")).status == 0
+    assert counted(place) == 62
+
+
+def test_a_watch_on_a_full_disk_goes_on_by_itself_when_there_is_room(place: Path):
+    first, second = short_runs(2)
+    put(place / "logs", first)
+    line = [sys.executable, "-m", "workbench", *map(str, words(place, "--every", 0.1))]
+    process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    said: list[str] = []
+    listener = threading.Thread(target=lambda: said.extend(process.stderr or ()))
+    listener.start()
+    try:
+        until(lambda: counted(place) == 61 and (place / "state" / "watch.html").is_file(), process)
+        limits = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (0, limits[1]))
+        put(place / "logs", second)
+        until(lambda: any("it is tried again at each look" in line for line in said), process)
+        time.sleep(0.3)  # longer than a look: the line is said once
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, limits)
+        until(lambda: counted(place) == 62, process)
+    finally:
+        process.send_signal(signal.SIGTERM)
+    assert process.wait(60.0) == 1  # the alarm of make_state
+    listener.join()
+    lines = [line for line in said if "written" in line or "room" in line]
+    assert len(lines) == 2 and "it is tried again at each look" in lines[0] and "there is room again" in lines[1]
+
+
+def until(what: Callable[[], bool], process: subprocess.Popen[str], seconds: float = 120.0) -> None:
+    ends = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < ends and process.poll() is None
+        time.sleep(0.05)
+
+
+# Two at once.
+
+
+def test_a_second_call_waits_for_the_first_and_neither_counts_a_cycle_twice(place: Path):
+    for run in short_runs(6):
+        put(place / "logs", run)
+    line = [sys.executable, "-m", "workbench", *map(str, words(place, "--once"))]
+    both = [subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    errors = [process.communicate(timeout=300)[1] for process in both]
+    assert sorted(process.returncode for process in both) == [0, 1]  # one of them tells of the alarm
+    assert counted(place) == 66 and "Traceback" not in "".join(errors)
+
+
+def test_a_second_watch_is_told_of_the_first(place: Path):
+    said: list[str] = []
+    first = Watch(place / "logs", HOIST, place / "state", RULES)
+    with pytest.raises(InputError, match="another watch works on this state"):
+        Watch(place / "logs", HOIST, place / "state", RULES, say=said.append, wait_s=0.2)
+    first.close()
+    Watch(place / "logs", HOIST, place / "state", RULES).close()
+    assert len(said) == 1 and "waiting for it" in said[0]
+
+
+# Damage.
+
+
+def damage_a_page(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[4096:20480] = b"\x7f" * 16384
+    file.write_bytes(bytes(content))
+
+
+def damage_a_row(file: Path) -> None:
+    with contextlib.closing(sqlite3.connect(file)) as db, db:
+        db.execute("UPDATE cycles SET estimate = '{}' WHERE number = 30")
+
+
+def lose_a_cycle(file: Path) -> None:
+    with contextlib.closing(sqlite3.connect(file)) as db, db:
+        db.execute("DELETE FROM cycles WHERE number = 30")
+
+
+def lose_the_alarms(file: Path) -> None:
+    with contextlib.closing(sqlite3.connect(file)) as db, db:
+        db.execute("DELETE FROM alarms")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [damage_a_page, damage_a_row, lose_a_cycle, lose_the_alarms, lambda file: file.write_bytes(b"no store" * 99)],
+)
+def test_a_damaged_store_is_one_line_and_is_rebuilt_as_it_was(
+    damage: Callable[[Path], object], place: Path, commands: Commands
+):
+    file, whole = place / "state" / "watch.sqlite", dump(place)
+    damage(file)
+    done = commands(*words(place, "--once"))
+    assert done.status == 2
+    assert (
+        "watch.sqlite: is damaged" in one_line(done.err) and "--rebuild makes it anew from cycles.parquet" in done.err
+    )
+    rebuilt = commands(*words(place, "--once", "--rebuild"))
+    assert rebuilt.status == 1, rebuilt.err  # the alarm that no call had told of
+    kept = [line for line in whole if "refused" not in line]  # logs that were refused are looked at again
+    assert [line.replace(",0,1);", ",0,0);") for line in dump(place)] == kept
+    assert (place / "state" / "watch.sqlite.damaged").is_file()
+    assert commands(*words(place, "--once")).status == 0
+
+
+def test_what_cannot_be_rebuilt_is_one_line(place: Path, commands: Commands):
+    (place / "state" / "watch.sqlite").write_bytes(b"no store" * 99)
+    (place / "state" / "cycles.parquet").write_bytes(b"no copy")
+    done = commands(*words(place, "--once", "--rebuild"))
+    assert done.status == 2 and "cycles.parquet: is damaged too" in one_line(done.err)
+    (place / "state" / "cycles.parquet").unlink()
+    done = commands(*words(place, "--once"))
+    assert done.status == 2 and "there is no cycles.parquet to rebuild it from" in one_line(done.err)
+    other = commands(*words(place, "--once", "--healthy", 30))
+    assert other.status == 2
+
+
+def test_a_state_of_the_version_before_is_taken_over(place: Path, commands: Commands):
+    with contextlib.closing(sqlite3.connect(place / "state" / "watch.sqlite")) as db, db:
+        db.execute("ALTER TABLE alarms DROP COLUMN reported")
+        db.execute("UPDATE settings SET value = '1' WHERE name = 'format'")
+    done = commands(*words(place, "--once"))
+    assert done.status == 0 and "its cycles are judged anew" in done.err
+    store = Store(place / "state", HOIST, RULES)
+    first = store.alarms()[0]
+    assert len(store.cycles()) == 60 and first.diagnosis is not None and first.diagnosis["sentence"] == "It is so."
+    store.close()
+
+
+def test_a_reader_that_leaves_early_is_no_alarm(place: Path):
+    line = " ".join([sys.executable, "-m", "workbench", *map(str, words(place, "--once")), "2>/dev/null"])
+    done = subprocess.run(["bash", "-c", f"{line} | true; exit ${{PIPESTATUS[0]}}"], check=False)
+    assert done.returncode in (1, 2)  # 1 where all was written before the reader left
+    if done.returncode == 2:
+        assert subprocess.run(["bash", "-c", line], check=False, stdout=subprocess.DEVNULL).returncode == 1

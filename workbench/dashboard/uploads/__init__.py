@@ -1,1 +1,0 @@
-"""Files that a browser sends: their limits, and a campaign made of them."""
