@@ -11,9 +11,6 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.signal import cont2discrete, lfilter, lsim
-from workbench.study.execute.run import run_study
-from workbench.study.scenario.load import plan_study
-from workbench.study.scenario.record import Scenario
 
 from workbench.errors import InputError
 from workbench.kinds import Load, load_of
@@ -21,6 +18,9 @@ from workbench.machine import default_hoist, with_values
 from workbench.references import Limits, move_shape, planned_kind, planned_kinds
 from workbench.references.least_peak import GIVEN_AWAY, TAUT, least_peak
 from workbench.run import Array
+from workbench.study.load import plan_study
+from workbench.study.run import run_study
+from workbench.study.scenario import Scenario
 
 LIMITS = Limits(0.7, 0.6, 0.8)
 MACHINE = default_hoist()
