@@ -15,8 +15,7 @@ from tests.support.effect_machines import linear_axis
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.tune import Goal
-from workbench.consequences import Consequences, as_json, consequences_of, consequences_table, percent, small_study
-from workbench.control import PiSettings
+from workbench.consequences import Consequences, as_json, consequences_of, consequences_table, small_study
 from workbench.errors import InputError
 from workbench.figures.consequences import before_and_after
 from workbench.machine import Hoist, default_hoist, with_correction, with_values
@@ -171,11 +170,6 @@ def test_a_load_that_the_motors_no_longer_hold_is_a_row_with_its_reason_and_a_se
     assert "stays the better reference at 0 kg" in said(overloaded, "By torque peak")
 
 
-def test_a_load_that_could_be_held_all_along_is_said_the_other_way_round():
-    changes = consequences_for(default_hoist(), nominal=with_effects(payload_mass_error={"payload_scale": 4.0}))
-    assert said(changes, "At 9000 kg with either reference the move is possible now; before: holding the load takes")
-
-
 def test_a_wide_tight_stretch_makes_the_reference_indifferent_and_that_is_another_choice():
     stretch = {"peak_n": 70_000.0, "centre_m": 8.0, "width_m": 0.5}
     changes = consequences_for(with_effects(friction_position_dependent=stretch))
@@ -250,12 +244,6 @@ def test_the_json_holds_every_figure_and_null_for_what_failed(overloaded: Conseq
     assert plain["study"]["controller"]["kp_nm_s_per_rad"] == overloaded.study.controller.kp_nm_s_per_rad
 
 
-def test_nothing_to_compare_with_is_no_change_or_no_number():
-    assert percent(0.0, 0.0) == 0.0
-    assert math.isnan(percent(0.0, 1.0))
-    assert percent(-2.0, -1.0) == 50.0
-
-
 def measured(payload: float, start_m: float, by_m: float, seed: int, irregular: bool = False) -> Run:
     """A log of one move up and down, 0.5 m/s and 0.4 m/s², with a sensor's noise."""
     machine, rng = default_hoist(), np.random.default_rng(seed)
@@ -286,15 +274,6 @@ def test_the_small_study_is_that_of_the_campaigns_runs(irregular: bool):
     )
 
 
-def test_runs_at_rest_say_nothing_and_the_machines_own_moves_stand_in():
-    still = Run("still", np.arange(0.0, 5.0, 0.01), {"speed_motor_rad_s": np.zeros(500)}, 4000.0, 9.0)
-    study = small_study(default_hoist(), [still])
-    assert not study.from_runs
-    assert study.payloads_kg == (4000.0,)
-    allowed = default_hoist().motor.nominal_speed_rad_s * default_hoist().lift_m_per_rad
-    assert study.limits.speed_m_s == pytest.approx(0.9 * allowed, rel=0.01)
-
-
 def test_moves_of_a_campaign_at_the_ends_of_the_rail_stay_on_it():
     run = measured(0.0, 0.05, 24.0, 1)
     study = small_study(default_hoist(), [run])
@@ -302,33 +281,6 @@ def test_moves_of_a_campaign_at_the_ends_of_the_rail_stay_on_it():
     changes, _ = consequences_of(default_hoist(), default_hoist(), runs=[run])
     assert changes is not None
     assert all(row.ok for row in changes.rows)
-
-
-def test_a_machine_of_a_tenth_the_size_has_a_study_of_its_own_size():
-    small = with_values(
-        default_hoist(),
-        {
-            "carriage.mass_kg": 300.0,
-            "wire.segment_length_m": 6.0,
-            "motor.rotor_inertia_kg_m2": 0.05,
-            "winch.inertia_kg_m2": 4.0,
-            "guide.coulomb_hoisting_n": 225.0,
-            "guide.coulomb_lowering_n": 170.0,
-        },
-    )
-    corrected = small.model_copy(update={"effects": {"friction_viscous": {"viscous_n_s_per_m": 500.0}}})
-    changes, _ = consequences_of(small, corrected)
-    assert changes is not None
-    assert changes.study.payloads_kg == (0.0, 150.0, 300.0)
-    assert changes.study.controller.kp_nm_s_per_rad < 5.0
-    assert all(row.ok for row in changes.rows)
-
-
-def test_a_given_controller_is_kept_and_named():
-    settings = PiSettings(kp_nm_s_per_rad=40.0, ki_nm_per_rad=200.0)
-    changes = consequences_for(default_hoist(), controller=settings)
-    assert changes.study.controller == settings
-    assert "kp 40 N m s/rad, ki 200 N m/rad)" in changes.sentences[0]
 
 
 def test_it_takes_less_than_three_seconds_of_computing_once_warm(heavier: Consequences):

@@ -275,3 +275,14 @@ def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path
 def test_a_place_that_cannot_be_written_is_one_sentence(copy: Path, tmp_path: Path, run) -> None:
     done = run("report", copy, "--out", tmp_path / "nowhere" / "x.html")
     assert done.status == 2 and "the report cannot be written: No such file or directory" in done.err
+
+
+@pytest.mark.parametrize(
+    ("moves", "closes"),
+    [([{"by_m": 3.0}, {"dwell_s": 1.0}, {"to_m": 4.0}], True), ([{"by_m": 3.0}], False)],
+)
+def test_only_a_cycle_that_closes_is_said_to_be_repeatable(results, moves, closes):
+    result = read_finished(results(""))
+    scenario = {**result.scenario, "moves": moves, "start_position_m": 4.0, "events": {}}
+    said = " ".join(conclusions(replace(result, scenario=scenario)))
+    assert ("can be repeated without end" in said) == closes
