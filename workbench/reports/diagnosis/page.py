@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from workbench.consequences import consequences_table
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.records import Unknown
 from workbench.diagnose.unexplained.words import OVER
@@ -169,9 +170,7 @@ def _consequences(d: Diagnosis) -> Section:
     c = d.consequences
     if c is None:
         return Section(heading, [d.why_no_consequences or "The control study was not asked for."])
-    return Section(
-        heading, c.sentences[:1], c.sentences[1:], [report.consequences_table(c)], [(before_and_after(c), "")]
-    )
+    return Section(heading, c.sentences[:1], c.sentences[1:], [consequences_table(c)], [(before_and_after(c), "")])
 
 
 def _next_run(d: Diagnosis) -> Section:
