@@ -62,8 +62,8 @@ def command(
     """
     from workbench.cli.campaign import chosen_candidates, load_campaign
     from workbench.cli.diagnose_show import show
-    from workbench.cli.show import print_notes
     from workbench.cli.progress import stages as shown
+    from workbench.cli.show import print_notes
     from workbench.whole_folder import check_free
 
     if out is not None:
