@@ -183,7 +183,8 @@ class Panels:
                     )
             top = bottom - gap_y
         if self.one_cursor:
-            layout |= {"hovermode": "x", "hoversubplots": "axis"}
+            layout |= {"hovermode": "x unified", "hoversubplots": "axis"}  # one table of values at the cursor
+            layout["meta"]["quantities"] = [title.replace("<br>", " ") for title in self.row_titles]
         layout["annotations"] = annotations
         return go.Figure({"data": self.traces, "layout": layout})
 

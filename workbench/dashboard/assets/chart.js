@@ -74,7 +74,11 @@ async function draw(box) {
   const layout = {...keepZoom(fitting(figure, box.clientWidth)), ...size(box), autosize: false};
   box.style.height = `${layout.height}px`;
   const buttons = [...(config.modeBarButtonsToAdd ?? []), FULL_SCREEN];
-  await Plotly.react(box, figure.data, layout, {...config, modeBarButtonsToAdd: buttons});
+  const quantities = layout.meta?.quantities;
+  const data = quantities ? figure.data.map(trace => ({...trace, hoverinfo: "none", hovertemplate: null})) : figure.data;
+  if (quantities) layout.hovermode = "x"; // the values stand in a table of their own
+  await Plotly.react(box, data, layout, {...config, modeBarButtonsToAdd: buttons});
+  if (quantities && !box.reads) readOut(box);
   box.removeAttribute("data-drawing");
 }
 
@@ -84,6 +88,50 @@ function fit(box) {
   if (width <= 0 || (width === box.layout.width && height === box.layout.height)) return;
   if (box.narrow || width <= NARROW) inTurn(() => draw(box));
   else window.Plotly.relayout(box, {width, height});
+}
+
+// One cursor over all rows: a table of its values below the figure; a click sets a second cursor, another takes it away.
+function readOut(box) {
+  const frame = document.createElement("div"), table = document.createElement("table");
+  Object.assign(frame.style, {position: "sticky", bottom: 0, height: 0, zIndex: 5});
+  Object.assign(table.style, {position: "absolute", bottom: 0, right: 0, background: "var(--st-secondary-background-color)",
+    fontSize: "0.8rem", fontVariantNumeric: "tabular-nums", borderRadius: "6px", padding: "4px", pointerEvents: "none"});
+  frame.append(table);
+  box.after(frame);
+  box.reads = true;
+  const number = value => (value === undefined ? "" : Number(value.toPrecision(4)).toString().replace("-", "\u2212"));
+  const cell = (kind, text) => Object.assign(document.createElement(kind), {textContent: text});
+  const read = points => {
+    const {columns, quantities} = box.wanted.figure.layout.meta, values = {};
+    for (const point of points) {
+      const row = Math.floor((Number(point.yaxis._id.slice(1) || 1) - 1) / columns);
+      (values[point.data.name] ??= {})[row] = point.y;
+    }
+    return {x: points[0].x, values, quantities};
+  };
+  const show = now => {
+    const mark = box.mark, rows = [document.createElement("tr")];
+    const time = mark ? `${number(now.x)} s (${number(now.x - mark.x)} s)` : `${number(now.x)} s`;
+    rows[0].append(...[time, ...now.quantities].map(text => cell("th", text)));
+    for (const [name, values] of Object.entries(now.values)) {
+      const row = document.createElement("tr");
+      row.append(cell("th", name), ...now.quantities.map((_, k) => {
+        const by = mark?.values[name]?.[k] === undefined ? "" : ` (${number(values[k] - mark.values[name][k])})`;
+        return cell("td", values[k] === undefined ? "" : number(values[k]) + by);
+      }));
+      rows.push(row);
+    }
+    table.replaceChildren(...rows);
+    for (const each of table.querySelectorAll("th, td")) Object.assign(each.style, {padding: "1px 8px", textAlign: "right"});
+    table.hidden = false;
+  };
+  table.hidden = true;
+  box.on("plotly_hover", event => { box.now = read(event.points); show(box.now); });
+  box.on("plotly_unhover", () => { table.hidden = !box.mark; });
+  box.on("plotly_click", () => {
+    box.mark = box.mark ? null : box.now;
+    if (box.now) show(box.now);
+  });
 }
 
 function boxIn(parent) {
