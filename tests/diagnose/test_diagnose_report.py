@@ -37,7 +37,7 @@ from workbench.simulate.driven import Bench, pooled_rms
 
 FIXED = [
     "format", "campaign", "verdict", "effects", "ranking", "alike", "next_run", "where", "parameters",
-    "explained", "left", "places", "gap", "shrink",
+    "explained", "left", "remainder", "places", "gap", "shrink",
 ]  # fmt: skip
 SHRINK = [
     "before", "after", "noise", "unit", "band_hz", "factor", "ci95",

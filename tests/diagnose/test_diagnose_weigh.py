@@ -348,7 +348,7 @@ def test_a_listed_cause_that_the_fits_miss_is_not_said_to_be_on_no_list():
 
     def said(probability: float) -> str:
         answer = types.SimpleNamespace(word="unknown", ranking=[Hypothesis("unknown", (), probability)], weighed=())
-        return sentence_of(cast(Any, answer), cast(Any, shrink), ())
+        return sentence_of(cast(Any, answer), cast(Any, shrink), cast(Any, None), ())
 
     assert "has a cause that no effect of the library explains (probability 0.85)" in said(0.85)
     assert said(0.15).startswith("No effect of the library as it was fitted explains the gap")

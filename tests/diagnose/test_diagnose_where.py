@@ -13,18 +13,18 @@ import pytest
 from tests.support.searched_campaign import searched_in, simulated_search
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
-from workbench.diagnose.hypotheses.knobs import LOG_TIMING
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.location.gap import gap_of
 from workbench.diagnose.location.places import Placed, weighed
 from workbench.diagnose.location.profiles import Free, best_of, explain, held_out, share_of
+from workbench.diagnose.location.records import Gap
 from workbench.diagnose.location.spectrum import _taken, wave_along_the_way, wave_in_time
 from workbench.diagnose.location.survey import survey_of
 from workbench.diagnose.location.variables import Variable, forward, spacing, times, variables, way
 from workbench.diagnose.location.where import where_of
 from workbench.diagnose.location.windows import HELD, windows_of
-from workbench.diagnose.machines import corrected_machine, of_first_run, refitted_machine
+from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.effects import find
 from workbench.logs import Campaign
 from workbench.machine import Hoist, load_machine, save_machine
@@ -238,8 +238,15 @@ def test_the_same_seed_gives_the_same_place(bump: tuple[Campaign, SearchResult])
     )  # fmt: skip
 
 
+def gap_in(campaign: Campaign, search: SearchResult) -> Gap:
+    problem = search.problem
+    keys = base_knobs(problem.machine, problem.runs)
+    refitted = refitted_machine(problem, keys, search.within_tolerances)
+    return gap_of(problem, search, replay_runs(refitted, campaign.runs, problem.band_hz))
+
+
 def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Campaign, SearchResult]):
-    gap = gap_of(even[1].problem, even[1], even[0])
+    gap = gap_in(*even)
     assert not gap.significant
     assert gap.residual_rms < 1.3 * gap.noise_rms
     assert abs(gap.worst_tolerance[1]) < 3.0
@@ -248,8 +255,8 @@ def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Camp
 
 
 def test_a_gap_is_given_as_torque_as_force_on_the_carriage_and_as_speed(bump: tuple[Campaign, SearchResult]):
-    campaign, search = bump
-    gap = gap_of(search.problem, search, campaign)
+    search = bump[1]
+    gap = gap_in(*bump)
     machine = search.problem.machine
     assert isinstance(machine, Hoist)
     assert gap.significant
@@ -262,13 +269,7 @@ def test_the_refitted_machine_leaves_the_residual_of_its_fit(bump: tuple[Campaig
     problem = search.problem
     machine = refitted_machine(problem, base_knobs(problem.machine, problem.runs), search.within_tolerances)
     left = Problem(machine, campaign.runs, problem.band_hz).residuals([{}])[0]
-    # The traces that every machine has are no part of machine.yaml, nor is what a log's channels lag one another.
-    base = {
-        symbol: x
-        for symbol, x in search.within_tolerances.setting.items()
-        if "__" not in symbol and symbol != LOG_TIMING
-    }
-    assert left == pytest.approx(problem.residuals([base])[0], abs=0.02 * problem.noise)
+    assert left == pytest.approx(search.within_tolerances.residual, abs=0.02 * problem.noise)
     assert not machine.effects
 
 
@@ -285,15 +286,16 @@ def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign
     assert replayed.residual_rms_moving < 1.3 * problem.noise
 
 
-def test_what_is_each_runs_own_is_said_to_be_the_first_ones(bump: tuple[Campaign, SearchResult]):
-    search = bump[1]
+def test_a_machine_file_holds_what_is_each_runs_own(bump: tuple[Campaign, SearchResult]):
+    campaign, search = bump
     fit = search.fits[("heave",)]
     machine = corrected_machine(search.problem, base_knobs(search.problem.machine, search.problem.runs), fit)
     phases = fit.setting["heave__phase_rad"]
     assert isinstance(phases, tuple)
-    assert machine.effects["heave"]["phase_rad"] == pytest.approx(phases[0])
-    (sentence,) = of_first_run(search.problem, fit)
-    assert search.problem.runs[0].name in sentence
+    own = [machine.log.of_runs[run.name]["heave"]["phase_rad"] for run in campaign.runs]
+    assert own == pytest.approx(phases)
+    replayed = replay_runs(machine, campaign.runs, search.problem.band_hz)
+    assert replayed.residual_rms_moving == pytest.approx(fit.rms(search.problem.inputs), rel=0.03)
 
 
 PRACTICE = {
@@ -338,7 +340,7 @@ def test_an_axis_whose_viscous_friction_was_taken_out_shows_its_gap_over_the_spe
     where = where_of(search.problem, search.within_tolerances)
     assert (where.subsystem, where.regime, where.side) == ("axis", "speed", "unsaid")
     assert where.profiles[0].explains > where.profiles[1].explains
-    gap = gap_of(search.problem, search, campaign)
+    gap = gap_in(campaign, search)
     assert gap.significant
     assert gap.force_rms_n is None
     assert " N rms" in gap.sentences[0]

@@ -15,6 +15,7 @@ from tests.support.simulated_campaign import simulated_campaign
 from workbench.consequences import consequences_of
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.isolation.records import Isolability, NextRun
+from workbench.diagnose.location.gap import delivered_of
 from workbench.diagnose.location.records import Gap, Profile, Where, Window
 from workbench.diagnose.readiness.records import Condition, RunCondition
 from workbench.diagnose.records import Diagnosis
@@ -74,6 +75,7 @@ def made_diagnosis(kind: str, with_consequences: bool = False) -> Diagnosis:
         seed=0,
         condition=_condition(campaign, before),
         gap=gap,
+        delivered=delivered_of(0.5, *(replay_runs(machine, campaign.runs) for machine in (nominal, corrected))),
         where=None if kind == "no_gap" else _where(campaign, before, kind),
         candidates=_candidates(nominal, effects, gap),
         isolability=_isolability(nominal),

@@ -104,7 +104,7 @@ def diagnose(
     else:
         corrected = refitted
     replayed = refitted_replay if corrected is refitted else replay_runs(corrected, campaign.runs, problem.band_hz)
-    delivered = delivered_of(problem, refitted_replay, replayed)
+    delivered = delivered_of(problem.noise, refitted_replay, replayed)
     warnings = (*warnings, *differing(delivered))
     shrink = shrink_of(search, keys, judged.names, folds_of(search, judged.names, unknown), seed, unknown)
     say(Progress(Stage.CONSEQUENCES))
@@ -152,7 +152,7 @@ def differing(delivered: Delivered) -> list[str]:
     return [
         f"{len(delivered.runs) - 1} runs agree; {run.name} holds "
         f"{100.0 * (run.after**2 - run.noise**2) / total:.0f} % of what stays: "
-        "another machine, payload or setting? Look at it, or leave it out with --runs."
+        "another machine, payload or setting? Look at it, or leave it out."
         for run in delivered.runs
         if run.differs
     ]

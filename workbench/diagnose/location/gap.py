@@ -25,9 +25,9 @@ STRETCHED = 4.0  # tolerances: the furthest of ten honest values lies further of
 DIFFERS = 0.7  # of the energy beyond noise that stays: a run that holds so much alone is not like the others
 
 
-def delivered_of(problem: Problem, refitted: ReplayResult, corrected: ReplayResult) -> Delivered:
-    """Both machines as replayed: the numbers that the report prints are those that anybody gets with the file."""
-    noise = problem.noise
+def delivered_of(noise: float, refitted: ReplayResult, corrected: ReplayResult) -> Delivered:
+    """Both machines as replayed: the numbers that the report prints are those that anybody gets with the file. noise:
+    rms in the band, in the input's unit."""
     before = np.array([run.residual_rms_moving for run in refitted.runs])
     after = np.array([run.residual_rms_moving for run in corrected.runs])
     length = np.array([np.count_nonzero(run.balance.moving) for run in corrected.runs], dtype=float)

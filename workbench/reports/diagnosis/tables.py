@@ -64,8 +64,8 @@ def gap_table(d: Diagnosis) -> Table:
             row.append(figures(g.force_rms_n * residual / g.residual_rms) if g.residual_rms > 0.0 else NOTHING)
         rows.append([*row, figures(speed)])
     note = (
-        f"Rms while moving, as `replay --band {g.band_hz:.5g}` prints it. Open loop: the measured input drives the "
-        "model from the first sample on, so every bias adds up; judge by the residual."
+        f"Rms while moving, as `replay` prints it in a band of {g.band_hz:.5g} Hz. Open loop: the measured input "
+        "drives the model from the first sample on, so every bias adds up; judge by the residual."
     )
     return Table(columns, rows, note)
 

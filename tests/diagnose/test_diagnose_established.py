@@ -1,0 +1,121 @@
+"""What establishes a cause, and whether what is said of it can be had from the delivered machine."""
+
+from __future__ import annotations
+
+from copy import copy
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from tests.diagnose.test_diagnose_where import EMPS_RUNS
+from tests.support.searched_campaign import simulated_search
+from workbench.diagnose.diagnose import diagnose
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.error_model import ErrorModel
+from workbench.diagnose.hypotheses.fits import fit_knobs
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
+from workbench.diagnose.hypotheses.search import SearchResult
+from workbench.diagnose.location.gap import delivered_of
+from workbench.diagnose.machines import corrected_machine, refitted_machine
+from workbench.diagnose.verdict.constancy import constancies
+from workbench.effects import find
+from workbench.logs import Campaign, read_campaign
+from workbench.machine import load_machine, save_machine
+from workbench.run import Array
+from workbench.simulate.replay import replay_runs
+
+BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.5}}
+TRUE, MIMIC = "friction_position_dependent", "friction_coulomb"
+
+
+@pytest.fixture(scope="module")
+def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, SearchResult]:
+    """A tight stretch of rail, and two hypotheses: the true law, and a level that is the same everywhere."""
+    return simulated_search(tmp_path_factory.mktemp("established") / "bump", BUMP, [TRUE, MIMIC])
+
+
+def broken(search: SearchResult, name: str) -> bool:
+    problem = search.problem
+    effects = [find(name, problem.active.kind)]
+    return any(one.broken for one in constancies(problem, search.within_tolerances, search.fits[name,], effects))
+
+
+def test_a_true_law_has_one_amount_everywhere_and_a_mimic_has_not(bump: tuple[Campaign, SearchResult]):
+    assert not broken(bump[1], TRUE)
+    assert broken(bump[1], MIMIC)
+
+
+def test_the_delivered_file_gives_the_fits_residual_run_by_run(bump: tuple[Campaign, SearchResult], tmp_path: Path):
+    campaign, search = bump
+    problem, fit = search.problem, search.fits[TRUE,]
+    keys = base_knobs(problem.machine, problem.runs)
+    corrected = corrected_machine(problem, keys, fit)
+    save_machine(corrected, tmp_path / "machine.yaml")
+    replayed = replay_runs(load_machine(tmp_path / "machine.yaml"), campaign.runs, problem.band_hz)
+    refitted = refitted_machine(problem, keys, search.within_tolerances)
+    before = replay_runs(refitted, campaign.runs, problem.band_hz)
+    told = delivered_of(problem.noise, before, replay_runs(corrected, campaign.runs, problem.band_hz))
+    for j, (row, run) in enumerate(zip(told.runs, replayed.runs, strict=True)):
+        assert row.after == pytest.approx(run.residual_rms_moving, rel=1e-3)
+        mine = problem.run_of_row[: problem.inputs] == j
+        fitted = float(np.sqrt(np.mean(fit.residual[: problem.inputs][mine] ** 2)))
+        assert row.after == pytest.approx(fitted, rel=0.03)  # the fit looks at fewer samples
+    assert sum(row.share for row in told.runs) == pytest.approx(1.0)
+
+
+class WithoutRows:
+    """An error model that does not see some rows."""
+
+    def __init__(self, errors: ErrorModel, hidden: np.ndarray) -> None:
+        self._errors, self._hidden = errors, hidden
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._errors, name)
+
+    def whiten(self, rows: Array) -> Array:
+        white = self._errors.whiten(rows)
+        white[self._hidden] = 0.0
+        return white
+
+
+def test_a_run_is_held_out_of_a_fit_that_has_converged_without_it(bump: tuple[Campaign, SearchResult]):
+    """Against a plain refit, by the search's own fit, to the other runs."""
+    problem, fit = bump[1].problem, bump[1].fits[TRUE,]
+    told = held_out(problem, fit, folds_by_run(problem))
+    for run in range(len(problem.runs)):
+        hidden = problem.run_of_row == run
+        blind = copy(problem)
+        blind.errors = cast(ErrorModel, WithoutRows(problem.errors, hidden))
+        plain = fit_knobs(blind, fit.effects, fit.knobs, fit.z, 40)
+        left = float(np.sqrt(np.mean(plain.residual[: problem.inputs][hidden[: problem.inputs]] ** 2)))
+        assert told.rms(problem.inputs, run) == pytest.approx(left, rel=0.05)
+
+
+EMPS = """\
+kind: axis
+motion: linear
+mass_kg: 80.0
+gravity: {constant_n: 0.0}
+friction: {coulomb_forward_n: 20.3935, coulomb_backward_n: 20.3935, viscous_n_s_per_m: 203.5034}
+sensors: {force_offset_n: -3.1648}
+tolerances: {inertia: 0.01, coulomb: 0.05, viscous: 0.05, force_gain: 0.005, force_offset_n: 0.3}
+"""
+
+
+def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_itself(
+    shared_data: Path, tmp_path: Path
+):
+    (tmp_path / "machine.yaml").write_text(EMPS)
+    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
+    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    d = diagnose(read_campaign(tmp_path), study=False)
+    assert (d.verdict.word, d.verdict.effects) == ("named", ("inertia_error",))
+    corrected = cast(Any, d.corrected)
+    mass = corrected.mass_kg * (1.0 + corrected.effects["inertia_error"]["inertia_fraction"])
+    assert mass == pytest.approx(95.1089, rel=0.015)
+    rest = d.verdict.remainder
+    assert rest is not None and rest.relevant and 2.0 < rest.percent_of_input < 8.0
+    assert d.verdict.explained == pytest.approx(1.0 - rest.share)
+    assert rest.rms**2 == pytest.approx(d.shrink.after**2 - d.shrink.noise**2, rel=1e-6)
