@@ -89,8 +89,12 @@ def test_a_run_is_held_out_of_a_fit_that_has_converged_without_it(bump: tuple[Ca
         blind = copy(problem)
         blind.errors = cast(ErrorModel, WithoutRows(problem.errors, hidden))
         plain = fit_knobs(blind, fit.effects, fit.knobs, fit.z, 40)
+        setting = told.settings[run]
+        seen = float(np.sum(blind.errors.whiten(problem.residuals([setting])[0]) ** 2))
+        # No better fit to the other runs is found (chi²; the tolerances hold what those runs do not show).
+        assert seen < plain.objective + 0.5
         left = float(np.sqrt(np.mean(plain.residual[: problem.inputs][hidden[: problem.inputs]] ** 2)))
-        assert told.rms(problem.inputs, run) == pytest.approx(left, rel=0.05)
+        assert told.rms(problem.inputs, run) == pytest.approx(left, rel=0.12)
 
 
 EMPS = """\

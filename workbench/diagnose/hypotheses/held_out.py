@@ -13,9 +13,9 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.run import Array
 
 BLOCKS = 4  # that a single run is cut into
-PARTS = (1.0, 0.3)  # of a step
-MOST_STEPS = 12
-SETTLED = 0.05  # of the objective: a step that gains less ends the refit
+PARTS = (1.0, 0.3, 0.1)  # of a step
+MOST_STEPS = 20
+SETTLED = 0.005  # of the objective: a step that gains less ends the refit
 ROUNDING = 1e-6  # of a signature: what another run's own value adds to this one's rows
 
 
