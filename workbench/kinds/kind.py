@@ -297,7 +297,7 @@ class Load:
     drive_kg: motors and drum, as felt at the load. mass_kg: what hangs on the wire. stiffness_n_per_m: of all falls
     together, inf for a rigid machine. damping_time_s: damping over stiffness. hold_n: what carries the load, up
     positive. friction_up_n, friction_down_n: magnitudes. force_limit_n: of all motors. hangs: it pulls on a wire, which
-    cannot push. Equations: drive_kg a = u - F,
+    cannot push. top_speed_m_s: what the drive allows, 0 where nothing is stated. Equations: drive_kg a = u - F,
     mass_kg x'' = F - hold - friction with F = stiffness (z + damping_time z'), z the wire's stretch.
     """
 
@@ -310,6 +310,7 @@ class Load:
     friction_down_n: float
     force_limit_n: float
     hangs: bool = True
+    top_speed_m_s: float = 0.0
 
     @property
     def rigid(self) -> bool:
