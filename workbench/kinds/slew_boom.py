@@ -119,7 +119,13 @@ def _kind() -> Kind:
             "payload": {"mass_kg": 3000.0, "radius_m": 12.0},
             "friction": {"coulomb_forward_nm": 9e3, "coulomb_backward_nm": 8.5e3, "viscous_nm_s_per_rad": 3e4},
             "gravity": {"sine_nm": 6e3},
-            "drive": {"torque_limit_nm": 1.2e5, "nominal_torque_nm": 6e4, "top_speed_rad_s": 0.2},
+            # The encoder sits at the motor: its counts are those of a turn times the gear's ratio.
+            "drive": {
+                "torque_limit_nm": 1.2e5,
+                "nominal_torque_nm": 6e4,
+                "top_speed_rad_s": 0.2,
+                "encoder_counts_per_turn": 50_000_000,
+            },
         },
         family=("slew_boom", "axis-rotary", "axis"),
         drive=Input("torque", "N m", "nm"),
