@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.watch import Change, month
-from workbench.machine import Axis, Hoist, LinearAxis, default_hoist, get_value, with_values
+from workbench.kinds.axis import LinearAxis
+from workbench.machine import Axis, Hoist, default_hoist, get_value, with_values
 from workbench.run import Array, Run
 from workbench.serve.plant import LiveAxis
 from workbench.watch.estimate import estimate, shift

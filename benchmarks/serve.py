@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from workbench.control import PiSettings, full_pi, loop_values
-from workbench.engine.sampled import Step, observe
+from workbench.engine.stepped import Step, observe
 from workbench.machine import Axis, Hoist, default_hoist, save_machine
 from workbench.metrics import observer
 from workbench.plants import HOIST

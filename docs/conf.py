@@ -6,14 +6,13 @@ import sys
 from pathlib import Path
 
 from sphinx.application import Sphinx
-from sphinx.errors import ExtensionError
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE / "site")]
 
+from made_pages import write  # noqa: E402
+
 import workbench  # noqa: E402
-from workbench.effects.page import page as effects_page  # noqa: E402
-from workbench.reports.declared_pages import bounds_page, metrics_page, references_page  # noqa: E402
 
 project = "workbench"
 version = release = workbench.__version__
@@ -43,20 +42,8 @@ autodoc_type_aliases = {"Array": "workbench.run.Array"}
 python_maximum_signature_line_length = 90
 toc_object_entries_show_parents = "hide"
 
-# Pages that are made from declarations: the page that a reader sees is what the code says.
-MADE = {
-    "effects.md": (effects_page, "python -m workbench.effects.page > docs/effects.md"),
-    "metrics.md": (metrics_page, "python -m workbench.reports.declared_pages metrics > docs/metrics.md"),
-    "references.md": (references_page, "python -m workbench.reports.declared_pages references > docs/references.md"),
-    "bounds.md": (bounds_page, "python -m workbench.reports.declared_pages bounds > docs/bounds.md"),
-}
-
-
-def check_made_pages(app: Sphinx) -> None:
-    for name, (made, command) in MADE.items():
-        if (HERE / name).read_text(encoding="utf-8") != made():
-            raise ExtensionError(f"docs/{name} is not what the declarations say; make it anew: {command}")
+exclude_patterns = ["made"]  # what pages include, made from declarations
 
 
 def setup(app: Sphinx) -> None:
-    app.connect("builder-inited", check_made_pages)
+    app.connect("builder-inited", lambda app: write(HERE / "made"))

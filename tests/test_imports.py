@@ -184,8 +184,7 @@ def test_help_version_and_usage_errors_load_nothing_heavy(argument: str):
 
 
 OPTION = re.compile(r"(?:^|[\s'\"`(])--[a-z]")
-# Beside the command line, the page of the manual that is written from the declarations.
-NAMES_OPTIONS = {"cli", "effects/page.py"}
+NAMES_OPTIONS = {"cli"}
 
 
 def option_names(source: str) -> list[str]:

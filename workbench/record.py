@@ -103,6 +103,17 @@ class Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
 
+class LogTraits(Record):
+    """What belongs to the recording and not to the machine.
+
+    speed_late_s: by how much the logged motion is later than the logged input, s. of_runs: run -> effect -> parameters
+    that are each run's own, such as the phase of a heave.
+    """
+
+    speed_late_s: Duration = 0.0
+    of_runs: Mapping[str, Mapping[str, Mapping[str, Finite]]] = Field(default_factory=dict)
+
+
 def renamed(data: object, other: str, canonical: str) -> object:
     """A mapping with key `other` under its canonical name. Both at once is a ValueError."""
     if not isinstance(data, dict) or other not in data:

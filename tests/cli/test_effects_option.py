@@ -13,8 +13,7 @@ from tests.support.commands import Commands
 from tests.support.scenario_text import GOOD, write
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.effects import forget_users, load_effects, names
-from workbench.effects.registry import files_behind
-from workbench.effects.user_file import UserFile
+from workbench.effects.registry import UserFile, files_behind
 from workbench.machine import default_hoist, load_machine, save_machine
 from workbench.study.cluster import OtherProgram, run_remote_chunk, versions
 from workbench.study.load import load_study

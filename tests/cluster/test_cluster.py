@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -223,15 +223,6 @@ def test_the_command_runs_on_a_cluster(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert (tmp_path / "out" / "index.parquet").is_file()
-
-
-def numbers_of(spread: Callable[[Study, Sequence[int]], Iterator[tuple[int, object]]], study: Study) -> list[int]:
-    return sorted(number for number, _ in spread(study, [1, 3]))
-
-
-def test_only_the_chunks_asked_for_are_run(study: Study) -> None:
-    with spread_on("local:1") as spread:
-        assert numbers_of(spread, study) == [1, 3]
 
 
 @pytest.mark.parametrize(

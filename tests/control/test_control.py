@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from tests.support.ideal import ideal_hoist
 from workbench.control import PI, Controller, FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
 from workbench.control.pi import behind_the_wire, swing_of
-from workbench.engine.sampled import Step
+from workbench.engine.stepped import Step
 from workbench.plants import PLANTS
 
 MACHINE = ideal_hoist()

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT
 from tests.support.effect_machines import MACHINES, linear_axis
 from workbench.effects import (
     Effect,
@@ -27,10 +26,9 @@ from workbench.effects import (
     sizes_of,
 )
 from workbench.effects.declare import KINDS, problems
-from workbench.effects.page import page
 from workbench.errors import InputError
 from workbench.machine import default_hoist, load_machine, save_machine, with_values
-from workbench.plants import NO_EFFECTS, PLACES, plant_of
+from workbench.plants import PLACES
 from workbench.run import Run
 
 # The names that others rely on; see docs/formats.md.
@@ -125,11 +123,6 @@ def test_parameters_have_the_units_of_the_machine():
     assert effect.parameters[0].named("axis-rotary") == "viscous_forward_nm_s_per_rad"
 
 
-def test_nothing_chosen_is_the_plain_plant():
-    assert of(default_hoist()).effects is NO_EFFECTS
-    assert not of(default_hoist())
-
-
 def test_singles_and_pairs_share_one_kernel():
     machine = default_hoist()
     one = of(machine, {"friction_viscous": {"viscous_n_s_per_m": 2000.0}})
@@ -144,13 +137,6 @@ def test_what_is_not_said_starts_as_declared_and_what_is_not_chosen_vanishes():
     assert active.values["drum_eccentricity__phase_rad"] == 0.0
     assert active.values["payload_mass_error__payload_scale"] == 1.0
     assert active.values["friction_stribeck__stribeck_speed_m_s"] > 0.0
-
-
-def test_a_scenario_s_effect_stands_in_place_of_the_machine_s():
-    machine = default_hoist().model_copy(update={"effects": {"wire_mass": {"mass_kg_per_m": 3.0}}})
-    active = of(machine, {"wire_mass": {"mass_kg_per_m": 5.0}})
-    assert active.values["wire_mass__mass_kg_per_m"] == 5.0
-    assert of(machine).values["wire_mass__mass_kg_per_m"] == 3.0
 
 
 @pytest.mark.parametrize(
@@ -226,6 +212,13 @@ def test_a_user_s_effect_is_one_file_and_no_other_edit(tmp_path: Path):
         (OWN.replace("0.01, 0.02", "0.01, 2.0"), "starts at 2, outside 0 to 1"),
         (OWN.replace(", vanishes_at=0.0", ""), "no parameter has a value at which it vanishes"),
         (OWN.replace('"force", 0.0', '"weight", 0.0'), "no size 'weight'"),
+        (
+            OWN.replace('"force", 0.0', '"force/speed/speed/speed", 0.0'),
+            "effect downward_pull: force_n: size 'force/speed/speed/speed' divides 3 times; expected one quotient, "
+            "force/speed*speed*speed",
+        ),
+        (OWN.replace('"force", 0.0', '"force/", 0.0'), "no size ''"),
+        (OWN.replace('place={"hoist"', 'place={"hoits"'), "no kind 'hoits'; did you mean 'hoist'?"),
     ],
 )
 def test_a_file_that_is_no_good_is_refused_by_name(tmp_path: Path, text: str, said: str):
@@ -268,12 +261,3 @@ def test_an_entry_point_s_effects_are_known(monkeypatch: pytest.MonkeyPatch):
 def test_every_place_of_the_plants_is_one_that_some_effect_uses():
     used = {effect.place_on(kind) for kind in KINDS for effect in effects_for(kind).values()}
     assert set(PLACES) <= used
-
-
-def test_every_kind_of_plant_has_its_effects():
-    assert {plant_of(machine).kind for machine in MACHINES.values()} == set(KINDS)
-
-
-def test_the_page_in_the_docs_is_up_to_date():
-    said = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
-    assert said == page(), "make it anew: python -m workbench.effects.page > docs/effects.md"

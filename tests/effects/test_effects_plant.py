@@ -15,10 +15,10 @@ from workbench.effects import Active, all_off, effects_for, find, library_effect
 from workbench.effects.declare import KINDS, Effect
 from workbench.engine import kernels
 from workbench.engine.preamble import PREAMBLE
+from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.engine.statics import hang_still
-from workbench.engine.text import parameter_symbols, state_symbols
 from workbench.machine import with_values
-from workbench.plants import HOIST, NO_EFFECTS, PLANTS, Effects
+from workbench.plants import HOIST, PLANTS
 from workbench.run import Array
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 from workbench.simulate.plant_model import PlantModel
@@ -196,12 +196,6 @@ def test_a_scenario_that_an_effect_does_not_move_starts_bit_for_bit_as_the_plain
     assert q[:, 0].tolist() == plain_q and hold[0] == plain_hold
 
 
-def test_the_library_is_one_kernel_for_one_kind_of_plant():
-    machine = MACHINES["hoist"]
-    compiled = {id(of(machine, {name: at_start(name, "hoist")}).effects) for name in effects_for("hoist")}
-    assert len(compiled - {id(NO_EFFECTS)}) == 1
-
-
 def test_every_effect_on_a_sensor_gives_back_what_it_was_given_and_vanishes():
     rng = np.random.default_rng(3)
     time = np.sort(rng.uniform(0.0, 20.0, 2001))
@@ -253,10 +247,3 @@ def test_beyond_its_range_the_exponential_is_zero_or_stays_finite(elementary):
     _, _, power = elementary(np.array([-709.0, -1e9, 710.0, 1e9]))
     assert power[:2].tolist() == [0.0, 0.0]
     assert np.all(np.isfinite(power[2:])) and power[2] == power[3]
-
-
-def test_memory_stands_behind_the_speeds():
-    assert [m.symbol for m in all_off(MACHINES["hoist"]).effects.memory] == ["brake_drag__memory_z"]
-    kept = [m.symbol for m in all_off(MACHINES["axis-linear"]).effects.memory]
-    assert kept == ["presliding__memory_z", "backlash__memory_q", "backlash__memory_w"]
-    assert Effects().memory == ()

@@ -16,10 +16,9 @@ from tests.conftest import ROOT
 from tests.support.commands import Commands
 from tests.support.effect_machines import MACHINES
 from tests.support.ideal import ideal_hoist
-from tests.support.scenario_text import GOOD, write
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.control import PiSettings
-from workbench.effects import all_off, names, of
+from workbench.effects import of
 from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.machine import (
@@ -28,17 +27,14 @@ from workbench.machine import (
     load_machine,
     machine_from,
     save_machine,
-    value_names,
     with_correction,
-    with_values,
 )
 from workbench.machine.files import machine_text
-from workbench.plants import NO_EFFECTS, PLANTS, plant_of
+from workbench.plants import plant_of
 from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 from workbench.simulate.plant_model import plant_model
 from workbench.simulate.replay import simulate_replays
-from workbench.study.rows import read_rows
 from workbench.yaml_strict import loads
 
 TURN = 2.0 * np.pi
@@ -93,16 +89,6 @@ def test_a_block_comes_back_from_its_file_as_it_was(tmp_path: Path, kind: str, o
     assert f"  backward_{unit}: [-" in text and "null" not in text, "a row of numbers is one line"
 
 
-def test_a_machine_without_the_block_says_nothing_of_it():
-    assert "measured_correction" not in machine_text(HOIST)
-    assert value_names(viscous_table(HOIST)) == value_names(HOIST)
-
-
-def test_the_block_stays_when_numbers_are_changed():
-    machine = with_values(viscous_table(HOIST), {"carriage.mass_kg": 7000.0})
-    assert machine.measured_correction == viscous_table(HOIST).measured_correction
-
-
 BLOCK = """\
 measured_correction:
   over: speed_carriage_m_s
@@ -145,11 +131,6 @@ def test_the_example_of_the_docs_is_one():
     assert example is not None
     machine = machine_from(loads(machine_text(HOIST) + example[0].replace("\n    ", "\n").lstrip(), "machine.yaml"))
     assert machine.measured_correction is not None and len(machine.measured_correction.at) == 4
-
-
-def test_an_axis_takes_no_block_of_a_hoist():
-    with pytest.raises(InputError, match=r"measured_correction.over: 'position_carriage_m'.* 'position_m'"):
-        with_correction(MACHINES["axis-linear"], "position_carriage_m", "axis", [0.0, 1.0, 2.0], [1.0] * 3, [1.0] * 3)
 
 
 def test_a_load_s_torque_passes_the_motor_and_no_guide():
@@ -276,37 +257,6 @@ def test_balance_and_replay_see_the_table_as_they_see_the_effect(campaign: Path)
 # Where it is, and where it is not
 
 
-def test_without_the_block_nothing_is_added_anywhere():
-    assert of(HOIST).effects is NO_EFFECTS
-    assert not [name for name in all_off(HOIST).effects.parameters if name.startswith("measured")]
-    assert of(HOIST, {"heave": {"amplitude_m": 0.1}}).effects is all_off(HOIST).effects
-
-
-def test_with_the_block_it_stands_beside_the_effects_and_in_what_a_fit_starts_from():
-    machine = viscous_table(HOIST)
-    both = of(machine, {"heave": {"amplitude_m": 0.1}})
-    assert {*of(HOIST, {"heave": {"amplitude_m": 0.1}}).values, *of(machine).values} == set(both.values)
-    assert set(all_off(HOIST).values) < set(all_off(machine).values)
-    assert both.effects is all_off(machine).effects
-    # Other numbers in the table ask for no other kernel.
-    assert of(viscous_table(HOIST, 5)).effects is of(machine).effects is not of(viscous_table(HOIST, 33)).effects
-
-
-def test_it_is_no_effect_that_could_be_named():
-    assert "measured_correction" not in names()
-    with pytest.raises(InputError, match="unknown effect 'measured_correction'"):
-        of(HOIST, {"measured_correction": {}})
-
-
-def test_every_kind_of_plant_takes_one_in_its_tracing():
-    for kind, over, acts_on in EVERY:
-        at = points(over)
-        machine = with_correction(MACHINES[kind], over, acts_on, at, at, at)
-        model = plant_model(machine)
-        start, hold = model.starts([0.5], [0.0], [0.0], [model.values(machine, 700.0, 0.0)])
-        assert start.shape == (2 * len(PLANTS[kind].positions), 1) and np.all(np.isfinite(hold))
-
-
 @pytest.fixture
 def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
     return Commands(capsys)
@@ -330,21 +280,3 @@ def test_replay_and_identify_take_a_corrected_machine(
     assert identified.status == 0, identified.err
     kept = load_machine(tmp_path / "found" / "machine.yaml").measured_correction
     assert kept == viscous_table(HOIST).measured_correction
-
-
-def test_a_study_on_a_corrected_machine_keeps_the_block_and_differs(
-    workbench: Commands, tmp_path: Path, corrected_file: Path
-):
-    sweep = "sweep:\n  machine.carriage.mass_kg: [7000, 8000]\n"
-    for name, text in (("plain", GOOD), ("with_table", GOOD + "machine: corrected.yaml\n")):
-        ended = workbench("study", write(tmp_path, text + sweep, f"{name}.yaml"), "--out", tmp_path / name)
-        assert ended.status == 0, ended.err
-    plain, corrected = (
-        [row["rms_torque_motor_nm"] for row in read_rows(tmp_path / name)] for name in ("plain", "with_table")
-    )
-    assert len(plain) == 8 and all(a != b for a, b in zip(plain, corrected, strict=True))
-    kept = load_machine(tmp_path / "with_table" / "machine.yaml").measured_correction
-    assert kept == viscous_table(HOIST).measured_correction
-    refused = GOOD + "machine: corrected.yaml\nsweep:\n  machine.measured_correction.at: [1, 2]\n"
-    ended = workbench("study", write(tmp_path, refused, "refused.yaml"), "--out", tmp_path / "refused")
-    assert ended.status == 2 and "unknown field 'machine.measured_correction.at'" in ended.err

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from tests.support.hoist_replays import HOIST, replay, start, values
-from workbench.engine import kernels
 from workbench.plants import NO_EFFECTS, PLACES, PLANTS, Effects
 from workbench.run import Array
 from workbench.trace.emit import evaluate
@@ -82,12 +81,6 @@ def test_what_is_added_at_a_place_of_the_hoist_does_what_the_place_says(place):
     assert changed[2] - plain[2] == pytest.approx(carriage, rel=1e-9, abs=1e-9)
 
 
-def test_inertia_on_the_motor_shaft_slows_what_torque_does():
-    s, hold, p = hanging()
-    changed = traced_rates(s, hold + 50.0, p, constant_at("motor_inertia_kg_m2", 0.3))
-    assert changed[0] == pytest.approx(50.0 / (reflected_inertia(p) + 0.3))
-
-
 def test_a_more_compliant_wire_pulls_less_at_the_same_stretch():
     s, hold, p = hanging()
     k = p.E * p.A / p.L
@@ -131,37 +124,6 @@ def test_effects_at_one_place_are_summed():
     both = Effects({"motor_torque_nm": [lambda s, p: 20.0, lambda s, p: -5.0]})
     one = constant_at("motor_torque_nm", 15.0)
     assert traced_rates(s, hold, p, both) == pytest.approx(traced_rates(s, hold, p, one), abs=1e-12)
-
-
-def viscous(b: float) -> Effects:
-    return Effects({"guide_force_n": [lambda s, p: -b * s.v]})
-
-
-def even_motion() -> tuple[SimpleNamespace, Array, Array, Array]:
-    p = values()
-    s, hold = start(p, speed_motor_rad_s=60.0)
-    times = np.arange(0.0, 1.0, 0.01)
-    return p, s, times, np.full(len(times), hold + 36.0)
-
-
-def test_viscous_guide_friction_brakes_a_replay_by_its_force():
-    """Eq. 16 read from the simulated run: m a differs from the plain balance of forces by -b v."""
-    p, s, times, torques = even_motion()
-    states = replay([p], times, torques, [s], effects=viscous(4000.0))[:, :, 0]
-    plain = replay([p], times, torques, [s])[:, :, 0]
-    assert states[-1, 5] < plain[-1, 5] - 0.005
-    fine = np.linspace(0.9, 0.99, 10)  # the fast modes have gone: the speed is smooth
-    k = np.searchsorted(times, fine - 1e-9)
-    measured = np.gradient(states[:, 5], times)[k[1:-1]]
-    model = [HOIST.accelerations(0.0, x[:3], x[3:], 0.0, p)[2] - 4000.0 * x[5] / 12500.0 for x in states[k[1:-1]]]
-    assert measured == pytest.approx(model, abs=2e-4)
-
-
-def test_an_effect_that_vanishes_leaves_no_trace_in_the_kernel():
-    p, s, times, torques = even_motion()
-    plain = replay([p], times, torques, [s])
-    assert np.array_equal(replay([p], times, torques, [s], effects=viscous(0.0)), plain)
-    assert kernels.replay_kernel(HOIST, viscous(0.0), 1).call is kernels.replay_kernel(HOIST, NO_EFFECTS, 1).call
 
 
 def test_an_effect_whose_coefficient_is_zero_gives_bit_for_bit_the_plain_plant():

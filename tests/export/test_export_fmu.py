@@ -18,7 +18,7 @@ from fmpy.validation import validate_fmu
 from tests.support.commands import Commands
 from tests.support.exported_fmu import Exported, Instance
 from workbench.control import FeedForward, Notch, PiSettings, loop_values
-from workbench.engine.sampled import observe
+from workbench.engine.stepped import observe
 from workbench.errors import InputError
 from workbench.export import compile as compiling
 from workbench.export.c_text import CText, c_operation

@@ -97,7 +97,7 @@ def test_a_verb_is_its_package_too():
     import workbench.study.run as module
 
     assert callable(wb.study)
-    assert wb.study.execute.run is module  # type: ignore[attr-defined]
+    assert wb.study.run is module  # type: ignore[attr-defined]
     assert list(inspect.signature(wb.study).parameters)[:2] == ["scenario", "machine"]
 
 

@@ -123,3 +123,24 @@ def test_a_kind_that_no_effect_can_reach_is_found_out():
     motor_only = {place: what for place, what in coupled.plant.places.items() if place.startswith("axis")}
     unreached = replace(coupled, plant=replace(coupled.plant, places=motor_only))
     assert "load.inertia_kg_m2 moves the machine where no place lets an effect act" in faults(unreached)
+
+
+@EVERY
+def test_power_in_is_the_rate_of_energy_plus_dissipation(kind: Kind):
+    """u v = dE/dt + losses at random states near an even motion, by exact derivatives of the traced energy."""
+    plant, rng = kind.plant, np.random.default_rng(7)
+    p = plant.values(kind.example(), PAYLOAD_KG)
+    by = [symbol(name) for name in (*plant.positions, *plant.speeds)]
+    n = len(plant.positions)
+    energy = plant.energy(by[:n], by[n:], p)
+    for k in range(20):
+        q, y, hold = plant.start_of(1.0 + 0.2 * k, (1.0 if k % 3 else 1e-4) * rng.normal(), p)
+        q = [x * (1.0 + 1e-5 * rng.normal()) for x in q]
+        y = [v * (1.0 + 0.1 * rng.normal()) for v in y]
+        u = 1.3 * hold + rng.normal()
+        slopes = jacobian([energy], by, [*q, *y])[0]
+        rate = slopes @ np.array([*y, *plant.rates(0.0, q, y, u, p)])
+        lost = plant.dissipation(0.0, q, y, u, p)
+        assert lost >= -1e-9
+        size = np.sum(np.abs(slopes * np.array([*y, *plant.rates(0.0, q, y, u, p)]))) + abs(u * y[0]) + lost
+        assert rate == pytest.approx(u * y[0] - lost, abs=1e-9 * size)

@@ -15,7 +15,7 @@ from tests.support.effect_machines import MACHINES
 from workbench.effects import effects_for
 from workbench.identify.parameters import fittable
 from workbench.kinds import KINDS, Kind, kind_of, of_kind, studied
-from workbench.machine import Axis, Hoist, get_value, value_names
+from workbench.machine import Axis, Hoist, value_names
 from workbench.machine.files import RECORDS
 from workbench.plants import PLANTS
 from workbench.run import Run
@@ -61,17 +61,6 @@ def test_the_record_names_what_the_plant_and_the_machine_have(kind):
 
 
 @EVERY
-def test_a_base_value_has_a_deviation_of_its_tolerance(kind):
-    machine = MACHINES[kind.name]
-    for value in kind.base:
-        std = value.std(machine, largest_input=200.0)
-        assert std >= 0.0
-        if value.spread == "relative":
-            tolerance = getattr(tolerances_of(machine), value.tolerance)
-            assert std == pytest.approx(tolerance * abs(get_value(machine, value.key)))
-
-
-@EVERY
 def test_the_law_of_friction_brakes_both_ways_and_is_its_levels_beyond_standstill(kind):
     p = kind.plant.values(MACHINES[kind.name], 0.0)
     plain = type(p)(**{**vars(p), **kind.friction.off})
@@ -99,13 +88,6 @@ def test_sizes_are_positive_and_the_effects_can_be_named(kind):
     assert sizes.kind == kind.name
     assert all(sizes[name] > 0.0 for name in type(sizes).__dataclass_fields__ if name != "kind")
     assert {"friction_viscous", "friction_coulomb", "torque_offset", "speed_delay"} <= set(effects_for(kind.name))
-
-
-@EVERY
-def test_a_rigid_body_is_what_the_plant_weighs_when_nothing_yields(kind):
-    body = kind.rigid(MACHINES[kind.name], 500.0)
-    assert body.inertia > 0.0
-    assert (body.hold != 0.0) == kind.holds_load
 
 
 @EVERY

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.support.commands import Commands
 from tests.support.driven_campaign import driven, planned, write
 from tests.support.effect_machines import MACHINES
 from workbench.diagnose.readiness.checks import check_runs
 from workbench.errors import InputError
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
-from workbench.machine import get_value, load_machine, with_values
+from workbench.machine import with_values
 from workbench.run import Run
 
 NOMINAL = MACHINES["two_inertia"]
@@ -35,14 +33,6 @@ def campaign(runs: list[Run], tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("two") / "two", NOMINAL, runs)
 
 
-def test_its_replay_is_reported_as_that_of_any_axis(capsys: pytest.CaptureFixture[str], campaign: Path, tmp_path: Path):
-    done = Commands(capsys)("replay", campaign, "--out", tmp_path / "replay")
-    assert done.status == 0, done.err
-    overall = json.loads((tmp_path / "replay" / "replay.json").read_text())["overall"]
-    assert overall["torque_residual_rms_nm"] > 0.2  # the load is a tenth heavier than stated
-    assert "largest measured speed" in done.out
-
-
 def test_identification_finds_load_and_coupling_within_their_errors(campaign: Path):
     identified = identify(read_campaign(campaign))
     at = {free.key: number for number, free in enumerate(identified.fit.free)}
@@ -52,17 +42,6 @@ def test_identification_finds_load_and_coupling_within_their_errors(campaign: Pa
         assert abs(value - true) < 4.0 * error
     assert identified.after.residual_rms_moving < 1.3 * identified.after.noise_rms
     assert identified.before.residual_rms_moving > 10.0 * identified.before.noise_rms
-
-
-def test_an_identified_machine_comes_back_from_its_file(
-    capsys: pytest.CaptureFixture[str], campaign: Path, tmp_path: Path
-):
-    done = Commands(capsys)("identify", campaign, "--out", tmp_path / "found")
-    assert done.status == 0, done.err
-    machine = load_machine(tmp_path / "found" / "machine.yaml")
-    assert type(machine) is type(NOMINAL)
-    for key, true in TRUE.items():
-        assert get_value(machine, key) == pytest.approx(true, rel=0.005)
 
 
 def test_its_runs_are_fit_for_a_diagnosis(campaign: Path):

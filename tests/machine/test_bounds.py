@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, get_args
 
 import pytest
 from pydantic import BaseModel
 
+from tests.support.made_pages import made_pages
 from workbench.errors import InputError
 from workbench.machine import default_hoist
 from workbench.machine.files import RECORDS, machine_from, machine_text
 from workbench.record import LARGEST
-from workbench.reports.declared_pages import bounded, bounds_page
 from workbench.study.scenario import Scenario
 from workbench.yaml_strict import loads
-
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def boundless(record: type[BaseModel], prefix: str = "") -> Iterator[str]:
@@ -42,7 +39,7 @@ def test_no_number_may_be_anything(record):
 
 
 def test_bounds_are_wider_than_the_machine_that_ships_with_the_package():
-    known = {name: (low, high) for name, low, high, _ in bounded(type(default_hoist()))}
+    known = {name: (low, high) for name, low, high, _ in made_pages().bounded(type(default_hoist()))}
     assert len(known) > 60
     for name, (low, high) in known.items():
         value: Any = default_hoist()
@@ -71,9 +68,3 @@ def test_a_slip_of_units_is_refused_with_a_hint(line, said):
     with pytest.raises(InputError) as refused:
         machine_from(loads(text, "machine.yaml"))
     assert said in str(refused.value)
-
-
-def test_the_page_of_bounds_is_that_of_today():
-    assert (DOCS / "bounds.md").read_text(encoding="utf-8") == bounds_page(), (
-        "python -m workbench.reports.declared_pages bounds"
-    )

@@ -13,14 +13,14 @@ from click.testing import CliRunner
 from tests.metrics.test_metrics import P, trace
 from tests.support.commands import Commands
 from tests.support.dashboard_app import page
+from tests.support.made_pages import made_pages
 from tests.support.scenario_text import write
 from workbench.cli import cli
-from workbench.dashboard.pages.study.controls import START
+from workbench.dashboard.pages.study_desk import START
 from workbench.errors import InputError
 from workbench.machine import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
 from workbench.metrics.metric import largest
-from workbench.reports.declared_pages import metrics_page
 from workbench.reports.study import figures_of
 from workbench.study import tables
 from workbench.study.findings import sentences
@@ -136,8 +136,8 @@ def test_compare_shows_it_knows_which_way_is_worse_and_takes_limits(
 
 
 def test_the_docs_define_it(declared: None) -> None:
-    assert "| `peak_drum_torque_nm` | N m | lower | 10 | largest torque of the drum" in metrics_page()
-    assert "| `longest_move_s` | s | lower | 0.001 | time of the longest move" in metrics_page()
+    assert "| `peak_drum_torque_nm` | N m | lower | 10 | largest torque of the drum" in made_pages().metrics_page()
+    assert "| `longest_move_s` | s | lower | 0.001 | time of the longest move" in made_pages().metrics_page()
 
 
 def test_the_dashboard_shows_it_on_study_and_compare(declared: None) -> None:

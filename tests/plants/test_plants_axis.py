@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from workbench.engine import kernels
-from workbench.machine import LinearAxis, RotaryAxis
-from workbench.plants import PLANTS, Plant, plant_of
+from workbench.plants import PLANTS, Plant
 from workbench.run import Array
 
 LINEAR, ROTARY = PLANTS["axis-linear"], PLANTS["axis-rotary"]
@@ -83,16 +82,6 @@ def test_a_sine_load_swings_with_the_period_of_a_pendulum(amplitude_rad):
     assert np.max(np.abs(x)) <= amplitude_rad * (1.0 + 1e-6)  # no energy comes in
 
 
-def test_a_small_swing_has_the_period_of_inertia_over_load():
-    t, x, _ = move(ROTARY, {"M": 2.0, "G": 30.0}, 4.0, start=(0.001, 0.0))
-    assert x == pytest.approx(0.001 * np.cos(math.sqrt(15.0) * t), abs=1e-8)
-
-
-def test_a_linear_axis_knows_no_sine_load():
-    assert LINEAR.parameters["G"] == 0.0
-    assert "G" not in [key for key in LINEAR.parameters.values() if isinstance(key, str)]
-
-
 parameters = st.builds(
     lambda *v: SimpleNamespace(**dict(zip(FREE, v, strict=True))),
     *(st.floats(0.1, 100.0), *(st.floats(0.0, 50.0) for _ in range(3)), st.floats(1e-4, 0.1)),
@@ -107,51 +96,3 @@ def test_the_equation_is_that_of_the_formats(plant, p, x, v, u):
     sign = max(-1.0, min(1.0, v / p.v_s))
     expected = (u - p.B * v - level * sign - p.G * math.sin(x) - p.C) / p.M
     assert plant.accelerations(0.0, [x], [v], u, p)[0] == pytest.approx(expected, rel=1e-12, abs=1e-11)
-
-
-@given(p=parameters, x=st.floats(-3.0, 3.0), v=st.floats(-2.0, 2.0), u=st.floats(-100.0, 100.0))
-def test_power_in_is_the_rate_of_energy_plus_dissipation(p, x, v, u):
-    (a,) = ROTARY.accelerations(0.0, [x], [v], u, p)
-    rate = p.M * v * a + (p.G * math.sin(x) + p.C) * v  # by hand, of kinetic and load energy
-    h = 1e-5
-    numeric = (ROTARY.energy([x + h * v], [v + h * a], p) - ROTARY.energy([x - h * v], [v - h * a], p)) / (2.0 * h)
-    lost = ROTARY.dissipation(0.0, [x], [v], u, p)
-    assert lost >= 0.0
-    assert rate == pytest.approx(u * v - lost, rel=1e-9, abs=1e-8)
-    assert numeric == pytest.approx(rate, rel=1e-6, abs=1e-4)
-
-
-@BOTH
-@given(p=parameters, x=st.floats(-3.0, 3.0))
-def test_the_holding_input_holds(plant, p, x):
-    q, hold = plant.equilibrium(x, p)
-    assert plant.accelerations(0.0, q, [0.0], hold, p)[0] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_the_motion_of_a_machine_chooses_its_plant_and_fills_its_symbols():
-    linear = LinearAxis.model_validate(
-        {
-            "kind": "axis",
-            "motion": "linear",
-            "mass_kg": 95.1089,
-            "gravity": {"constant_n": 3.0},
-            "friction": {"coulomb_forward_n": 20.39, "coulomb_backward_n": 21.0, "viscous_n_s_per_m": 203.5},
-        }
-    )
-    rotary = RotaryAxis.model_validate(
-        {
-            "kind": "axis",
-            "motion": "rotary",
-            "inertia_kg_m2": 2.0,
-            "gravity": {"sine_nm": 30.0, "constant_nm": 1.0},
-            "friction": {"coulomb_forward_nm": 4.0, "coulomb_backward_nm": 5.0, "viscous_nm_s_per_rad": 6.0},
-        }
-    )
-    assert plant_of(linear) is LINEAR
-    assert plant_of(rotary) is ROTARY
-    assert vars(LINEAR.values(linear)) == {
-        "M": 95.1089, "B": 203.5, "F_f": 20.39, "F_b": 21.0, "v_s": 1e-4, "G": 0.0, "C": 3.0
-    }  # fmt: skip
-    assert vars(ROTARY.values(rotary)) == {
-        "M": 2.0, "B": 6.0, "F_f": 4.0, "F_b": 5.0, "v_s": 1e-4, "G": 30.0, "C": 1.0
-    }  # fmt: skip

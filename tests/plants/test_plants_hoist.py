@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tests.support import by_hand
-from workbench.kinds.hoist import guide_friction, pin_switch, tension
+from workbench.kinds.hoist import tension
 from workbench.machine import default_hoist, with_values
 from workbench.plants import PLANTS
 
@@ -206,18 +206,6 @@ def test_guide_friction_opposes_the_motion_with_its_own_level(speed, level, sign
     assert moving["force_guide_n"] == pytest.approx(-push)
 
 
-def test_each_friction_level_acts_in_its_own_direction_only():
-    p = values()
-    v = np.array([-0.5, 0.5])
-    stronger = SimpleNamespace(**{**vars(p), "F_up": 2.0 * p.F_up})
-    assert guide_friction(v, stronger) == pytest.approx(guide_friction(v, p) * np.array([1.0, 2.0]))
-
-
-@given(st.floats(-1.0, 1.0))
-def test_the_pin_switch_is_the_sign_linear_within_its_speed(speed):
-    assert pin_switch(speed) == (speed / 0.01 if abs(speed) < 0.01 else math.copysign(1.0, speed))
-
-
 @pytest.mark.parametrize("speed", [100.0, -100.0])
 def test_pin_friction_brakes_drum_and_sheave_by_its_closed_form(speed):
     p = values()
@@ -234,16 +222,6 @@ def test_pin_friction_brakes_drum_and_sheave_by_its_closed_form(speed):
     assert p.J_s * (rough[4] - free[4]) == pytest.approx(math.copysign(sheave, speed), rel=1e-9)  # it turns backward
 
 
-def test_wire_tension_opposes_a_hoisting_torque():
-    """Eq. 15 with its sign corrected: a tighter wire slows the motor, and holding takes positive torque."""
-    p = values()
-    s = even(0.0)
-    _, hold = HOIST.equilibrium(10.0, p)
-    tighter = [s[0] + 1.0, *s[1:]]
-    assert hold > 0.0
-    assert rates(tighter, hold, p)[3] < 0.0 < rates([s[0] - 1.0, *s[1:]], hold, p)[3]
-
-
 def test_more_torque_than_holds_hoists_and_less_lowers():
     p = values()
     s = even(0.0)
@@ -251,13 +229,6 @@ def test_more_torque_than_holds_hoists_and_less_lowers():
     J = p.n_m * p.J_m + p.J_w / p.ratio**2
     assert rates(s, hold + 10.0, p)[3] == pytest.approx(10.0 / J)
     assert rates(s, hold - 10.0, p)[3] == pytest.approx(-10.0 / J)
-
-
-def test_a_tighter_fall_turns_the_sheave_towards_itself():
-    p = values()
-    s = even(0.0)
-    tighter = [s[0] + 1.0, *s[1:]]  # fall 1 at the drum: wire moves from fall 2 to fall 1, which is negative
-    assert rates(tighter, 0.0, p)[4] < 0.0 < rates(tighter, 0.0, p)[5]
 
 
 @given(st.floats(0.0, 24.0), st.sampled_from(PAYLOADS), st.floats(-100.0, 100.0))
@@ -281,12 +252,3 @@ def test_a_slack_fall_shows_no_elastic_tension_and_only_its_own_weight_at_the_to
     shown = outputs(slack, 0.0, p)
     assert shown["tension_min_n"] == 0.0
     assert shown["tension_drum_n"] == pytest.approx(0.5 * 7850.0 * p.A * p.g * (p.L - 10.0))
-
-
-def test_every_signal_that_the_plant_names_is_shown():
-    assert list(outputs(even(10.0), 0.0, values())) == [signal.name for signal in HOIST.signals]
-
-
-@pytest.mark.parametrize(("payload", "carriage_hz"), [(0.0, 2.93), (4500.0, 2.35), (9000.0, 2.01)])
-def test_the_band_is_a_share_of_the_frequency_of_the_carriage_on_its_wire(payload, carriage_hz):
-    assert HOIST.band_hz(values(payload)) == pytest.approx(0.85 * carriage_hz, rel=3e-3)

@@ -109,18 +109,6 @@ def test_the_load_swings_at_the_anti_resonance_while_the_motor_is_held():
     assert out[:, 1, 0] == pytest.approx(0.01 * np.cos(2.0 * math.pi * LOAD_HZ * t), abs=2e-5)
 
 
-@given(p=parameters, x=angles, x_l=angles, v=speeds, v_l=speeds, u=st.floats(-10.0, 10.0))
-def test_power_in_is_the_rate_of_energy_plus_dissipation(p, x, x_l, v, v_l, u):
-    a, a_l = PLANT.accelerations(0.0, [x, x_l], [v, v_l], u, p)
-    h = 1e-6
-    later = PLANT.energy([x + h * v, x_l + h * v_l], [v + h * a, v_l + h * a_l], p)
-    before = PLANT.energy([x - h * v, x_l - h * v_l], [v - h * a, v_l - h * a_l], p)
-    lost = PLANT.dissipation(0.0, [x, x_l], [v, v_l], u, p)
-    assert lost >= -1e-12
-    size = 1.0 + abs(u * v) + lost + p.k * 0.4 * (abs(v) + abs(v_l))
-    assert (later - before) / (2.0 * h) == pytest.approx(u * v - lost, abs=1e-4 * size)
-
-
 @given(p=parameters, x=angles)
 def test_the_holding_input_holds_with_play_and_without(p, x):
     q, hold = PLANT.equilibrium(x, p)

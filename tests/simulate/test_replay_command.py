@@ -16,16 +16,11 @@ from tests.support.commands import Commands
 from tests.support.log_campaign import AXIS, csv_text
 from tests.support.simulated_campaign import PAYLOADS, TORQUE_NOISE_NM, simulated_campaign, true_machine
 from workbench.errors import InputError
-from workbench.figures.style import LINES
-from workbench.json_records import rounded
 from workbench.logs import read_campaign
 from workbench.machine import default_hoist, save_machine, with_values
-from workbench.reports.numbers import change_percent, figures, with_error
-from workbench.reports.replay import page as replay_page
-from workbench.reports.replay.report import sentences, to_json
-from workbench.simulate.band import check_band
+from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import replay_runs
-from workbench.whole_folder import whole_folder, write_json
+from workbench.whole_folder import whole_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -70,13 +65,6 @@ def test_a_lack_of_friction_shows_as_the_torque_it_takes(workbench: Commands, ca
     assert overall["speed_rmse_percent_restarted_2s"] < overall["speed_rmse_percent"]
 
 
-def test_a_residual_above_the_noise_leads_to_identify_and_diagnose(workbench: Commands, campaign: Path, tmp_path: Path):
-    said = " ".join(workbench("replay", campaign).out.split())
-    assert "`workbench identify` fits the values, `workbench diagnose` names what the model lacks." in said
-    save_machine(true_machine(), tmp_path / "true.yaml")
-    assert "diagnose" not in workbench("replay", campaign, "--machine", tmp_path / "true.yaml").out
-
-
 def test_replay_json_has_the_keys_of_the_format(workbench: Commands, campaign: Path, tmp_path: Path):
     workbench("replay", campaign, "--out", tmp_path / "out")
     said = read_json(tmp_path / "out" / "replay.json")
@@ -90,20 +78,6 @@ def test_replay_json_has_the_keys_of_the_format(workbench: Commands, campaign: P
         assert all(np.isfinite(value) for key, value in part.items() if key != "name")
 
 
-def test_the_overall_figures_are_over_all_samples_of_all_runs(campaign: Path):
-    read = read_campaign(campaign)
-    result = replay_runs(read.machine, read.runs)
-    errors = [r.simulated["speed_motor_rad_s"] - r.balance.run["speed_motor_rad_s"] for r in result.runs]
-    rmse = 100.0 * np.sqrt(np.mean(np.concatenate(errors) ** 2)) / default_hoist().motor.nominal_speed_rad_s
-    assert to_json(read, result)["overall"]["speed_rmse_percent"] == pytest.approx(rmse, rel=1e-5)
-
-
-def test_table_has_a_line_a_run_within_80_columns(workbench: Commands, campaign: Path):
-    lines = workbench("replay", campaign).out.splitlines()
-    assert [line.split()[0] for line in lines[3:7]] == ["empty", "half", "full", "all"]
-    assert max(len(line) for line in lines[:7]) < 80
-
-
 def test_chosen_runs_are_replayed_alone_as_among_the_others(workbench: Commands, campaign: Path, tmp_path: Path):
     workbench("replay", campaign, "--out", tmp_path / "all", "--band", "1.5")
     workbench("replay", campaign, "--out", tmp_path / "two", "--band", "1.5", "--runs", "half,full")
@@ -112,45 +86,6 @@ def test_chosen_runs_are_replayed_alone_as_among_the_others(workbench: Commands,
     for run, same in zip(two["runs"], everything["runs"][1:], strict=True):
         assert run["speed_rmse_percent"] == pytest.approx(same["speed_rmse_percent"], rel=1e-4)
         assert run["torque_residual_rms_nm"] == pytest.approx(same["torque_residual_rms_nm"], rel=1e-3)
-
-
-def test_the_page_shows_the_papers_figures_and_the_residual(workbench: Commands, campaign: Path, tmp_path: Path):
-    workbench("replay", campaign, "--out", tmp_path / "out")
-    page = (tmp_path / "out" / "replay.html").read_text(encoding="utf-8")
-    assert page.count('class="plotly-graph-div"') == 3
-    assert "<script src=" not in page
-    titles = ("Measured motor torque", "Measured and simulated speed", "Torque residual", "Replay of campaign lifts")
-    assert all(title in page for title in titles)
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["replay.html", "replay.json"]
-
-
-def test_figures_carry_what_was_replayed(campaign: Path):
-    read = read_campaign(campaign)
-    result = replay_runs(read.machine, read.runs)
-    speeds = replay_page.speeds(read.machine, result)
-    fastest = 100.0 * max(float(r.simulated["speed_motor_rad_s"].max()) for r in result.runs) / 157.1
-    shown = [trace for trace in speeds.data if trace.name == "simulated"]
-    assert len(shown) == 3
-    assert {trace.line.color for trace in shown} == {LINES["simulated"][0]}
-    assert max(trace.y.max() for trace in shown) == pytest.approx(fastest, rel=1e-3)
-    rests = [s for s in replay_page.residuals(read.machine, result).layout.shapes if s.type == "rect"]
-    first = [s for s in rests if s.xref == "x"]
-    still = result.runs[0].balance
-    assert sum(s.x1 - s.x0 for s in first) == pytest.approx(16.0 * (1.0 - still.moving.mean()), abs=0.1)
-
-
-def test_the_reading_of_the_logs_is_noted_briefly(workbench: Commands, campaign: Path, tmp_path: Path):
-    runs = campaign / "runs.yaml"
-    silent = tmp_path / "silent"
-    silent.mkdir()
-    for name in ("machine.yaml", "runs"):
-        (silent / name).symlink_to(campaign / name)
-    text = "\n".join(line.split(", start_time_s")[0] + "}" for line in runs.read_text().splitlines()[1:])
-    (silent / "runs.yaml").write_text(f"runs:\n{text}\n")
-    done = workbench("replay", silent)
-    assert "Notes on the logs:" in done.out
-    assert "when it began" in done.out
-    assert "Notes" not in workbench("replay", campaign).out
 
 
 def axis_campaign(folder: Path, *, speed_logged: bool) -> Path:
@@ -262,12 +197,6 @@ def test_a_full_disk_leaves_no_folder(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_cannot_be_said_in_json_is_refused_and_leaves_no_folder(tmp_path: Path):
-    with pytest.raises(ValueError, match="JSON"), whole_folder(tmp_path / "out") as hidden:
-        write_json(hidden / "a.json", {"x": float("nan")})
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_whole_folder_stands_under_its_name_only_when_the_block_ends(tmp_path: Path):
     with whole_folder(tmp_path / "deep" / "out") as hidden:
         (hidden / "a").write_text("1")
@@ -292,49 +221,6 @@ def test_an_identified_machine_is_compared_in_its_own_band(campaign: Path):
     known = machine.model_copy(update={"identified": {"band_hz": 1.25}})
     assert replay_runs(known, read.runs).band_hz == 1.25
     assert replay_runs(machine, read.runs).band_hz != 1.25
-
-
-def test_sentences_say_when_nothing_moves(campaign: Path):
-    read = read_campaign(campaign)
-    result = replay_runs(read.machine, read.runs)
-    from dataclasses import replace
-
-    still = replace(result, residual_rms_moving=float("nan"))
-    assert "never moves" in " ".join(sentences(read.machine, still))
-    assert to_json(read, still)["overall"]["torque_residual_rms_moving_nm"] is None
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "shown"),
-    [
-        (7651.015, 355.66, ("7650", "360")),
-        (0.026227, 0.000254, ("0.02623", "0.00025")),
-        (8.9013831e10, 2.62e9, ("89.0e9", "2.6e9")),
-        (-8.4806, 0.97, ("-8.48", "0.97")),
-        (1e-5, 2e-7, ("10.00e-6", "0.20e-6")),
-        (20.0, 0.0, ("20", "–")),
-        (20.49, 0.9996, ("20.5", "1.0")),
-        (0.062677, 0.0, ("0.06268", "–")),
-        (0.0, 0.5, ("0.00", "0.50")),
-    ],
-)
-def test_a_value_is_shown_to_its_errors_second_digit(value: float, error: float, shown: tuple[str, str]):
-    assert with_error(value, error) == shown
-
-
-def test_a_number_that_rounds_up_to_the_next_power_of_ten_has_no_digit_too_many():
-    assert [figures(x) for x in (9.99999, 0.99999, 99.96, -0.09999, 0.00099999)] == [
-        "10.0", "1.00", "100", "-0.100", "0.00100",
-    ]  # fmt: skip
-
-
-def test_numbers_are_shown_with_the_digits_asked_for():
-    assert [figures(x) for x in (0.0, 0.53198, 16.394, 1234.5, 1e11, float("nan"))] == [
-        "0", "0.532", "16.4", "1234", "100e9", "–",
-    ]  # fmt: skip
-    assert [change_percent(*pair) for pair in ((0.0, 3.0), (100.0, 99.99), (-2.0, -1.0))] == ["–", "0.0", "+50.0"]
-    assert rounded(1.23456789) == 1.23457
-    assert rounded(float("inf")) is None
 
 
 def test_the_command_runs_as_a_process_of_its_own(campaign: Path, tmp_path: Path):

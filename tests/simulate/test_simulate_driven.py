@@ -15,7 +15,6 @@ from workbench.simulate.replay import replay_runs
 
 MACHINE = default_hoist()
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
-SPEEDS = {"fast": 100.0, "slow": 30.0}
 
 
 def reference(top: float, end_s: float) -> np.ndarray:
@@ -84,13 +83,6 @@ def test_a_bench_of_runs_of_unequal_length_balances_each_as_alone(runs):
         assert np.array_equal(together.moving, alone.moving)
 
 
-def test_the_order_of_runs_does_not_matter(runs):
-    forward, backward = Bench(MACHINE, runs).balances(), Bench(MACHINE, runs[::-1]).balances()
-    for a, b in zip(forward, backward[::-1], strict=True):
-        assert a.run.name == b.run.name
-        assert a.predicted == pytest.approx(b.predicted, abs=1e-9)
-
-
 def test_a_force_that_the_model_lacks_shows_in_the_residual_with_its_size(runs):
     bench = Bench(MACHINE, runs)
     weaker = [changed(p, {"F_up": p.F_up - 1000.0}) for p in bench.base]
@@ -111,11 +103,6 @@ def test_gain_and_offset_of_the_torque_sensor_are_taken_out(runs):
     assert all(np.sqrt(np.mean(b.residual[b.inside] ** 2)) < 0.2 for b in bench.balances())
     result = replay_runs(machine, sensed(runs, 1.02, 12.0))
     assert result.speed_rmse_percent == pytest.approx(replay_runs(MACHINE, runs).speed_rmse_percent, rel=1e-3)
-
-
-def test_a_torque_offset_that_the_machine_does_not_know_is_the_residual(runs):
-    for balance in Bench(MACHINE, sensed(runs, 1.0, 5.0)).balances():
-        assert np.mean(balance.residual[balance.inside]) == pytest.approx(5.0, abs=0.1)
 
 
 def test_a_replay_of_a_run_s_own_torque_gives_its_own_speed(runs):
@@ -164,18 +151,3 @@ def test_the_balance_of_an_axis_is_its_equation_with_the_speed_derived_from_posi
     away = balance.inside & (np.abs(balance.motion.speed) > 0.05)  # from the reversal, where friction jumps
     assert np.max(np.abs(balance.residual[away])) < 0.3  # N of 80
     assert balance.states.shape == (8000, 0)
-
-
-@pytest.mark.parametrize(("stride", "band"), [(1, 89.6), (20, 4.48)])
-def test_the_band_is_no_wider_than_the_sampling_rate_allows(stride, band):
-    machine, run = axis_run()
-    thinned = Run("thin", run.time_s[::stride], {name: values[::stride] for name, values in run.signals.items()})
-    assert Bench(machine, [thinned]).band_hz == pytest.approx(band)
-
-
-def test_the_noise_of_the_force_is_told_for_the_band():
-    machine, run = axis_run(noise=2.0)
-    (balance,) = Bench(machine, [run], 20.0).balances()
-    assert balance.noise_rms == pytest.approx(2.0 * np.sqrt(20.0 / 500.0), rel=0.1)
-    left = balance.inside & (np.abs(balance.motion.speed) > 0.15)
-    assert np.std(balance.residual[left]) == pytest.approx(balance.noise_rms, rel=0.3)

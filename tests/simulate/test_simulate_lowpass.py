@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from workbench.simulate.lowpass import inside, lowpass, noise_rms
-from workbench.simulate.lowpass_at import LowpassAt
+from workbench.simulate.lowpass import LowpassAt, inside, lowpass, noise_rms
 from workbench.simulate.motion import moving
 
 TIME = np.arange(0.0, 40.0, 0.01)
@@ -59,13 +58,6 @@ def test_the_low_pass_at_some_samples_is_the_low_pass_there(band, summed):
     assert at(series) == pytest.approx(lowpass(TIME, series, band)[rows], abs=1e-9 * np.max(np.abs(series)))
 
 
-def test_the_low_pass_at_some_irregular_samples_is_the_low_pass_there():
-    time = np.sort(np.random.default_rng(2).uniform(0.0, 40.0, 4000))
-    rows = np.arange(30, 3900, 9)
-    series = np.sin(time)[:, None]
-    assert np.array_equal(LowpassAt(time, 1.7, rows)(series), lowpass(time, series, 1.7)[rows])
-
-
 def test_irregular_samples_are_filtered_at_their_own_times():
     rng = np.random.default_rng(2)
     time = np.sort(rng.uniform(0.0, 40.0, 8000))
@@ -76,18 +68,6 @@ def test_irregular_samples_are_filtered_at_their_own_times():
     assert np.sqrt(np.mean((smooth - slow)[keep] ** 2)) < 0.02
 
 
-def test_a_line_on_irregular_samples_stays_a_line():
-    time = np.cumsum(np.random.default_rng(3).uniform(0.005, 0.015, 2000))
-    assert lowpass(time, 3.0 - 2.0 * time, 1.7) == pytest.approx(3.0 - 2.0 * time, abs=1e-9)
-
-
-def test_columns_are_filtered_each_for_itself():
-    waves = np.column_stack([np.sin(TIME), np.cos(9.0 * TIME), TIME])
-    together = lowpass(TIME, waves, 1.0)
-    for j in range(3):
-        assert together[:, j] == pytest.approx(lowpass(TIME, waves[:, j], 1.0), abs=1e-12)
-
-
 def test_a_band_beyond_half_the_sampling_rate_leaves_all_as_it_is_and_gives_a_copy():
     noise = np.random.default_rng(1).normal(size=len(TIME))
     same = lowpass(TIME, noise, 60.0)
@@ -96,20 +76,9 @@ def test_a_band_beyond_half_the_sampling_rate_leaves_all_as_it_is_and_gives_a_co
     assert noise[0] != 99.0
 
 
-@pytest.mark.parametrize("n", [3, 4, 10, 57])
-def test_a_log_shorter_than_a_period_is_filtered_without_trouble(n):
-    assert np.all(np.isfinite(lowpass(TIME[:n], np.arange(n, dtype=float) ** 2, 0.5)))
-
-
 def test_inside_keeps_two_periods_of_the_band_from_each_end():
     kept = TIME[inside(TIME, 2.0)]
     assert (kept[0], kept[-1]) == pytest.approx((1.0, 38.99), abs=0.011)
-
-
-def test_inside_keeps_the_middle_half_of_a_very_short_log():
-    time = TIME[:101]
-    kept = time[inside(time, 2.0)]
-    assert (kept[0], kept[-1]) == pytest.approx((0.25, 0.75), abs=0.011)
 
 
 @pytest.mark.parametrize("band", [0.5, 2.0, 10.0])
@@ -120,10 +89,6 @@ def test_the_noise_below_the_band_is_recovered_under_a_slow_signal(band):
     said = noise_rms(time, under + white, band)
     assert said == pytest.approx(3.0 * math.sqrt(band / 50.0), rel=0.03)
     assert said == pytest.approx(np.std(lowpass(time, white, band)), rel=0.1)  # what the filter really leaves
-
-
-def test_a_channel_without_noise_has_none():
-    assert noise_rms(TIME, 500.0 + 3.0 * TIME, 2.0) < 1e-9
 
 
 def speed_profile(*spans: tuple[float, float]) -> np.ndarray:
@@ -145,10 +110,6 @@ def test_a_rest_is_left_out_with_half_a_period_around():
 def test_a_quick_reversal_is_no_rest():
     speed = 10.0 * np.sign(20.0 - TIME)
     assert np.all(moving(TIME, speed, 100.0, 2.0))
-
-
-def test_a_machine_that_never_moves_has_no_moving_samples():
-    assert not np.any(moving(TIME, np.zeros(len(TIME)), 100.0, 2.0))
 
 
 def test_noise_at_rest_is_no_motion():

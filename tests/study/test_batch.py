@@ -20,7 +20,7 @@ from tests.support.batches import RUNS, SCENARIO, chunks_of, environment, part_o
 from workbench.cli.study import command
 from workbench.errors import InputError
 from workbench.simulate.loop import LoopCase, LoopResult
-from workbench.study.batch import Progress, chunk_sizes, on_this_computer, run_batch
+from workbench.study.batch import Progress, on_this_computer, run_batch
 from workbench.study.load import Study, load_study
 from workbench.study.rows import read_rows
 from workbench.study.store import LOCK, Chunk, locked, place_for
@@ -142,18 +142,6 @@ def test_a_batch_on_one_core_or_several_stopped_or_not_gives_the_same_bytes(smal
     assert len(indices) == 1
 
 
-def test_progress_counts_what_was_kept_and_what_failed(small: Study, tmp_path: Path) -> None:
-    heavy = replace(small, scenario=small.scenario.model_copy(update={"payloads_kg": (0.0, 60000.0)}))
-    place = place_for(heavy, tmp_path / "out")
-    with pytest.raises(KeyboardInterrupt):
-        run_batch(heavy, place, spread=partial(stopping_after, 1))
-    told: list[Progress] = []
-    run_batch(heavy, place, tell=told.append)
-    assert (told[0].done, told[0].kept, told[0].failed) == (128, 128, 64)
-    assert (told[-1].done, told[-1].kept, told[-1].failed) == (300, 128, 150)
-    assert [progress.done for progress in told] == sorted(progress.done for progress in told)
-
-
 def test_runs_that_fail_are_rows_with_a_reason_and_the_rest_goes_on(small: Study, tmp_path: Path) -> None:
     heavy = replace(small, scenario=small.scenario.model_copy(update={"payloads_kg": (0.0, 60000.0)}))
     out = tmp_path / "out"
@@ -229,12 +217,6 @@ def test_another_study_does_not_go_on_with_the_chunks_of_this_one(small: Study, 
     told: list[Progress] = []
     run_batch(other, place_for(other, tmp_path / "out"), tell=told.append)
     assert told[0].kept == 0
-
-
-def test_chunks_do_not_depend_on_the_computer(small: Study) -> None:
-    assert chunk_sizes(small) == [128, 128, 44]
-    outputs = small.scenario.outputs.model_copy(update={"signals": "full"})
-    assert chunk_sizes(replace(small, scenario=small.scenario.model_copy(update={"outputs": outputs})))[0] == 32
 
 
 PEAK = """

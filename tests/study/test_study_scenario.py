@@ -39,13 +39,6 @@ def test_shipped_scenario_stays_within_nominal_speed_and_fifty_seconds() -> None
     assert speed / study.machine.lift_m_per_rad < study.machine.motor.nominal_speed_rad_s
 
 
-def test_defaults_are_all_references_the_default_machine_and_one_millisecond(tmp_path: Path) -> None:
-    study = load_study(write(tmp_path, GOOD.replace("references: [trapezoid, ruckig]\n", "")))
-    assert study.scenario.references == ("trapezoid", "ruckig", "ruckig_equal_time")
-    assert study.scenario.machine == "default"
-    assert study.scenario.controller.sample_time_s == 0.001
-
-
 def test_all_runs_of_a_study_are_equally_long(tmp_path: Path) -> None:
     study = load_study(write(tmp_path, GOOD))
     assert study.duration_s == study.plans["ruckig"].duration_s > study.plans["trapezoid"].duration_s
@@ -115,9 +108,3 @@ def test_fingerprint_follows_what_the_scenario_says_and_not_how_it_is_written(tm
     one = load_study(write(tmp_path, GOOD)).fingerprint
     assert load_study(write(tmp_path, "# a remark\n" + GOOD.replace("0.7,", "0.70,"))).fingerprint == one
     assert load_study(write(tmp_path, GOOD.replace("9000", "9001"))).fingerprint != one
-
-
-def test_motions_are_those_that_a_limit_change_asks_for(tmp_path: Path) -> None:
-    slow = load_study(write(tmp_path, GOOD.replace("speed_m_s: 0.7", "speed_m_s: 0.2")))
-    start, end = slow.plans["trapezoid"].move_windows[0]
-    assert end - start == pytest.approx(1.0 / 0.2 + 0.2 / 0.6)

@@ -77,7 +77,7 @@ def dashboard(home: Path, words: Sequence[str] = APP) -> Iterator[str]:
 
     words: how Python is to start it, up to the port.
     """
-    from workbench.engine.cache import cache_folder
+    from workbench.engine.native import cache_folder
 
     for folder in (home, home / "tmp"):
         folder.mkdir(parents=True, exist_ok=True)

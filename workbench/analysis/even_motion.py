@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.engine.text import state_symbols
+from workbench.engine.source import state_symbols
 from workbench.errors import InputError
 from workbench.plants import Effects, Plant
 from workbench.run import Array

@@ -10,7 +10,7 @@ import numpy as np
 from workbench.analysis.even_motion import ROUNDS, angle_read
 from workbench.analysis.point import LinearPlant, OperatingPoint, moved_memory
 from workbench.effects import joined, of
-from workbench.engine.text import state_symbols
+from workbench.engine.source import state_symbols
 from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.machine import Axis

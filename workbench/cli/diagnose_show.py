@@ -26,6 +26,7 @@ def show(d: Diagnosis, out: Path | None) -> None:
         _titled("To know first")
         _listed(d.warnings)
     _titled("The gap", report.gap_table(d))
+    _titled("Each run", report.runs_table(d))
     if d.where is not None:
         print_text([words.where_sentence(d)])
     if parameters := hypotheses.parameters_table(d):

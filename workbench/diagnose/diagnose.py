@@ -12,28 +12,31 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import SearchResult, searched
 from workbench.diagnose.isolation.isolability import isolability
 from workbench.diagnose.isolation.next_run import next_run
-from workbench.diagnose.location.gap import gap_of
+from workbench.diagnose.location.gap import delivered_of, gap_of
+from workbench.diagnose.location.records import Delivered
 from workbench.diagnose.location.where import where_of
-from workbench.diagnose.machines import corrected_machine, of_first_run, refitted_machine
+from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Tell
 from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.condition import condition
 from workbench.diagnose.readiness.information import informative_band
 from workbench.diagnose.readiness.motion_noise import motion_noise
 from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
-from workbench.diagnose.verdict.records import ReasonKind, Verdict, VerdictWord
+from workbench.diagnose.verdict.records import Left, ReasonKind, Verdict, VerdictWord
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
+from workbench.simulate.replay import replay_runs
 
 BASELINES = ("tolerances", "nominal")
-HARM = 1.02  # of the held-out residual without a correction: what is left in it by chance differs by less
+HARM = 1.0  # of the held-out residual without a correction: no name without a gain
 
 
 def diagnose(
@@ -82,7 +85,9 @@ def diagnose(
     judged = judged_to_help(search)
     rows = candidate_rows(search, judged, keys)
     say(Progress(Stage.LOCATE))
-    gap = gap_of(problem, search, campaign)
+    refitted = refitted_machine(problem, keys, search.within_tolerances)
+    refitted_replay = replay_runs(refitted, campaign.runs, problem.band_hz)
+    gap = gap_of(problem, search, refitted_replay)
     fit = search.fits[judged.names] if judged.names else None
     named = [effect for effect in effects if effect.id in judged.names]
     where = where_of(problem, search.within_tolerances, fit, named, seed) if judged.word != "no_gap" else None
@@ -94,16 +99,18 @@ def diagnose(
     unknown = explain(problem, search.within_tolerances) if judged.word == "unknown" else None
     if fit is not None:
         corrected = corrected_machine(problem, keys, fit)
-        warnings = (*warnings, *of_first_run(problem, fit))
     elif unknown is not None:
         corrected = explained_machine(problem, unknown)
     else:
-        corrected = refitted_machine(problem, keys, search.within_tolerances)
+        corrected = refitted
+    replayed = refitted_replay if corrected is refitted else replay_runs(corrected, campaign.runs, problem.band_hz)
+    delivered = delivered_of(problem, refitted_replay, replayed)
+    warnings = (*warnings, *differing(delivered))
     shrink = shrink_of(search, keys, judged.names, folds_of(search, judged.names, unknown), seed, unknown)
     say(Progress(Stage.CONSEQUENCES))
-    refitted = refitted_machine(problem, keys, search.within_tolerances)
     changes, why_not = _consequences(campaign, refitted, corrected, judged.word) if study else (None, "Not asked for.")
-    sentence = sentence_of(judged, shrink, also, corrected.measured_correction is not None)
+    remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
+    sentence = sentence_of(judged, shrink, remainder, also, corrected.measured_correction is not None)
     verdict = Verdict(
         judged.word,
         judged.names,
@@ -111,15 +118,17 @@ def diagnose(
         also,
         sentence,
         judged.reasons,
-        judged.explained,
-        judged.left,
+        0.0 if judged.word == "no_gap" else 1.0 - remainder.share,
+        Left(remainder.rms, remainder.percent_of_input, remainder.relevant),
         steps(judged, problem.inputs),
+        remainder,
     )
     return Diagnosis(
         campaign=campaign,
         seed=seed,
         condition=state,
         gap=gap,
+        delivered=delivered,
         where=where,
         candidates=rows,
         isolability=apart,
@@ -135,6 +144,18 @@ def diagnose(
         judged=judged,
         warnings=tuple(warnings),
     )
+
+
+def differing(delivered: Delivered) -> list[str]:
+    """A sentence on a run that is not like the others."""
+    total = sum(run.after**2 - run.noise**2 for run in delivered.runs)
+    return [
+        f"{len(delivered.runs) - 1} runs agree; {run.name} holds "
+        f"{100.0 * (run.after**2 - run.noise**2) / total:.0f} % of what stays: "
+        "another machine, payload or setting? Look at it, or leave it out with --runs."
+        for run in delivered.runs
+        if run.differs
+    ]
 
 
 def judged_to_help(search: SearchResult) -> Judged:

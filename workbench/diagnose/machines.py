@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import Setting, Value
+from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Setting, Value
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Ranged, find, of, ranges_of
+from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist, value_names, with_values
 from workbench.plants import plant_of
 
@@ -19,8 +20,7 @@ AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
 def corrected_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: Fitted) -> Hoist | Axis:
     """The nominal machine with the fit's base values and, under `effects`, those of its hypothesis.
 
-    base_keys: key of machine.yaml -> its knob, as `base_knobs` gives them. A file holds one number
-    for a parameter: what is each run's own is there as the first run has it, see `of_first_run`.
+    base_keys: key of machine.yaml -> its knob, as `base_knobs` gives them.
     InputError where a value does not fit the machine.
     """
     return machine_of(problem, base_keys, fitted.effects, fitted.setting)
@@ -29,19 +29,32 @@ def corrected_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: 
 def machine_of(
     problem: Problem, base_keys: Mapping[str, Value], names: Sequence[str], setting: Setting
 ) -> Hoist | Axis:
-    """The nominal machine with the base values of a setting and the effects `names` as the setting has them."""
+    """The nominal machine with everything that a setting predicts with: base values, the effects `names`, the
+    allowances of the kind, the lateness of the log, and what is each run's own."""
     machine = refitted_machine(problem, base_keys, setting)
-    if not names:
-        return machine
+    own: dict[str, dict[str, dict[str, float]]] = {}
+    for name in names:
+        for r in _ranges(problem, name):
+            values = setting.get(r.symbol)
+            if isinstance(values, tuple):
+                for run, value in zip(problem.runs, values, strict=True):
+                    own.setdefault(run.name, {}).setdefault(name, {})[r.name] = _rounded(value)
     chosen = {name: _values(problem, name, setting) for name in names}
-    return with_effects(machine, {**machine.effects, **chosen})
+    log = machine.log.model_copy(update={"of_runs": {**machine.log.of_runs, **own}})
+    return changed(
+        machine,
+        effects={**machine.effects, **chosen},
+        allowances={name: kept for name, kept in machine.allowances.items() if name not in names},
+        log=log.model_dump(),
+    )
 
 
 def refitted_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: Fitted | Setting) -> Hoist | Axis:
-    """The nominal machine with the base values of a fit, or of its setting, and nothing else."""
+    """The nominal machine with the base values of a fit, or of its setting, the allowances and the lateness of the log,
+    and no effect beyond the nominal ones."""
     setting = fitted.setting if isinstance(fitted, Fitted) else fitted
     known = set(value_names(problem.machine))  # a load cell's gain is no value of the machine
-    return with_values(
+    machine = with_values(
         problem.machine,
         {
             key: _rounded(_first(setting[knob.symbol]))
@@ -49,16 +62,16 @@ def refitted_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: F
             if key in known and knob.symbol in setting
         },
     )
-
-
-def of_first_run(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
-    """Sentences on the values of the corrected machine that belong to the first run only."""
-    first = problem.runs[0].name
-    sentences = []
-    for name in fitted.effects:
-        own = [r for r in _ranges(problem, name) if isinstance(fitted.setting.get(r.symbol), tuple)]
-        sentences += [f"{name}: {r.name} is each run's own; machine.yaml holds that of run {first}." for r in own]
-    return tuple(sentences)
+    allowances = dict(machine.allowances)
+    for trace in kind_of(machine).traces:
+        ranges = _ranges(problem, trace.effect)
+        if trace.effect not in machine.effects and any(
+            r.vanishes_at is not None and setting.get(r.symbol, r.vanishes_at) != r.vanishes_at for r in ranges
+        ):
+            allowances[trace.effect] = _values(problem, trace.effect, setting)
+    late = machine.log.speed_late_s + _rounded(_first(setting.get(LOG_TIMING, 0.0)))
+    log = machine.log.model_copy(update={"speed_late_s": max(late, 0.0)})
+    return changed(machine, allowances=allowances, log=log.model_dump())
 
 
 def _values(problem: Problem, name: str, setting: Setting) -> dict[str, float]:
@@ -72,9 +85,14 @@ def _ranges(problem: Problem, name: str) -> tuple[Ranged, ...]:
 
 def with_effects(machine: AnyMachine, effects: Mapping[str, Mapping[str, float]]) -> AnyMachine:
     """The machine with these effects in place of its own. InputError for a value that an effect cannot have."""
-    changed = type(machine).model_validate(machine.model_dump() | {"effects": effects})
-    of(changed)
-    return cast(AnyMachine, changed)
+    return changed(machine, effects=effects)
+
+
+def changed(machine: AnyMachine, **fields: Any) -> AnyMachine:
+    """The machine with other blocks. InputError for a value that an effect cannot have."""
+    other = type(machine).model_validate(machine.model_dump() | fields)
+    of(other)
+    return cast(AnyMachine, other)
 
 
 def _first(value: float | tuple[float, ...]) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from workbench.consequences import Consequences
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.records import Isolability, NextRun
-from workbench.diagnose.location.records import Gap, Where
+from workbench.diagnose.location.records import Delivered, Gap, Where
 from workbench.diagnose.readiness.records import Condition
 from workbench.diagnose.shrink import Shrink
 from workbench.diagnose.unexplained.records import Unknown
@@ -26,6 +26,7 @@ class Diagnosis(Shown):
     seed: int
     condition: Condition
     gap: Gap
+    delivered: Delivered
     where: Where | None
     candidates: tuple[Candidate, ...]
     isolability: Isolability

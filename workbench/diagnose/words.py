@@ -7,6 +7,18 @@ from collections.abc import Sequence
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.shrink import Shrink
 from workbench.diagnose.verdict.judge import Judged
+from workbench.diagnose.verdict.records import Remainder
+
+MOSTLY = {
+    "speed": "with speed",
+    "low_speed": "near standstill",
+    "acceleration": "with acceleration",
+    "load": "with the load",
+    "position": "with position",
+    "time": "over time",
+    "start": "after each start",
+    "periodic": "periodically",
+}  # regime of a remainder -> how it shows
 
 
 def listed(names: Names) -> str:
@@ -27,7 +39,7 @@ def either(names: Names, twins: Sequence[Names]) -> str:
     return f"{text}, and {listed(tuple(shared))}" if shared else text
 
 
-def sentence_of(judged: Judged, shrink: Shrink, also: Names, tabled: bool = False) -> str:
+def sentence_of(judged: Judged, shrink: Shrink, rest: Remainder, also: Names, tabled: bool = False) -> str:
     """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
     tabled: whether the corrected machine contains the measured force of an unknown cause.
@@ -59,11 +71,12 @@ def sentence_of(judged: Judged, shrink: Shrink, also: Names, tabled: bool = Fals
     text += (
         f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}, noise {shrink.noise:.2g}"
     )
-    text += f". It explains {_percent(judged.explained)} of the gap's energy"
-    if judged.left.rms > 0.0:
+    text += f". It explains {_percent(1.0 - rest.share)} of the gap's energy beyond noise"
+    if rest.rms > 0.0:
         text += (
-            f"; {judged.left.rms:.2g} {unit} beyond noise stay, {judged.left.percent_of_input:.2g} % of the input, "
-            + ("enough to change a conclusion" if judged.left.relevant else "too little to change a conclusion")
+            f"; {rest.rms:.2g} {unit} remain, {rest.percent_of_input:.2g} % of the input, "
+            + (f"mostly {MOSTLY[rest.regime]}, " if rest.relevant and rest.regime in MOSTLY else "")
+            + ("enough to change a conclusion" if rest.relevant else "too little to change a conclusion")
         )
     if others := [name for name in also if not any(name in names for names in same)]:
         it = "it" if len(judged.names) == 1 else "one of them"

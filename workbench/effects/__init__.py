@@ -14,59 +14,20 @@ from workbench.effects.active import (
     check,
     idle_sensors,
     joined,
+    logged,
+    logged_input,
+    logged_motion,
+    moved_by,
     of,
     parts,
     ranges_of,
     searchable,
     sizes_of,
-)
-from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
-from workbench.effects.loading import load_effects
-from workbench.effects.registry import effects_for, find, forget_users, library_effects, names
-from workbench.effects.series import (
-    logged,
-    logged_input,
-    logged_motion,
-    moved_by,
     true_input,
     true_motion,
     true_run,
 )
+from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
+from workbench.effects.loading import load_effects
+from workbench.effects.registry import effects_for, find, forget_users, library_effects, names
 from workbench.kinds import Sizes
-
-__all__ = [
-    "RUN_SYMBOLS",
-    "SENSOR_PLACES",
-    "Active",
-    "Chosen",
-    "Effect",
-    "EffectMemory",
-    "Parameter",
-    "Part",
-    "Ranged",
-    "Sizes",
-    "all_off",
-    "alone",
-    "check",
-    "effect",
-    "effects_for",
-    "find",
-    "forget_users",
-    "idle_sensors",
-    "joined",
-    "library_effects",
-    "load_effects",
-    "logged",
-    "logged_input",
-    "logged_motion",
-    "moved_by",
-    "names",
-    "of",
-    "parts",
-    "ranges_of",
-    "searchable",
-    "sizes_of",
-    "true_input",
-    "true_motion",
-    "true_run",
-]

@@ -7,7 +7,7 @@ at the value where it vanishes. A user's effects make one more, library and thei
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from types import MappingProxyType, SimpleNamespace
@@ -21,8 +21,8 @@ from workbench.errors import InputError, nearest
 from workbench.kinds import KINDS, Sizes, kind_of
 from workbench.kinds.correction import correction_of
 from workbench.machine import Axis, Hoist
-from workbench.plants import NO_EFFECTS, Effects, Memory, plant_of
-from workbench.run import Run
+from workbench.plants import NO_EFFECTS, PLANTS, Effects, Memory, Plant, plant_of
+from workbench.run import Array, Run
 from workbench.trace.expr import Scalar
 
 # What a run says beside its machine: when it began, so that effects may count from the campaign's start.
@@ -42,13 +42,15 @@ class Active:
     effects: Effects = NO_EFFECTS
     values: Mapping[str, float] = field(default_factory=dict)
     sensors: tuple[Effect, ...] = ()
+    of_runs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # run -> symbol -> its own value
 
     def __bool__(self) -> bool:
         return self.effects is not NO_EFFECTS or bool(self.sensors)
 
-    def values_of(self, start_time_s: float) -> dict[str, float]:
+    def values_of(self, start_time_s: float, run: str = "") -> dict[str, float]:
         """The numbers of one run, which began at that time of its campaign, at its time 0."""
-        return {**self.values, RUN_SYMBOLS[0]: start_time_s} if self.effects is not NO_EFFECTS else dict(self.values)
+        values = {**self.values, **self.of_runs.get(run, {})}
+        return {**values, RUN_SYMBOLS[0]: start_time_s} if self.effects is not NO_EFFECTS else values
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,17 @@ class Alone:
     sensors_left_out: tuple[str, ...]
 
 
+def at_work(machine: Hoist | Axis) -> Mapping[str, Mapping[str, float]]:
+    """Effect -> its parameters, of everything that machine.yaml puts to work: effects, allowances, the lateness of the
+    log (a delay of the speed sensor beside the machine's own)."""
+    late = machine.log.speed_late_s
+    wanted = {**machine.allowances, **machine.effects}
+    if late > 0.0:
+        known = wanted.get("speed_delay", {})
+        wanted["speed_delay"] = {**known, "delay_s": known.get("delay_s", 0.0) + late}
+    return wanted
+
+
 def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "effects") -> Active:
     """The machine's own effects, `chosen` ones (a scenario's, a candidate's) in place of or beside them.
 
@@ -79,7 +92,7 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     value, and for an effect whose size is not said.
     """
     kind = plant_of(machine).kind
-    wanted = {**machine.effects, **(chosen or {})}
+    wanted = {**at_work(machine), **(chosen or {})}
     if not wanted:
         return _corrected(Active(kind), machine)
     sizes = sizes_of(machine)
@@ -91,18 +104,36 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     sensors = tuple(
         effect for effect in effects_for(kind).values() if effect in chosen_effects.values() and effect.on_sensor
     )
+    of_runs = {
+        run: {
+            s: x for name, own in wanted_own.items() for s, x in _own(chosen_effects, name, own, sizes, place).items()
+        }
+        for run, wanted_own in machine.log.of_runs.items()
+    }
     if not in_plant:
-        return _corrected(Active(kind, values=MappingProxyType(values), sensors=sensors), machine)
+        return _corrected(Active(kind, values=MappingProxyType(values), sensors=sensors, of_runs=of_runs), machine)
     own = {effect.id for effect in library_effects()}
     held = _in_plants(kind) if all(effect.id in own for effect in in_plant) else _with_users(kind)
     everything = {symbol: value for effect in held for symbol, value in vanished(effect, sizes).items()}
-    return _corrected(Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors), machine)
+    active = Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors, of_runs)
+    return _corrected(active, machine)
+
+
+def _own(
+    chosen: Mapping[str, Effect], name: str, own: Mapping[str, float], sizes: Sizes, place: str
+) -> dict[str, float]:
+    """symbol -> a run's own values of an effect. InputError for one that the machine does not have."""
+    if name not in chosen:
+        raise InputError(f"{name} is no effect of this machine; {nearest(name, chosen)}", place="log.of_runs")
+    given = {r.name: r.symbol for r in chosen[name].ranges(sizes)}
+    numbers = _numbers(chosen[name], own, sizes, place)
+    return {given[parameter]: numbers[given[parameter]] for parameter in own}
 
 
 def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
     """As `of`, but without the rest of the library at its vanishing values: for a model that stays as it is."""
     kind, whole = plant_of(machine).kind, of(machine, chosen)
-    wanted = tuple(find(name, kind) for name in {**machine.effects, **(chosen or {})})
+    wanted = tuple(find(name, kind) for name in {**at_work(machine), **(chosen or {})})
     in_plant = tuple(effect for effect in wanted if not effect.on_sensor)
     numbers = {name: whole.values[name] for effect in in_plant for name in vanished(effect, sizes_of(machine))}
     pieces = compiled(kind, in_plant) if in_plant else NO_EFFECTS
@@ -280,3 +311,84 @@ def _where_it_went(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ran
         tries = tuple(order for order in r.tries if order >= least) or (least,)
         return replace(r, lowest=least, start=max(r.start, least), tries=tries)
     return replace(r, lowest=float(low - 0.1 * (high - low)), highest=float(high + 0.1 * (high - low)))
+
+
+def logged_input(active: Active, time_s: Array, true: Array, values: Mapping[str, float] | None = None) -> Array:
+    """The logged torque (force) for a true one, (n,); `values` by symbol where not the active ones."""
+    return _through(_at(active, "torque_sensor"), active, time_s, true, values)
+
+
+def true_input(active: Active, time_s: Array, logged: Array, values: Mapping[str, float] | None = None) -> Array:
+    """The true torque (force) behind a logged one, (n,)."""
+    return _back(reversed(_at(active, "torque_sensor")), active, time_s, logged, values)
+
+
+def logged_motion(active: Active, time_s: Array, true: Array, values: Mapping[str, float] | None = None) -> Array:
+    """The logged speed, angle or position of the driven coordinate for a true one, (n,)."""
+    return _through(_at(active, "speed_sensor"), active, time_s, true, values)
+
+
+def true_motion(active: Active, time_s: Array, logged: Array, values: Mapping[str, float] | None = None) -> Array:
+    """The true speed, angle or position behind a logged one, (n,)."""
+    return _back(reversed(_at(active, "speed_sensor")), active, time_s, logged, values)
+
+
+def logged(run: Run, active: Active) -> Run:
+    """The run as the machine's log shows it: its true signals through the sensors' effects."""
+    return _changed(run, active, logged_input, logged_motion)
+
+
+def true_run(run: Run, active: Active, values: Mapping[str, float] | None = None) -> Run:
+    """The run behind its log: the inverse of `logged`, as far as there is one; `values` where not the active ones."""
+    return _changed(run, active, true_input, true_motion, values)
+
+
+def moved_by(active: Active) -> tuple[str, ...]:
+    """The symbols of which the motion behind a log depends: those of the speed sensor's effects."""
+    effects = _at(active, "speed_sensor")
+    return tuple(effect.symbol(parameter, active.kind) for effect in effects for parameter in effect.parameters)
+
+
+def _changed(run: Run, active: Active, of_input: Any, of_motion: Any, values: Mapping[str, float] | None = None) -> Run:
+    if not active.sensors:
+        return run
+    plant = PLANTS[active.kind]
+    signals = dict(run.signals)
+    if plant.input in signals:
+        before = signals[plant.input]
+        after = signals[plant.input] = of_input(active, run.time_s, before, values)
+        parts = [name for name in KINDS[active.kind].drive.parts if name in signals]
+        for part in parts:  # the sum is what is off; it is shared evenly
+            signals[part] = signals[part] + (after - before) / len(parts)
+    for name in driven_signals(plant):
+        if name in signals:
+            signals[name] = of_motion(active, run.time_s, signals[name], values)
+    return replace(run, signals=signals)
+
+
+def driven_signals(plant: Plant) -> tuple[str, str]:
+    """Position and speed of the driven coordinate."""
+    return plant.positions[0], plant.speeds[0]
+
+
+def _at(active: Active, place: str) -> list[Effect]:
+    return [effect for effect in active.sensors if effect.place_on(active.kind) == place]
+
+
+def _through(
+    effects: Iterable[Effect], active: Active, time_s: Array, series: Array, values: Mapping[str, float] | None
+) -> Array:
+    p = SimpleNamespace(**(active.values if values is None else {**active.values, **values}))
+    for effect in effects:
+        series = effect.function(SimpleNamespace(time_s=time_s, value=series), effect.own(p, active.kind), p)
+    return series
+
+
+def _back(
+    effects: Iterable[Effect], active: Active, time_s: Array, series: Array, values: Mapping[str, float] | None
+) -> Array:
+    p = SimpleNamespace(**(active.values if values is None else {**active.values, **values}))
+    for effect in effects:
+        assert effect.inverse is not None
+        series = effect.inverse(SimpleNamespace(time_s=time_s, value=series), effect.own(p, active.kind), p)
+    return series

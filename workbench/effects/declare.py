@@ -28,11 +28,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from types import ModuleType, SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
-from workbench.effects.parameter import DOMAINS, KINDS, Parameter, Ranged
-from workbench.errors import InputError
-from workbench.kinds import Sizes
+from workbench.errors import InputError, nearest
+from workbench.kinds import KINDS, Sizes
+from workbench.kinds.kind import UNIT_SIZES
 from workbench.plants import PLACES
 from workbench.trace.expr import Scalar
 
@@ -45,6 +45,78 @@ SUBSYSTEMS = (
     "torque_sensor", "speed_sensor", "axis",
 )  # fmt: skip
 REGIMES = ("speed", "low_speed", "acceleration", "load", "position", "time", "start", "periodic", "event", "all")
+
+
+def words(kind: str) -> Mapping[str, str]:
+    """What the placeholders in names stand for, on a kind of plant."""
+    return KINDS[kind].words
+
+
+Domain = Literal["any", "not_negative", "positive"]
+Scan = Literal["", "position", "drum_angle", "phase", "frequency", "waves", "order"]
+INEXACT = 0.06  # of a value: one standard deviation of what a simple law near standstill, or of a wire, is off
+DOMAINS: Mapping[str, tuple[Callable[[float], bool], str]] = {
+    "any": (lambda value: True, "a number"),
+    "not_negative": (lambda value: value >= 0.0, "at least 0"),
+    "positive": (lambda value: value > 0.0, "more than 0"),
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    symbol: as the function reads it. name: with its unit, as YAML has it; {n}, {m}, {input},
+    {up}, {dn} stand for the plant's own words. lowest, highest (of a fit), scale and start are
+    in units of `size`, a quotient of the machine's sizes ("force/speed"; "1" for plain
+    numbers), so that they fit a machine of any size. vanishes_at: the value, in the same unit,
+    at which the effect is exactly off; None for what has no such value (a width, a phase).
+    per_run: every run has its own. domain: what a value has to be at all.
+    scan: how a search tries a shape (what has no vanishing value) before it refines it: as a
+    place that the runs have passed (position, drum_angle), as a phase of the amplitude beside
+    it, as a frequency, as waves along the way, as finely as the runs resolve it; as an order (`tries`, of which the
+    way has to show more than one wave); "": `tries` (in `size`), or some
+    values from lowest to highest.
+    simplified: one standard deviation, in the unit of the name, by which the fitted value may be off because the law
+    simplifies what a machine does: a function of e, the effect's values. No run shows it, for all runs have it alike.
+    """
+
+    symbol: str
+    name: str
+    meaning: str
+    size: str
+    lowest: float
+    highest: float
+    scale: float
+    start: float
+    vanishes_at: float | None = None
+    per_run: bool = False
+    domain: Domain = "any"
+    scan: Scan = ""
+    tries: tuple[float, ...] = ()
+    simplified: Callable[[Any], float] | None = None
+
+    def named(self, kind: str) -> str:
+        return self.name.format(**words(kind))
+
+
+@dataclass(frozen=True)
+class Ranged:
+    """A parameter on one machine: bounds, scale, start and vanishing value in the unit of its name.
+
+    symbol: what it is called among the plant's parameters.
+    """
+
+    name: str
+    symbol: str
+    lowest: float
+    highest: float
+    scale: float
+    start: float
+    vanishes_at: float | None
+    per_run: bool
+    scan: Scan
+    tries: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -194,34 +266,43 @@ def effect(
 
 
 def problems(made: Effect) -> list[str]:
-    """What is wrong with a declaration, in words."""
-    faults = [
-        f"{what} is empty" for what in ("meaning", "equation", "reference", "shows") if not getattr(made, what).strip()
-    ]
-    places = {**PLACES, **SENSOR_PLACES}
-    faults += [
-        f"no place '{place}'; places: {', '.join(places)}" for place in made.place.values() if place not in places
-    ]
-    faults += [f"no subsystem '{subsystem}'" for subsystem in made.subsystem_of.values() if subsystem not in SUBSYSTEMS]
+    """What is wrong with a declaration, in words: what it names has to exist, and its numbers to make sense."""
+    places, families = {**PLACES, **SENSOR_PLACES}, {name for kind in KINDS.values() for name in kind.family}
+    faults = [f"{what} is empty" for what in ("meaning", "equation", "reference", "shows") if not getattr(made, what)]
+    faults += [f"no kind '{kind}'; {nearest(kind, families)}" for kind in made.place if kind not in families]
+    named = [*made.place.values(), *made.beside]
+    faults += [f"no place '{place}'; {nearest(place, places)}" for place in named if place not in places]
+    subsystems = dict.fromkeys(made.subsystem_of.values())
+    faults += [f"no subsystem '{of}'; {nearest(of, SUBSYSTEMS)}" for of in subsystems if of not in SUBSYSTEMS]
     if made.regime not in REGIMES:
-        faults.append(f"no regime '{made.regime}'; regimes: {', '.join(REGIMES)}")
-    if not any(parameter.vanishes_at is not None for parameter in made.parameters):
+        faults.append(f"no regime '{made.regime}'; {nearest(made.regime, REGIMES)}")
+    if all(parameter.vanishes_at is None for parameter in made.parameters):
         faults.append("no parameter has a value at which it vanishes")
-    for parameter in made.parameters:
-        if not parameter.lowest <= parameter.start <= parameter.highest:
-            faults.append(
-                f"{parameter.name} starts at {parameter.start:g}, outside {parameter.lowest:g} to {parameter.highest:g}"
-            )
-        if parameter.vanishes_at is not None and not parameter.lowest <= parameter.vanishes_at <= parameter.highest:
-            faults.append(f"{parameter.name} vanishes at {parameter.vanishes_at:g}, outside its bounds")
-        if not parameter.scale > 0.0:
-            faults.append(f"{parameter.name} has the scale {parameter.scale:g}, expected more than 0")
-        try:
-            Sizes.check(parameter.size)
-        except KeyError as error:
-            faults.append(f"{parameter.name}: {error.args[0]}")
     if made.on_sensor and made.inverse is None:
         faults.append("an effect on a sensor needs its inverse")
+    return [*faults, *(f"{p.name}: {fault}" for p in made.parameters for fault in _faults_of(p, made.kinds))]
+
+
+def _faults_of(p: Parameter, kinds: Sequence[str]) -> list[str]:
+    """Of one parameter."""
+    faults = []
+    try:
+        UNIT_SIZES[p.size]
+    except KeyError as error:
+        faults.append(str(error.args[0]))
+    try:
+        for kind in kinds:
+            p.named(kind)
+    except (KeyError, IndexError, ValueError) as error:
+        faults.append(f"{error} is no word of a name; expected {', '.join('{' + w + '}' for w in words(kinds[0]))}")
+    if not p.lowest <= p.start <= p.highest:
+        faults.append(f"starts at {p.start:g}, outside {p.lowest:g} to {p.highest:g}")
+    if p.vanishes_at is not None and not p.lowest <= p.vanishes_at <= p.highest:
+        faults.append(f"vanishes at {p.vanishes_at:g}, outside {p.lowest:g} to {p.highest:g}")
+    if not p.scale > 0.0:
+        faults.append(f"scale {p.scale:g}, expected more than 0")
+    if p.domain not in DOMAINS:
+        faults.append(f"no domain '{p.domain}'; {nearest(p.domain, DOMAINS)}")
     return faults
 
 

@@ -1,4 +1,8 @@
-"""Effects of users' files, loaded: the file is run, each effect is tried, and what passes is known by name."""
+"""Effects of users' files, loaded: the file is run, each effect is tried, and what passes is known by name.
+
+A user's function is traced and compiled long after its file was read; what is wrong with it is said here, in one
+sentence: can its plants take it, and is it off where it says so?
+"""
 
 from __future__ import annotations
 
@@ -6,16 +10,24 @@ import os
 import sys
 import threading
 import traceback
-from types import ModuleType
+from collections.abc import Sequence
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
+import numpy as np
+
+from workbench.effects.active import RUN_SYMBOLS, compiled
 from workbench.effects.declare import Effect, declared_in
-from workbench.effects.registry import replace_file
-from workbench.effects.trial import faults
-from workbench.effects.user_file import UserFile, read_user_file
+from workbench.effects.registry import UserFile, read_user_file, replace_file
+from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.errors import InputError
+from workbench.plants import PLANTS, Effects
+from workbench.run import Array
+from workbench.trace.expr import Expr, Scalar, symbol
 
 _declared: dict[tuple[str, str], tuple[Effect, ...]] = {}  # (path, digest) -> the effects of that text
 _changing = threading.RLock()
+DRAWS = 20  # of states and parameters at which an effect has to vanish
 
 
 def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
@@ -80,3 +92,88 @@ def _line(error: BaseException, path: str) -> int | None:
         return error.lineno
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
     return lines[-1] if lines else None
+
+
+def faults(effect: Effect) -> list[str]:
+    """What is wrong with an effect at work, in words; none where all is well."""
+    sentences = []
+    for kind in effect.kinds:
+        try:
+            problem = _on_sensor(effect) if effect.on_sensor else _in_plant(effect, kind)
+        except AttributeError as error:
+            problem = f"reads '{error.name}', which is not there{_known(effect, kind)}"
+        except Exception as error:
+            problem = f"{type(error).__name__}: {error}".splitlines()[0]
+        if problem:
+            sentences.append(f"on kind {kind}: {problem}")
+    return sentences
+
+
+def _known(effect: Effect, kind: str) -> str:
+    if effect.on_sensor:
+        return "; s has time_s and value"
+    return f"; at {effect.place_on(kind)} s has {', '.join(_signals(effect, kind)) or 'nothing'}"
+
+
+def _signals(effect: Effect, kind: str) -> Sequence[str]:
+    """The names of what s holds at the effect's place."""
+    seen: dict[str, None] = {}
+
+    def spy(s: Any, p: Any) -> Scalar:
+        seen.update(dict.fromkeys(vars(s)))
+        return 0.0
+
+    _rates(kind, Effects({effect.place_on(kind): [spy]}))
+    return list(seen)
+
+
+def _rates(kind: str, effects: Effects) -> list[Scalar]:
+    plant = PLANTS[kind]
+    q, y = state_symbols(plant, effects)
+    p = parameter_symbols((*plant.parameters, *effects.parameters))
+    return plant.rates(symbol("t"), q, y, symbol("u"), p, effects)
+
+
+def _in_plant(effect: Effect, kind: str) -> str:
+    traced = _rates(kind, compiled(kind, (effect,)))
+    if not all(isinstance(rate, Expr | float | int) for rate in traced):
+        return "gives no number"
+    signals, rng = _signals(effect, kind), np.random.default_rng(0)
+    for _ in range(DRAWS):
+        s = SimpleNamespace(**{name: float(rng.normal(scale=10.0)) for name in signals})
+        p = SimpleNamespace(
+            **{name: float(rng.uniform(0.1, 10.0)) for name in (*PLANTS[kind].parameters, *RUN_SYMBOLS)}
+        )
+        e = _vanished(effect)
+        for memory in effect.memory:
+            setattr(e, memory.symbol, float(memory.start(e, p)))
+            if not float(memory.scale(e, p)) > 0.0:
+                return "its memory's scale is not positive"
+        for function in (effect.function, *effect.beside.values()):
+            value = function(s, e, p)
+            if value != 0.0:
+                return f"gives {float(value):g} where its parameters vanish, expected exactly 0"
+    return ""
+
+
+def _on_sensor(effect: Effect) -> str:
+    time = np.arange(100) * 0.01
+    series = SimpleNamespace(time_s=time, value=np.sin(3.0 * time) + 2.0)
+    assert effect.inverse is not None
+    for what, function in (("it", effect.function), ("its inverse", effect.inverse)):
+        shown: Array = np.asarray(function(series, _vanished(effect), SimpleNamespace()))
+        if shown.shape != time.shape:
+            return f"{what} gives an array of shape {shown.shape} for {len(time)} samples"
+        if not np.array_equal(shown, series.value):
+            return f"{what} changes the series where its parameters vanish"
+    return ""
+
+
+def _vanished(effect: Effect) -> SimpleNamespace:
+    """e at the vanishing values, in units of the declaration; shapes at their starts."""
+    return SimpleNamespace(
+        **{
+            parameter.symbol: parameter.start if parameter.vanishes_at is None else parameter.vanishes_at
+            for parameter in effect.parameters
+        }
+    )

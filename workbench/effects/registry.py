@@ -7,19 +7,48 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import os
 import pkgutil
 import sys
 import threading
 from collections.abc import Iterable, Mapping
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
 
 from workbench.effects.declare import Effect, declared_in
-from workbench.effects.user_file import UserFile
 from workbench.errors import InputError, nearest
+from workbench.input_file import read_input
 
 ENTRY_POINTS = "workbench.effects"  # the group; each entry names a module that declares effects
+
+
+@dataclass(frozen=True)
+class UserFile:
+    """The file as it was read: a worker elsewhere runs this very text, whatever stands under the path there."""
+
+    path: str
+    text: bytes
+
+    @cached_property
+    def module(self) -> str:
+        """The name its module has in this process: one a path."""
+        return f"workbench_user_effects_{hashlib.sha256(self.path.encode()).hexdigest()[:16]}"
+
+    @cached_property
+    def digest(self) -> str:
+        """Of what it says, not of where it lies."""
+        return hashlib.sha256(self.text).hexdigest()[:16]
+
+
+def read_user_file(path: str | os.PathLike[str]) -> UserFile:
+    """InputError where the file is not there, cannot be read, or is no Python."""
+    file = Path(path)
+    if file.is_file() and file.suffix != ".py":
+        raise InputError("is no Python file (.py)", file=file)
+    return UserFile(str(file.resolve()), read_input(file, "python"))
+
 
 _users: dict[tuple[str, str], Effect] = {}  # (id, kind) -> what users' files declared in this process
 _files: dict[str, UserFile] = {}  # path -> the file that is known

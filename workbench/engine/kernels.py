@@ -14,9 +14,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from workbench.engine.cache import load_functions
-from workbench.engine.source import LAG, driven_source, loop_source, replay_source
-from workbench.engine.text import KernelSource, delay_rows
+from workbench.engine.native import load_functions
+from workbench.engine.source import LAG, KernelSource, delay_rows, driven_source, loop_source, replay_source
 from workbench.plants import NO_EFFECTS, Effects, Plant
 from workbench.run import Array
 

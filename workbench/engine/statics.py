@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.engine.text import parameter_symbols
+from workbench.engine.source import parameter_symbols
 from workbench.plants import NO_EFFECTS, Effects, Plant
 from workbench.run import Array
 from workbench.trace.derive import derivative

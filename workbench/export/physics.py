@@ -9,7 +9,7 @@ from typing import Any
 
 from workbench.control import Controller
 from workbench.engine.rodas3 import rodas3_step
-from workbench.engine.text import state_symbols
+from workbench.engine.source import state_symbols
 from workbench.export.c_text import CText
 from workbench.plants import Effects, Plant
 from workbench.trace.derive import derivative

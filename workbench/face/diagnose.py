@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from workbench.consequences import consequences_table
 from workbench.diagnose.diagnose import diagnose as find_cause
 from workbench.diagnose.records import Diagnosis
 from workbench.errors import InputError
@@ -15,7 +16,7 @@ from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 from workbench.reports.diagnosis import hypotheses, tables
 from workbench.reports.diagnosis.page import sections_of
-from workbench.simulate.band import check_band
+from workbench.simulate.lowpass import check_band
 from workbench.tables import Table, words
 
 
@@ -40,7 +41,7 @@ def diagnose(
 def _consequences(d: Diagnosis) -> Table:
     if d.consequences is None:
         return Table([words("control study")], [[d.why_no_consequences]])
-    return tables.consequences_table(d.consequences)
+    return consequences_table(d.consequences)
 
 
 def _figure(section: str, number: int = 0) -> Callable[[Diagnosis], Any]:

@@ -14,7 +14,7 @@ from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 from workbench.reports.identify import page, report
 from workbench.reports.replay import page as replay_page
-from workbench.simulate.band import check_band
+from workbench.simulate.lowpass import check_band
 from workbench.tables import Table
 
 

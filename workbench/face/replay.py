@@ -10,7 +10,7 @@ from workbench.face.view import View
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 from workbench.reports.replay import page, report
-from workbench.simulate.band import check_band
+from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.tables import Table
 

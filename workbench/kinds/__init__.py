@@ -7,7 +7,9 @@ found by its `Kind`; nothing else has to be edited.
 from __future__ import annotations
 
 import importlib
+import math
 import pkgutil
+from dataclasses import replace
 from typing import Any, TypeVar, cast
 
 from workbench.kinds.axis import LINEAR, ROTARY, Axis
@@ -54,8 +56,10 @@ def kind_of(machine: Any) -> Kind:
 
 def load_of(machine: Any, payload_kg: float) -> Load | None:
     """The load as references that know their machine take it; None for a kind without one."""
-    load = kind_of(machine).load
-    return None if load is None else load(machine, payload_kg)
+    kind = kind_of(machine)
+    load = None if kind.load is None else kind.load(machine, payload_kg)
+    top = math.inf if kind.closed_loop is None else kind.looped.top_speed(machine).speed
+    return load if load is None or math.isinf(top) else replace(load, top_speed_m_s=top)
 
 
 LOOPED = " or ".join(f"kind '{kind.plant.kind}'" for kind in KINDS.values() if kind.closed_loop is not None)
@@ -76,36 +80,3 @@ def looped(machine: AnyMachine) -> AnyMachine | None:
 def of_kind(machine: Any) -> str:
     """a machine of kind 'axis', for messages."""
     return f"a machine of kind '{machine.kind}'"
-
-
-__all__ = [
-    "HOIST",
-    "KINDS",
-    "LINEAR",
-    "LOOPED",
-    "ROTARY",
-    "STANDSTILL_LOG_STD",
-    "STUDIED",
-    "TIME",
-    "TWO_INERTIA",
-    "BaseValue",
-    "ClosedLoop",
-    "CrossCheck",
-    "DeadLine",
-    "Discrepancy",
-    "Kind",
-    "Limits",
-    "Load",
-    "Port",
-    "RigidBody",
-    "SignalSet",
-    "Sizes",
-    "Table",
-    "TopSpeed",
-    "Trace",
-    "kind_of",
-    "load_of",
-    "looped",
-    "of_kind",
-    "studied",
-]

@@ -50,6 +50,7 @@ from workbench.record import (
     Inertia,
     Lag,
     Level,
+    LogTraits,
     Mass,
     Offset,
     Record,
@@ -167,11 +168,11 @@ class AxisDrive(Record):
 
     @property
     def nominal(self) -> float | None:
-        return getattr(self, self.KEYS[1])  # type: ignore[no-any-return]
+        return getattr(self, self.KEYS[1])
 
     @property
     def top_speed(self) -> float | None:
-        return getattr(self, self.KEYS[2])  # type: ignore[no-any-return]
+        return getattr(self, self.KEYS[2])
 
 
 class LinearDrive(AxisDrive):
@@ -244,6 +245,9 @@ class Axis(Record):
     drive: LinearDrive | RotaryDrive = LinearDrive()
     tolerances: AxisTolerances = AxisTolerances()
     effects: EffectValues = Field(default_factory=dict)
+    # The small amounts of effects that every machine of the kind has: at work as effects are, and no causes.
+    allowances: EffectValues = Field(default_factory=dict)
+    log: LogTraits = LogTraits()
     measured_correction: MeasuredCorrection | None = None
     identified: Identified = Field(default_factory=dict)
 

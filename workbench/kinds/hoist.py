@@ -58,6 +58,7 @@ from workbench.record import (
     Lag,
     Length,
     Level,
+    LogTraits,
     Mass,
     Modulus,
     Offset,
@@ -295,6 +296,9 @@ class Hoist(Record):
     sensors: HoistSensors = HoistSensors()
     tolerances: HoistTolerances = HoistTolerances()
     effects: EffectValues = Field(default_factory=dict)
+    # The small amounts of effects that every machine of the kind has: at work as effects are, and no causes.
+    allowances: EffectValues = Field(default_factory=dict)
+    log: LogTraits = LogTraits()
     measured_correction: HoistCorrection | None = None
     identified: Identified = Field(default_factory=dict)
 

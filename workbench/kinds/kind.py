@@ -266,24 +266,28 @@ class Sizes:
     inertia: float
 
     def __getitem__(self, size: str) -> float:
-        numerator, _, denominator = size.partition("/")
+        """A product of sizes, or one over another. KeyError, with what is wrong, for anything else."""
+        over, *under = size.split("/")
+        if len(under) > 1:
+            below = "*".join(under)
+            raise KeyError(f"size '{size}' divides {len(under)} times; expected one quotient, {over}/{below}")
         value = 1.0
-        for word in numerator.split("*"):
+        for word in over.split("*"):
             value *= self._one(word)
-        for word in denominator.split("*") if denominator else ():
+        for word in under[0].split("*") if under else ():
             value /= self._one(word)
         return value
 
     def _one(self, word: str) -> float:
-        return 1.0 if word == "1" else float(getattr(self, word))
+        if word == "1":
+            return 1.0
+        if word not in SIZE_NAMES:
+            raise KeyError(f"no size '{word}'; sizes: 1, {', '.join(SIZE_NAMES)}")
+        return float(getattr(self, word))
 
-    @staticmethod
-    def check(size: str) -> None:
-        """KeyError for a quotient that names no size."""
-        for word in size.replace("/", "*").split("*"):
-            if word != "1" and (word == "kind" or word not in Sizes.__dataclass_fields__):
-                known = ", ".join(name for name in Sizes.__dataclass_fields__ if name != "kind")
-                raise KeyError(f"no size '{word}'; sizes: 1, {known}")
+
+SIZE_NAMES = tuple(name for name in Sizes.__dataclass_fields__ if name != "kind")
+UNIT_SIZES = Sizes("", *(1.0 for _ in SIZE_NAMES))  # to try whether an expression of sizes can be evaluated
 
 
 @dataclass(frozen=True)
@@ -293,7 +297,7 @@ class Load:
     drive_kg: motors and drum, as felt at the load. mass_kg: what hangs on the wire. stiffness_n_per_m: of all falls
     together, inf for a rigid machine. damping_time_s: damping over stiffness. hold_n: what carries the load, up
     positive. friction_up_n, friction_down_n: magnitudes. force_limit_n: of all motors. hangs: it pulls on a wire, which
-    cannot push. Equations: drive_kg a = u - F,
+    cannot push. top_speed_m_s: what the drive allows, 0 where nothing is stated. Equations: drive_kg a = u - F,
     mass_kg x'' = F - hold - friction with F = stiffness (z + damping_time z'), z the wire's stretch.
     """
 
@@ -306,6 +310,7 @@ class Load:
     friction_down_n: float
     force_limit_n: float
     hangs: bool = True
+    top_speed_m_s: float = 0.0
 
     @property
     def rigid(self) -> bool:

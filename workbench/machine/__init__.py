@@ -22,32 +22,3 @@ from workbench.machine.values import get_value, value_names, with_correction, wi
 Machine = Hoist | Axis
 # A machine of any kind, where what is a kind's own is asked of its record or by that kind's code alone.
 AnyKind: TypeAlias = Any
-
-__all__ = [
-    "DRIVES",
-    "RECORDS",
-    "SHIPPED",
-    "AnyKind",
-    "Axis",
-    "Drive",
-    "Hoist",
-    "HoistCorrection",
-    "LinearAxis",
-    "LinearCorrection",
-    "Machine",
-    "MeasuredCorrection",
-    "RotaryAxis",
-    "RotaryCorrection",
-    "TwoInertia",
-    "default_hoist",
-    "get_value",
-    "load_machine",
-    "machine_from",
-    "machine_text",
-    "save_machine",
-    "shipped",
-    "shipped_hoist",
-    "value_names",
-    "with_correction",
-    "with_values",
-]

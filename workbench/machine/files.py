@@ -20,7 +20,7 @@ RECORDS: tuple[type[Hoist] | type[Axis], ...] = tuple(kind.record for kind in KI
 T = TypeVar("T")
 CheckEffects = Callable[[Hoist | Axis], None]
 _HEAD = ("format", "kind", "motion", "name")
-_TAIL = ("sensors", "tolerances", "effects", "measured_correction", "identified")
+_TAIL = ("sensors", "tolerances", "effects", "allowances", "measured_correction", "log", "identified")
 
 
 def load_machine(path: str | os.PathLike[str], *, check_effects: CheckEffects | None = None) -> Hoist | Axis:
@@ -79,6 +79,7 @@ def machine_text(machine: Hoist | Axis) -> str:
     """A machine as complete YAML: every value, defaults included; what is not set is left out."""
     free = machine.model_dump(include={"effects", "identified"})  # not ours: kept with whatever nulls it holds
     data = machine.model_dump(exclude_none=True) | free
+    data["log"] = machine.log.model_dump(exclude_defaults=True)  # nothing where the log says all
     order = [*_HEAD, *(key for key in data if key not in (*_HEAD, *_TAIL)), *_TAIL]
     return dumps({key: data[key] for key in order if key in data and data[key] != {}})
 

@@ -81,7 +81,8 @@ class PlannedKind(ReferenceKind):
 
     move: the shape of a move from rest to rest. ramp: the shape of a change of speed, which a jog holds afterwards.
     duration: what a move takes (s) without its shape, where that is cheaper. same_time_as: the kind whose duration
-    the functions get as `time_s`, "" for none. needs_load: the functions get the machine's `load`.
+    the functions get as `time_s`, "" for none. needs_load: the functions get the machine's `load`; uses_load: where it
+    is known.
     needs_following: worth it only where the loop follows the load's own swing, by a feed-forward that knows it or
     because nothing swings. needs_jerk: a
     finite jerk limit is asked for. words: the subject of a sentence that compares it with the baseline. usual: a
@@ -95,6 +96,7 @@ class PlannedKind(ReferenceKind):
     same_time_as: str = ""
     needs_jerk: bool = True
     needs_load: bool = False
+    uses_load: bool = False
     needs_following: bool = False
     usual: bool = False
 

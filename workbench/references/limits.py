@@ -36,6 +36,15 @@ class Limits:
         return Limits(self.speed_m_s, self.acceleration_m_s2 * factor, self.jerk_m_s3 * factor**2)
 
 
+def raised(limits: Limits, used: Limits, unit: str = "m") -> str:
+    """speed from 0.7 to 0.735 m/s: what a motion has used of more than its limits; "" where it kept them."""
+    names = (("speed", "speed_m_s", "/s"), ("acceleration", "acceleration_m_s2", "/s²"), ("jerk", "jerk_m_s3", "/s³"))
+    pairs = [(name, getattr(limits, key), getattr(used, key), power) for name, key, power in names]
+    return ", ".join(
+        f"{name} from {own:.3g} to {more:.3g} {unit}{power}" for name, own, more, power in pairs if more > own * 1.0005
+    )
+
+
 @dataclass(frozen=True)
 class LimitPair:
     """Limits of a machine that may be asked for other motion going up than going down."""

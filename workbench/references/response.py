@@ -34,7 +34,8 @@ def forces_n(shape: Shape, load: Load) -> tuple[Array, Array]:
     carried = a
     if not load.rigid:
         w, zeta = load.angular_frequency_rad_s, load.damping
-        b, c, _ = cont2discrete(([2.0 * zeta * w, w * w], [1.0, 2.0 * zeta * w, w * w]), STEP_S, method="foh")
+        passed_on = [2.0 * zeta * w, w * w] if zeta > 0.0 else [w * w]  # a leading 0 is no polynomial to scipy
+        b, c, _ = cont2discrete((passed_on, [1.0, 2.0 * zeta * w, w * w]), STEP_S, method="foh")
         carried = lfilter(b.ravel(), c, a)
     return time, load.drive_kg * a + load.mass_kg * carried + load.steady_force_n(direction)
 

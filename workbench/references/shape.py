@@ -1,69 +1,114 @@
-"""The shape of one move: a cubic of time on each of its phases."""
+"""The shape of one move: position, speed and acceleration as functions of time."""
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from workbench.references.limits import Limits
 from workbench.run import Array
 
+Motion = Callable[[Array], tuple[Array, Array, Array]]
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A move of `distance_m`: a cubic in time on each of its phases.
+    """A move of `distance_m` that takes `duration_s`.
 
-    phase_start_s, position_m, speed_m_s, acceleration_m_s2, jerk_m_s3: (phases,), the last four at
-    the start of each phase, the position counted from the start of the move. end_speed_m_s: 0,
-    except where a jog goes on into the next.
+    motion: rising times (s) from 0 to `duration_s` -> position (m), speed (m/s), acceleration (m/s²), each (n,); the
+    position counts from the start of the move. `Pieces` is one; any function will do. end_speed_m_s: 0, except where a
+    jog goes on into the next.
     """
 
     distance_m: float
     duration_s: float
     limits: Limits
-    phase_start_s: Array
-    position_m: Array
-    speed_m_s: Array
-    acceleration_m_s2: Array
-    jerk_m_s3: Array
+    motion: Motion
     end_speed_m_s: float = 0.0
 
     def at(self, time_s: Array) -> tuple[Array, Array, Array]:
-        """Position (m), speed (m/s) and acceleration (m/s²) at times since the start; speed 0 outside the move."""
-        inside = np.clip(time_s, 0.0, self.duration_s)
-        phase = np.clip(np.searchsorted(self.phase_start_s, inside, side="right") - 1, 0, None)
-        t = inside - self.phase_start_s[phase]
-        p, v = self.position_m[phase], self.speed_m_s[phase]
-        a, j = self.acceleration_m_s2[phase], self.jerk_m_s3[phase]
-        moving = (time_s >= 0.0) & (time_s < self.duration_s)
-        position = p + t * (v + t * (a / 2.0 + t * j / 6.0))
-        return (
-            np.where(time_s >= self.duration_s, self.distance_m, np.where(moving, position, 0.0)),
-            np.where(moving, v + t * (a + t * j / 2.0), 0.0),
-            np.where(moving, a + t * j, 0.0),
-        )
+        """Position (m), speed (m/s), acceleration (m/s²) at rising times since the start; speed 0 outside."""
+        position, speed, acceleration = np.zeros((3, len(time_s)))
+        self.add_to(time_s, position, speed, acceleration)
+        return position, speed, acceleration
 
     def add_to(self, since_s: Array, position: Array, speed: Array, acceleration: Array) -> None:
-        """Add what `at` gives at rising times, phase by phase: six times as fast, the same to the last bit."""
-        edges = np.searchsorted(since_s, [*self.phase_start_s, self.duration_s])
-        edges = np.minimum(edges, edges[-1])
-        for k, (first, last) in enumerate(itertools.pairwise(edges)):
-            if first == last:
-                continue
-            t = since_s[first:last] - self.phase_start_s[k]
-            p, v, a, j = self.position_m[k], self.speed_m_s[k], self.acceleration_m_s2[k], self.jerk_m_s3[k]
-            position[first:last] += p + t * (v + t * (a / 2.0 + t * j / 6.0))
-            speed[first:last] += v + t * (a + t * j / 2.0)
-            acceleration[first:last] += a + t * j
-        position[edges[-1] :] += self.distance_m
+        """Add what `at` gives to arrays of a whole plan."""
+        first, last = np.searchsorted(since_s, (0.0, self.duration_s))
+        if first < last:
+            p, v, a = self.motion(since_s[first:last])
+            position[first:last] += p
+            speed[first:last] += v
+            acceleration[first:last] += a
+        position[last:] += self.distance_m
+
+    def going_on(self, time_s: Array) -> tuple[Array, Array, Array]:
+        """The same, with the end speed kept after the end."""
+        position, speed, acceleration = self.at(time_s)
+        late = time_s >= self.duration_s
+        position[late] += self.end_speed_m_s * (time_s[late] - self.duration_s)
+        speed[late] = self.end_speed_m_s
+        return position, speed, acceleration
 
     def held(self, duration_s: float) -> Shape:
-        """The shape with its end speed held until `duration_s` is over; a shape that ends at rest ends as it is."""
-        rest_s = 0.0 if self.end_speed_m_s == 0.0 else max(duration_s - self.duration_s, 0.0)
-        return replace(
-            self,
-            distance_m=self.distance_m + self.end_speed_m_s * rest_s,
-            duration_s=self.duration_s + rest_s,
+        """The shape with its end speed kept until `duration_s` is over; a shape that ends at rest ends as it is."""
+        if self.end_speed_m_s == 0.0 or duration_s <= self.duration_s:
+            return self
+        further = self.end_speed_m_s * (duration_s - self.duration_s)
+        return replace(self, distance_m=self.distance_m + further, duration_s=duration_s, motion=self.going_on)
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """A motion of polynomials, one a phase.
+
+    start_s: (phases,), the first one 0. coefficients: (order + 1, phases) of the position in powers of the time since
+    the phase's start, lowest first.
+    """
+
+    start_s: Array
+    coefficients: Array
+
+    @staticmethod
+    def of_even_jerk(start_s: Array, position: Array, speed: Array, acceleration: Array, jerk: Array) -> Pieces:
+        """Cubics, from what each phase begins with, (phases,) each."""
+        return Pieces(start_s, np.array([position, speed, acceleration / 2.0, jerk / 6.0]))
+
+    @staticmethod
+    def through(steps_s: Array, start: Array, end: Array) -> Pieces:
+        """Polynomials of fifth order from (position, speed, acceleration) to the same, (phases, 3) each (Hermite)."""
+        (p0, v0, a0), (p1, v1, a1), h = start.T, end.T, steps_s
+        d = p1 - p0
+        third = 20.0 * d - (8.0 * v1 + 12.0 * v0) * h - (3.0 * a0 - a1) * h**2
+        fourth = -30.0 * d + (14.0 * v1 + 16.0 * v0) * h + (3.0 * a0 - 2.0 * a1) * h**2
+        fifth = 12.0 * d - 6.0 * (v1 + v0) * h - (a0 - a1) * h**2
+        start_s = np.concatenate([[0.0], np.cumsum(h)[:-1]])
+        return Pieces(
+            start_s, np.array([p0, v0, a0 / 2.0, third / (2 * h**3), fourth / (2 * h**4), fifth / (2 * h**5)])
         )
+
+    def __call__(self, time_s: Array) -> tuple[Array, Array, Array]:
+        position, speed, acceleration = np.empty((3, len(time_s)))
+        power = np.arange(1.0, len(self.coefficients))[:, None]
+        of_speed = self.coefficients[1:] * power
+        of_acceleration = of_speed[1:] * power[:-1]
+        # Phase by phase: six times as fast as looking up each time's phase.
+        edges = [0, *np.searchsorted(time_s, self.start_s[1:]), len(time_s)]
+        for k, (first, last) in enumerate(pairwise(edges)):
+            if first < last:
+                t = time_s[first:last] - self.start_s[k]
+                position[first:last] = _polynomial(self.coefficients[:, k], t)
+                speed[first:last] = _polynomial(of_speed[:, k], t)
+                acceleration[first:last] = _polynomial(of_acceleration[:, k], t)
+        return position, speed, acceleration
+
+
+def _polynomial(coefficients: Array, t: Array) -> Array:
+    """By Horner's rule, lowest first."""
+    value = coefficients[-1] + 0.0 * t
+    for c in coefficients[-2::-1]:
+        value = c + t * value
+    return value

@@ -15,6 +15,7 @@ import numpy as np
 
 from workbench.kinds import Load
 from workbench.references.shape import Shape
+from workbench.run import Array
 
 EI_VIBRATION = 0.05  # of an unshaped step's, that the EI shaper leaves at its own frequency
 OVERSHOOT = 0.01  # of a step; a load that swings less far is not shaped
@@ -37,37 +38,13 @@ def impulses(undamped: Sequence[float], load: Load) -> tuple[tuple[float, float]
 
 
 def shaped(shape: Shape, parts: Sequence[tuple[float, float]]) -> Shape:
-    """The sum of the shape's copies at these times with these amplitudes, a cubic on each of its phases again."""
-    starts = np.unique(
-        np.concatenate([shape.phase_start_s + t for t, _ in parts] + [[shape.duration_s + t for t, _ in parts]])
-    )
-    end = shape.duration_s + parts[-1][0]
-    # A ramp that goes on at its end speed has a last phase at just that.
-    starts = starts[starts < end + (1e-12 if shape.end_speed_m_s else -1e-12)]
-    at = np.zeros((4, len(starts)))
-    for delay, amplitude in parts:
-        at += amplitude * _derivatives(shape, starts - delay)
-    held = sum(amplitude * (end - shape.duration_s - delay) for delay, amplitude in parts)
-    return replace(
-        shape,
-        distance_m=shape.distance_m + shape.end_speed_m_s * held,
-        duration_s=end,
-        phase_start_s=starts,
-        position_m=at[0],
-        speed_m_s=at[1],
-        acceleration_m_s2=at[2],
-        jerk_m_s3=at[3],
-    )
+    """The sum of the shape's copies at these times with these amplitudes."""
+    last_s = parts[-1][0]
 
+    def motion(time_s: Array) -> tuple[Array, Array, Array]:
+        copies = [amplitude * np.array(shape.going_on(time_s - delay)) for delay, amplitude in parts]
+        position, speed, acceleration = sum(copies[1:], copies[0])
+        return position, speed, acceleration
 
-def _derivatives(shape: Shape, since_s: np.ndarray) -> np.ndarray:
-    """(4, n): position, speed, acceleration, jerk from the right at times since the start; at rest before it, at the
-    end speed after it."""
-    # A sum of phase lengths may miss the next phase's start by rounding: a phase belongs to its start from just before.
-    k = np.clip(np.searchsorted(shape.phase_start_s, since_s + 1e-12, side="right") - 1, 0, None)
-    t = since_s - shape.phase_start_s[k]
-    p, v, a, j = (x[k] for x in (shape.position_m, shape.speed_m_s, shape.acceleration_m_s2, shape.jerk_m_s3))
-    inside = np.array([p + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j, j])
-    zero, late = np.zeros_like(since_s), since_s - shape.duration_s
-    after = np.array([shape.distance_m + shape.end_speed_m_s * late, zero + shape.end_speed_m_s, zero, zero])
-    return np.where(since_s < -1e-12, 0.0, np.where(late > -1e-12, after, inside))
+    held = shape.end_speed_m_s * sum(amplitude * (last_s - delay) for delay, amplitude in parts)
+    return replace(shape, distance_m=shape.distance_m + held, duration_s=shape.duration_s + last_s, motion=motion)

@@ -14,7 +14,7 @@ import numpy as np
 
 from workbench.errors import InputError
 from workbench.references.limits import Limits
-from workbench.references.shape import Shape
+from workbench.references.shape import Pieces, Shape
 
 
 def shortest_move(distance_m: float, limits: Limits) -> Shape:
@@ -23,16 +23,11 @@ def shortest_move(distance_m: float, limits: Limits) -> Shape:
         raise InputError(f"a move of {distance_m:g} m is no move, expected another distance than 0")
     trajectory = _move(distance_m, limits)
     profile = trajectory.profiles[0][0]
-    lengths = np.asarray(profile.t)
     return Shape(
         distance_m=distance_m,
         duration_s=float(trajectory.duration),
         limits=limits,
-        phase_start_s=np.concatenate(([0.0], np.cumsum(lengths)[:-1])),
-        position_m=np.asarray(profile.p[:7]),
-        speed_m_s=np.asarray(profile.v[:7]),
-        acceleration_m_s2=np.asarray(profile.a[:7]),
-        jerk_m_s3=np.asarray(profile.j),
+        motion=_pieces(profile),
     )
 
 
@@ -44,20 +39,20 @@ def shortest_move_s(distance_m: float, limits: Limits) -> float:
 def shortest_ramp(speed_m_s: float, next_speed_m_s: float, limits: Limits) -> Shape:
     """The shortest change from one steady speed to another, at any distance; it ends at the second speed."""
     trajectory = _ramp(speed_m_s, next_speed_m_s, limits)
-    ramp_s = float(trajectory.duration)
     profile = trajectory.profiles[0][0]
-    end_m = float(profile.p[7])
     return Shape(
-        distance_m=end_m,
-        duration_s=ramp_s,
+        distance_m=float(profile.p[7]),
+        duration_s=float(trajectory.duration),
         limits=limits,
-        phase_start_s=np.concatenate(([0.0], np.cumsum(np.asarray(profile.t))[:-1], [ramp_s])),
-        position_m=np.asarray([*profile.p[:7], end_m]),
-        speed_m_s=np.asarray([*profile.v[:7], next_speed_m_s]),
-        acceleration_m_s2=np.asarray([*profile.a[:7], 0.0]),
-        jerk_m_s3=np.asarray([*profile.j, 0.0]),
+        motion=_pieces(profile),
         end_speed_m_s=next_speed_m_s,
     )
+
+
+def _pieces(profile: Any) -> Pieces:
+    """Ruckig's seven phases."""
+    start_s = np.concatenate(([0.0], np.cumsum(np.asarray(profile.t))[:-1]))
+    return Pieces.of_even_jerk(start_s, *(np.asarray(x[:7]) for x in (profile.p, profile.v, profile.a, profile.j)))
 
 
 def shortest_ramp_s(speed_m_s: float, next_speed_m_s: float, limits: Limits) -> float:

@@ -23,7 +23,7 @@ from workbench.metrics import View, shown_in
 from workbench.run import Run
 from workbench.study import tables
 from workbench.study.answer import answer, read_answer
-from workbench.study.decide import decision_table
+from workbench.study.decide import criteria_table, decision_table, decisions
 from workbench.study.findings import sentences, utilisation, utilisation_table
 from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
 from workbench.study.load import plan_study
@@ -78,7 +78,7 @@ def conclusions(result: Finished) -> list[str]:
     kept = read_answer(result.folder)
     good = [row for row in result.rows if row.ok]
     said = list(kept.sentences) if kept is not None else _asked_again(result)
-    return [*said, *_heat(good), *_power(good), *_wire(good)]
+    return [*said, *_heat(good, result.scenario), *_power(good), *_wire(good)]
 
 
 def _asked_again(result: Finished) -> list[str]:
@@ -89,31 +89,41 @@ def _asked_again(result: Finished) -> list[str]:
         return sentences(result.rows, peak_limit(result.machine))
 
 
-def _heat(good: Sequence[Row]) -> list[str]:
+def _heat(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:
+    """The thermal load; only a cycle that ends where it began is said to be repeatable."""
     known = [row for row in good if row.get("thermal_load_percent") > 0.0]
     if not known:
         return []
     hot = max(known, key=lambda row: row["thermal_load_percent"])
-    if not metrics_of(known).payload:
-        return [_axis_heat(hot, good)]
-    load, seconds = hot["thermal_load_percent"], hot["i2t_s"]
+    load, hoist = hot["thermal_load_percent"], metrics_of(known).payload
     where = run_in_words(hot, swept_axes(good))
-    above = max(row["overload_time_s"] for row in known)
-    text = f"The motors' thermal load is at most {load:.0f} % of nominal ({where})"
-    if load > 100.0:
-        pause = seconds - seconds / load * 100.0
+    text = f"The {'motors' if hoist else 'drive'}'s thermal load is at most {load:.0f} % of nominal ({where})"
+    text = text.replace("motors's", "motors'")
+    if load > 100.0 and hoist and _closes(scenario):
+        pause = hot["i2t_s"] * (1.0 - 100.0 / load)
         text += f": repeated without end the cycle needs {pause:.1f} s more of rest at no torque"
-    else:
+    elif load > 100.0:
+        text += ": more than it bears without end"
+    elif _closes(scenario):
         text += ": the cycle can be repeated without end"
+    if not hoist:
+        return [f"{text}."]
+    above = max(row["overload_time_s"] for row in known)
     return [f"{text}. One motor is above its nominal torque for up to {above:.2g} s of it."]
 
 
-def _axis_heat(hot: Row, good: Sequence[Row]) -> str:
-    load = hot["thermal_load_percent"]
-    over = "more than it bears without end" if load > 100.0 else "the cycle can be repeated without end"
-    return (
-        f"The drive's thermal load is at most {load:.0f} % of nominal ({run_in_words(hot, swept_axes(good))}): {over}."
-    )
+def _closes(scenario: Mapping[str, Any]) -> bool:
+    """Whether the moves end where they began; a jog's end depends on its limits, and events stop a move on its way."""
+    start = scenario.get("start_position_m", scenario.get("start_position_rad"))
+    if start is None or any(value is not None for value in (scenario.get("events") or {}).values()):
+        return False
+    here = float(start)
+    for move in scenario.get("moves") or ():
+        if move.get("speed_m_s", move.get("speed_rad_s")) is not None:
+            return False
+        target = move.get("to_m", move.get("to_rad"))
+        here = here + float(move.get("by_m", move.get("by_rad", 0.0))) if target is None else float(target)
+    return abs(here - float(start)) < 1e-9
 
 
 def _power(good: Sequence[Row]) -> list[str]:
@@ -149,10 +159,13 @@ MOST_LINES = 60
 
 
 def decision(result: Finished) -> list[Table]:
-    """What decides: a row a reference, then how much of what machine and drive bear is used."""
+    """What decides: a row a reference, the criteria at the heaviest payload, the use of what the machine bears."""
     uses = utilisation(result.rows, result.machine)
     first = decision_table(result.rows)
-    return [*([first] if first is not None else []), *([utilisation_table(uses)] if uses else [])]
+    given = Scenario.model_validate(dict(result.scenario)).decide
+    made = [one for one in decisions(result.rows, result.machine, given, _beside(result)) if one.taken is not None]
+    criteria = [criteria_table(made[-1])] if made and len(made[-1].candidates) > 1 else []
+    return [*([first] if first is not None else []), *criteria, *([utilisation_table(uses)] if uses else [])]
 
 
 def run_tables(rows: Sequence[Row]) -> list[Table]:

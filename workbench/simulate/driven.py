@@ -23,9 +23,8 @@ from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.plants import Plant, plant_of
 from workbench.run import Array, Run
-from workbench.simulate.band import default_band
 from workbench.simulate.blows import bridged
-from workbench.simulate.lowpass import inside, lowpass, noise_rms
+from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving
 from workbench.simulate.plant_model import PlantModel, plant_model
 
@@ -77,7 +76,8 @@ class Bench:
         self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
         self.model = plant_model(machine, active)
         self.base = [
-            self.model.values(machine, run.payload_kg, run.start_time_s - float(run.time_s[0])) for run in self.runs
+            self.model.values(machine, run.payload_kg, run.start_time_s - float(run.time_s[0]), run.name)
+            for run in self.runs
         ]
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
         # The motion behind the log: what a late speed sensor shows is brought forward first.

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from workbench.control import PiSettings, loop_values
-from workbench.engine.sampled import Step, observe
+from workbench.engine.stepped import Step, observe
 from workbench.machine import Hoist
 from workbench.metrics import observer
 from workbench.multibody import Driven, MotionResult, Shaft, engine, move, switches_of

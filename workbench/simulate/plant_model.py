@@ -32,11 +32,11 @@ class PlantModel:
         """The rows of the kernels' parameters."""
         return (*self.plant.parameters, *self.effects.parameters)
 
-    def values(self, machine: Hoist | Axis, payload_kg: float, start_time_s: float) -> SimpleNamespace:
+    def values(self, machine: Hoist | Axis, payload_kg: float, start_time_s: float, run: str = "") -> SimpleNamespace:
         """One run's numbers by symbol: the plant's, the effects'. start_time_s: what the campaign's clock
-        shows at the run's time 0."""
+        shows at the run's time 0; run: its name, for what is its own."""
         plain = self.plant.values(machine, payload_kg)
-        return SimpleNamespace(**vars(plain), **self.active.values_of(start_time_s))
+        return SimpleNamespace(**vars(plain), **self.active.values_of(start_time_s, run))
 
     def table(self, values: Sequence[SimpleNamespace]) -> Array:
         """(names, scenarios)"""

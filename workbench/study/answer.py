@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from workbench.errors import InputError
 from workbench.study.arrow import parquet_bytes
 from workbench.study.ask import Asked, answers, asked_sentences
 from workbench.study.bound import from_the_bound
@@ -34,8 +36,7 @@ class Answer:
 
 def answer_of(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> Answer:
     """simulate: runs beside the study may be made, for equal times, another damping and the number asked for."""
-    rivals = beside(study) if simulate else []
-    asked = answers(study) if simulate else []
+    rivals, asked = _run_beside(study) if simulate else ([], [])
     taken = take_sentences(decisions(rows, study.machine, study.scenario.decide, rivals))
     alarmed = alarm(utilisation(rows, study.machine))
     first = [*asked_sentences(study, asked), *taken, *([alarmed] if alarmed else [])]
@@ -47,6 +48,13 @@ def answer_of(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> An
         *from_the_bound(study)[:1],
     ]
     return Answer((*first, *found[:MOST_FINDINGS]), tuple(rivals), tuple(asked))
+
+
+def _run_beside(study: Study) -> tuple[list[Row], list[Asked]]:
+    """A comparison that cannot be planned leaves the study's own rows as they are."""
+    with suppress(InputError):
+        return beside(study), answers(study)
+    return [], []
 
 
 def answer(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> list[str]:

@@ -187,11 +187,17 @@ def decisions(
 def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[Candidate]:
     """Rows as candidates: those that are alike in reference and chosen values are one."""
     axes = [axis for axis in swept_axes(rows) if axis.columns[0].startswith(CHOSEN)]
-    groups: dict[tuple[str, str], list[Row]] = {}
+    read = {
+        kind: [axis for axis in axes if any(reads(kind, column) for column in axis.columns)]
+        for kind in {row.reference for row in rows}
+    }
+    groups: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
-        read = [axis for axis in axes if any(reads(row.reference, c) for c in axis.columns if c in row.assigned)]
-        groups.setdefault((row.reference, ", ".join(axis.say(axis.at(row)) for axis in read)), []).append(row)
-    for (reference, setting), own in groups.items():
+        groups.setdefault((row.reference, *(axis.at(row) for axis in read[row.reference])), []).append(row)
+    for own in groups.values():
+        reference = own[0].reference
+        chosen = [axis for axis in read[reference] if any(column in own[0].assigned for column in axis.columns)]
+        setting = ", ".join(axis.say(axis.at(own[0])) for axis in chosen)
         good = [row for row in own if row.ok]
         values = {c.name: float(c.metric.worst([row[c.name] for row in good])) if good else math.nan for c in criteria}
         values.setdefault(TIME, max((row[TIME] for row in good), default=math.nan))

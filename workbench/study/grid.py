@@ -98,7 +98,8 @@ class RunSpec:
             return _recorded_plan(self.recording, rail, self.lead_s, self.settle_s)
         assert self.limits is not None
         check_speed(self.limits, self.machine)
-        load = load_of(self.machine, self.payload_kg) if planned_kind(self.reference).needs_load else None
+        kind = planned_kind(self.reference)
+        load = load_of(self.machine, self.payload_kg) if kind.needs_load or kind.uses_load else None
         return _planned(
             self.reference, self.moves, self.start_position_m, self.limits, rail, self.lead_s, self.settle_s, load
         )

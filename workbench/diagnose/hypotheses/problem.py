@@ -18,8 +18,7 @@ from workbench.kinds import kind_of
 from workbench.run import Array, Run
 from workbench.simulate.blows import beside, blows_of
 from workbench.simulate.driven import Bench
-from workbench.simulate.lowpass import lowpass, noise_rms
-from workbench.simulate.lowpass_at import LowpassAt
+from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the discrepancy, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
@@ -80,6 +79,7 @@ class Problem:
         self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
         self.row_noise = np.full(self.inputs, self.noise)
         self.evaluations = 0
+        self.lagging = False
         if self.line is not None:
             name = self.line.signal
             self.tension = [lowpass(run.time_s, run[name], self.band_hz) for run in self.runs]
@@ -128,8 +128,14 @@ class Problem:
 
     @property
     def struck(self) -> bool:
-        """Whether blows of a play come again in the runs."""
-        return any(len(blows) for blows in self.bench.blows)
+        """Whether blows of a play come again in the runs, and no lag of a sensor has made them."""
+        return not self.lagging and any(len(blows) for blows in self.bench.blows)
+
+    def without_blows(self) -> Problem:
+        """The same campaign, where a lag of a sensor explains what looked like blows: kinks of a late signal."""
+        beside = copy(self)
+        beside.lagging = True
+        return beside
 
     @property
     def samples(self) -> int:

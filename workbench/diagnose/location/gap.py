@@ -13,30 +13,45 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Value
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
-from workbench.diagnose.location.records import Gap
-from workbench.diagnose.machines import refitted_machine
+from workbench.diagnose.location.records import Delivered, Gap, RunResidual
 from workbench.kinds import kind_of
-from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.simulate.replay import replay_runs
+from workbench.simulate.replay import ReplayResult, replay_runs
 
 EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below (no model is exact)
 STRETCHED = 4.0  # tolerances: the furthest of ten honest values lies further off once in 1,600 machines
 
 
-def gap_of(problem: Problem, search: SearchResult, campaign: Campaign) -> Gap:
+DIFFERS = 0.7  # of the energy beyond noise that stays: a run that holds so much alone is not like the others
+
+
+def delivered_of(problem: Problem, refitted: ReplayResult, corrected: ReplayResult) -> Delivered:
+    """Both machines as replayed: the numbers that the report prints are those that anybody gets with the file."""
+    noise = problem.noise
+    before = np.array([run.residual_rms_moving for run in refitted.runs])
+    after = np.array([run.residual_rms_moving for run in corrected.runs])
+    length = np.array([np.count_nonzero(run.balance.moving) for run in corrected.runs], dtype=float)
+    before, after = np.nan_to_num(before), np.nan_to_num(after)
+    beyond, stays = (length * np.maximum(x**2 - noise**2, 0.0) for x in (before, after))
+    total, left = max(float(np.sum(beyond)), 1e-300), float(np.sum(stays))
+    alone = [len(length) >= 3 and left > 0.0 and part > DIFFERS * left and rms > 2.0 * noise for part, rms in
+             zip(stays, after, strict=True)]  # fmt: skip
+    rows = tuple(
+        RunResidual(run.name, float(part) / total, float(b), float(a), noise, one)
+        for run, part, b, a, one in zip(corrected.runs, beyond, before, after, alone, strict=True)
+    )
+    return Delivered(corrected.residual_rms_moving, corrected.speed_rmse_percent, rows)
+
+
+def gap_of(problem: Problem, search: SearchResult, refitted: ReplayResult) -> Gap:
     """The gap: the residual with the base parameters refitted within their tolerances, `search.within_tolerances`.
 
     A fit that tolerances merely hold, `search.base`, may stretch one to ten times itself and hide a gap there;
-    how far it does is the worst tolerance.
+    how far it does is the worst tolerance. refitted: its machine, replayed.
     """
-    base, near, keys = search.base, search.within_tolerances, base_knobs(problem.machine, problem.runs)
-    nominal = float(np.sqrt(np.mean(problem.residuals([{}])[0][: problem.inputs] ** 2)))
-    left = near.rms(problem.inputs)
-    machine = refitted_machine(problem, keys, near)
-    refitted, plain = (
-        replay_runs(described, campaign.runs, problem.band_hz) for described in (machine, problem.machine)
-    )
+    base, keys = search.base, base_knobs(problem.machine, problem.runs)
+    left = refitted.residual_rms_moving
+    plain = replay_runs(problem.machine, problem.runs, problem.band_hz)
     worst = worst_tolerance(keys, base)
     excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))
     stretched = abs(worst[1]) > STRETCHED
@@ -48,7 +63,7 @@ def gap_of(problem: Problem, search: SearchResult, campaign: Campaign) -> Gap:
         band_hz=problem.band_hz,
         force_rms_n=None if lift is None else left / lift,
         speed_rmse_percent=refitted.speed_rmse_percent,
-        nominal_residual_rms=nominal,
+        nominal_residual_rms=plain.residual_rms_moving,
         nominal_speed_rmse_percent=plain.speed_rmse_percent,
         worst_tolerance=worst,
         significant=excess > EXCESS * problem.noise or stretched,

@@ -42,9 +42,9 @@ def places_of(problem: Problem, fit: Fitted, seed: int = 0) -> tuple[PlaceProbab
     return placed(problem, fit).places
 
 
-def placed(problem: Problem, fit: Fitted) -> Placed:
-    """As `places_of`, with the best port and its part of the gap."""
-    return weighed(survey_of(problem, fit))
+def placed(problem: Problem, fit: Fitted, base: int | None = None) -> Placed:
+    """As `places_of`, with the best port and its part of the gap. base: see `survey_of`."""
+    return weighed(survey_of(problem, fit, base))
 
 
 def weighed(survey: Survey) -> Placed:

@@ -14,6 +14,8 @@ from workbench.run import Array
 
 SMOOTH = 1e-2  # of the data's weight: bends between bins cost so much; what lies between is bridged
 BLOCKS = 8  # of a run's time, where runs cannot be held out against each other
+RIDGE = 1e-9  # of the largest: directions of the parameters that nothing shows
+NEVER_SEEN = 1e-12  # of the columns' energy: a bin that nothing lies in
 DRAWS = 400  # of the bootstrap
 LEAST_RUNS = 3  # to hold out one
 
@@ -43,7 +45,7 @@ class Explained:
 
 def explain(problem: Problem, gap: Array, variable: Variable, free: Free, seed: int) -> Explained:
     """The best function of a variable, with the base parameters free within their tolerances."""
-    columns, bend = _basis(problem, variable)
+    columns, bend = basis(problem, variable)
     folds = run_of(problem) if len(problem.runs) >= LEAST_RUNS else blocks(problem)
     part = held_out(gap, columns, bend, free, folds)
     share, interval = share_of(problem, gap, gap - part, seed)
@@ -56,12 +58,7 @@ def run_of(problem: Problem) -> np.ndarray:
 
 def blocks(problem: Problem) -> np.ndarray:
     """(inputs,) two folds: every other piece of each run's time."""
-    halves, at = np.empty(problem.inputs, dtype=int), times(problem)
-    for j in range(len(problem.runs)):
-        mine = run_of(problem) == j
-        t = at[mine]
-        halves[mine] = ((t - t.min()) / max(float(np.ptp(t)), 1e-9) * BLOCKS * 0.999999).astype(int) % 2
-    return halves
+    return pieces(problem) % BLOCKS % 2
 
 
 def share_of(problem: Problem, gap: Array, left: Array, seed: int) -> tuple[float, tuple[float, float]]:
@@ -91,12 +88,13 @@ def _drawn(
 
 
 def pieces(problem: Problem) -> np.ndarray:
-    """(inputs,) which of BLOCKS pieces of which run."""
+    """(inputs,) which of BLOCKS pieces of which run. A run of which no sample counts has none."""
     at, piece = times(problem), np.empty(problem.inputs, dtype=int)
-    for j in range(len(problem.runs)):
-        mine = run_of(problem) == j
-        t = at[mine]
-        piece[mine] = j * BLOCKS + ((t - t.min()) / max(float(np.ptp(t)), 1e-9) * BLOCKS * 0.999999).astype(int)
+    for j, count in enumerate(problem.run_lengths):
+        if count:
+            mine = run_of(problem) == j
+            gone = (at[mine] - at[mine].min()) / max(float(np.ptp(at[mine])), 1e-9)
+            piece[mine] = j * BLOCKS + np.minimum((gone * BLOCKS).astype(int), BLOCKS - 1)
     return piece
 
 
@@ -145,6 +143,30 @@ def held_out(gap: Array, columns: Array, bend: Array, free: Free, folds: np.ndar
     return out
 
 
+class OnTop:
+    """Functions on top of a fit, fitted to the other runs; what the fit's own parameters explain is projected out, so
+    that they stay where all runs have put them."""
+
+    def __init__(self, problem: Problem, left: Array, free: Free) -> None:
+        """left: (inputs,) the fit's residual; free: its parameters."""
+        self.left, self._inputs = left, len(left)
+        rows = np.vstack([free.columns, np.diag(free.hold)])
+        sizes = np.linalg.norm(rows, axis=0)
+        u, s, _ = np.linalg.svd(rows / np.where(sizes > 0.0, sizes, 1.0), full_matrices=False)
+        self._base = u[:, s > RIDGE * max(s[0], 1e-300)] if len(s) else u
+        self._folds = run_of(problem) if len(problem.runs) >= LEAST_RUNS else blocks(problem)
+        self._nothing = Free(np.zeros((len(left), 0)), np.zeros(0), np.zeros(0), np.zeros(0))
+
+    def after(self, columns: Array, bend: Array) -> Array:
+        """(inputs,) what the columns leave of it on runs they were not fitted to."""
+        sizes = np.sum(columns**2, axis=0)
+        seen = sizes > NEVER_SEEN * np.sum(sizes)
+        shown = columns[:, seen]
+        base = self._base[: self._inputs]
+        shown = shown - base @ (base.T @ shown)
+        return self.left - held_out(self.left, shown, bend[np.ix_(seen, seen)], self._nothing, self._folds)
+
+
 def _bounded(gram: Array, pull: Array, low: Array, high: Array) -> Array:
     """The least of x'Gx/2 - b'x within bounds, to within what one pass of an active set gives."""
     x = np.zeros(len(pull))
@@ -160,18 +182,18 @@ def _bounded(gram: Array, pull: Array, low: Array, high: Array) -> Array:
     return x
 
 
-def _basis(problem: Problem, v: Variable) -> tuple[Array, Array]:
+def basis(problem: Problem, v: Variable) -> tuple[Array, Array]:
     """(inputs, k) columns of a function of the variable for each direction, and the penalty on its bends."""
     ahead = forward(problem)
     if v.name == "direction":
         return np.stack([ahead, ~ahead], axis=1).astype(float), np.zeros((2, 2))
-    hats, bend = _hats(v)
-    both = np.hstack([np.where(ahead[:, None], hats, 0.0), np.where(ahead[:, None], 0.0, hats)])
+    shape, bend = hats(v)
+    both = np.hstack([np.where(ahead[:, None], shape, 0.0), np.where(ahead[:, None], 0.0, shape)])
     zero = np.zeros_like(bend)
     return both, np.block([[bend, zero], [zero, bend]])
 
 
-def _hats(v: Variable) -> tuple[Array, Array]:
+def hats(v: Variable) -> tuple[Array, Array]:
     """Piecewise linear between the bins' edges; a line only where few values are known."""
     knots = v.edges[[0, -1]] if v.straight else v.edges
     which = np.clip(np.searchsorted(knots, v.at, side="right") - 1, 0, len(knots) - 2)

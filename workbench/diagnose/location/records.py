@@ -29,6 +29,30 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class RunResidual:
+    """One run under the delivered machine, as `replay` prints it: rms while moving, N m (N). before: refitted within
+    the tolerances; after: as delivered. share: of the gap's energy that this run holds; differs: whether it alone
+    holds most of what stays."""
+
+    name: str
+    share: float
+    before: float
+    after: float
+    noise: float
+    differs: bool = False
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """What `replay` gives with the delivered machine.yaml, in the band of the gap: rms of the residual while moving,
+    N m (N); speed error in open loop, per cent; and each run."""
+
+    residual_rms: float
+    speed_rmse_percent: float
+    runs: tuple[RunResidual, ...]
+
+
+@dataclass(frozen=True)
 class Window:
     run: str
     from_s: float

@@ -103,10 +103,13 @@ class Survey:
         return np.vstack(parts)
 
 
-def survey_of(problem: Problem, fit: Fitted) -> Survey:
-    """fit: the base parameters' own, within their tolerances."""
+def survey_of(problem: Problem, fit: Fitted, base: int | None = None) -> Survey:
+    """fit: the base parameters' own, within their tolerances. base: how many of its first z are theirs, None for all;
+    the others, of the effects it names, stay as fitted."""
     _, _, std = bounds_of(fit.knobs)
     held = np.array([bool(getattr(k, "logarithmic", False)) for k in fit.knobs for _ in k.lowest])
+    if base is not None:
+        held[base:] = True
     # What nobody knows (a factor, either way) is looked at from where the fit put it; the rest from its nominal value.
     back = np.where(held, 0.0, fit.z)
     usual = np.where(np.isfinite(std), std, 1.0)

@@ -74,7 +74,7 @@ def _profiles(problem: Problem, near: Fitted, seed: int) -> tuple[list[Profile],
     """All profiles, the best first; the best explanation and the next best."""
     gap, free = near.residual[: problem.inputs], free_of(problem, near)
     shares = [explain(problem, gap, v, free, seed) for v in variables(problem, gap)]
-    profiles = [profile_of(problem, gap, share, _regime(problem, gap, share)) for share in shares]
+    profiles = [profile_of(problem, gap, share, regime_of(problem, gap, share)) for share in shares]
     for wave in (wave_in_time(problem, gap, seed), wave_along_the_way(problem, gap, seed)):
         if wave is not None:
             shares, profiles = [*shares, wave[0]], [*profiles, wave[1]]
@@ -95,7 +95,7 @@ def free_of(problem: Problem, near: Fitted) -> Free:
     return Free(-near.jacobian[: problem.inputs], np.minimum(low, 0.0), np.maximum(high, 0.0), hold)
 
 
-def _regime(problem: Problem, gap: Array, explained: Explained) -> str:
+def regime_of(problem: Problem, gap: Array, explained: Explained) -> str:
     """A variable's regime; of the speed: whether its part lies where the machine creeps."""
     if explained.variable.name != "speed":
         return explained.variable.regime

@@ -13,10 +13,9 @@ from workbench.diagnose.readiness.variety import variety
 from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.simulate.band import LEAST_PERIODS
 from workbench.simulate.blows import blows_of
 from workbench.simulate.driven import Bench
-from workbench.simulate.lowpass import lowpass, noise_rms
+from workbench.simulate.lowpass import LEAST_PERIODS, lowpass, noise_rms
 
 FEWEST = 20.0  # independent values while moving: about as many as a diagnosis turns numbers
 ABOVE_NOISE = 5.0  # in the band: less is no motion

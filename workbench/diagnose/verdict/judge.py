@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -23,6 +23,7 @@ from workbench.diagnose.hypotheses.merit import (
     beyond_discrepancy,
     discrepancy_rms,
     inexact,
+    lag_explains,
     of_blows,
     only_mends,
 )
@@ -31,6 +32,7 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import Score, cost, explained, score_of
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.cancellation import cancellation
+from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.probability import calibration, is_lost, rank
 from workbench.diagnose.verdict.records import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord
 from workbench.diagnose.verdict.structure import lasting_share, loaded_share, repeated_share, sudden_share
@@ -47,6 +49,7 @@ TRACE = 3.0  # standard deviations of an effect's trace, by chance
 STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
+LAW = 0.15  # of what a law explains, rms: so far a real machine is off the simpler law; EMPS 0.1 off viscous friction
 FREER = 5.0  # merit by which a law of more freedom has to be better than a simpler one
 OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
 OWN_AGAIN = 0.007  # of that, what comes again with place or speed; the EMPS axis leaves 0.005
@@ -55,6 +58,13 @@ OWN_BLOW = 0.002  # of that, what comes in a few moments at speed; the EMPS axis
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
 UNHEARD = 10.0  # as evidence: blows that come again, and a hypothesis without play
+VARIES = (
+    0.06  # of an effect's energy, held out: a true cause has shown 0.02, 0.08 where it is a lag; mimics from 0.09 on
+)
+AS_GOOD = 12.0  # merit within which another hypothesis is as good as the best
+BENDS = 0.1  # of a remainder's chi^2: so much of it the base parameters take up
+HALF = 0.5  # of the best one's merit: what a part of it has to have
+NEARLY = 0.1  # the same, of the best one's merit
 DECISIVE = 12.0  # merit by which an unlisted effect has to be better than the best listed one to count for an unknown
 
 
@@ -77,7 +87,8 @@ class Judged:
 
     held: the fit that the answer was judged on. left: what it leaves. floor: rms of noise and discrepancy, in the
     input's unit: what a machine without a gap leaves. explained: share of the gap's energy. counted:
-    merits as they were ranked. twins: groups of hypotheses that differ in name only.
+    merits as they were ranked. twins: groups of hypotheses that differ in name only. mimics: those that were not
+    established, with what speaks against each.
     """
 
     word: VerdictWord
@@ -94,6 +105,7 @@ class Judged:
     reasons: tuple[Reason, ...]
     counted: tuple[tuple[Names, float], ...]
     twins: tuple[tuple[Names, ...], ...] = ()
+    mimics: Mapping[Names, Constancy] = field(default_factory=dict)
 
     @property
     def of_answer(self) -> tuple[Names, ...]:
@@ -120,7 +132,9 @@ def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
         if len(names) != 1:
             continue
         gain = none.value - scores[names].value
-        merit = beyond_discrepancy(problem, search.base, fit, gain) - cost(problem, len(fit.z) - len(search.base.z))
+        merit = beyond_discrepancy(problem, search.base, fit, gain, scores[names].sizes) - cost(
+            problem, len(fit.z) - len(search.base.z)
+        )
         merit = of_blows(problem, names, beyond_trace(problem, fit, names[0], merit))
         singles[names] = weighed(names, scores[names], merit)
     all_weighed = {names: _not_freer(search, w, singles, kind) for names, w in singles.items()}
@@ -139,7 +153,7 @@ def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
 def _added(search: SearchResult, first: Weighed, names: Names, score: Score) -> float:
     """The merit that one more effect adds to a hypothesis."""
     problem, fit = search.problem, search.fits[names]
-    gain = beyond_discrepancy(problem, first.fit, fit, first.score.value - score.value)
+    gain = beyond_discrepancy(problem, first.fit, fit, first.score.value - score.value, score.sizes)
     prior = first.fit.prior - fit.prior
     (last,) = set(names) - set(first.names)
     least = inexact(problem, search.within_tolerances, first.fit, first.score)
@@ -163,16 +177,16 @@ def _not_freer(search: SearchResult, mine: Weighed, beside: Mapping[Names, Weigh
     ]
     if not simpler:
         return mine
-    ahead = [(mine.merit - other.merit, advantage(search, mine, other)) for other in simpler]
+    ahead = [(mine.merit - other.merit, advantage(search, mine, other, LAW)) for other in simpler]
     lost = max(raw - real + min(max(FREER - real, 0.0), FREER) for raw, real in ahead)
     return replace(mine, merit=mine.merit - lost)
 
 
-def advantage(search: SearchResult, mine: Weighed, other: Weighed) -> float:
+def advantage(search: SearchResult, mine: Weighed, other: Weighed, law: float = SECOND) -> float:
     """How much better a hypothesis is than another one whose inexact law it may only correct: the difference of the
-    tolerances in full, that of the data above the other one's inexactness."""
+    tolerances in full, that of the data above the other one's inexactness, `law` of what it explains, rms."""
     prior = other.fit.prior - mine.fit.prior
-    least = inexact(search.problem, search.within_tolerances, other.fit, other.score)
+    least = inexact(search.problem, search.within_tolerances, other.fit, other.score, law)
     return prior + beyond(mine.merit - other.merit - prior, least)
 
 
@@ -188,21 +202,25 @@ def beyond_trace(problem: Problem, fit: Fitted, name: str, merit: float) -> floa
 def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1.
 
-    barred: hypotheses that are not to be named, whatever their merit.
+    A cause is named where it is established, whatever else is left. barred: hypotheses that are not to be named,
+    whatever their merit.
     """
+    if search.problem.struck and lag_explains(search.problem, search.within_tolerances, search.fits):
+        search = replace(search, problem=search.problem.without_blows())
     weighed, score = weigh(search)
     weighed = tuple(w for w in weighed if w.names not in barred)
-    best = next((w for w in weighed if not w.rival), None)
-    stands = best is not None and best.merit > calibration()["threshold"]
-    held = best.fit if best is not None and stands else search.within_tolerances
+    best, mimics = established(search.problem, weighed, search.within_tolerances)
+    held, stands = search.within_tolerances, best is not None and best.merit > calibration()["threshold"]
     if best is not None and stands:
-        score = best.score
+        held, score = best.fit, best.score
     floor = math.hypot(search.problem.noise, discrepancy_rms(search.problem.with_discrepancy((1.0, 1.0))))
     left, share = left_of(search, held, floor)
     evidence = evidence_of(search, held, score, left, share)
-    vetoes = [w for w in weighed if w.rival and (best is None or advantage(search, w, best) > DECISIVE)]
-    counted = tuple(ranked_merits(weighed, vetoes))
-    twins = groups_of(search.problem, [w for w in weighed if not w.rival])
+    if stands:
+        evidence["left"] = 0.0  # what an established cause leaves is a remainder
+    vetoes = [w for w in weighed if w.rival and (best is None or advantage(search, w, best, LAW) > DECISIVE)]
+    counted = tuple(ranked_merits(weighed, vetoes, mimics))
+    twins = groups_of(search.problem, [w for w in weighed if not w.rival and w.names not in mimics])
     rows = rank(counted, evidence, calibration(), twins, left.percent_of_input)
     unknown = next(row.probability for row in rows if row.verdict == "unknown")
     reasons = _reasons(left, evidence, best, vetoes)
@@ -222,12 +240,62 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         reasons,
         counted,
         twins,
+        mimics,
     )
 
 
-def ranked_merits(weighed: Sequence[Weighed], vetoes: Sequence[Weighed]) -> list[tuple[Names, float]]:
-    """The merits to be ranked. An unlisted effect that is about as good as the best listed one is left out."""
-    return [(() if w.rival else w.names, w.merit) for w in weighed if not w.rival or w in vetoes]
+def established(
+    problem: Problem, weighed: Sequence[Weighed], near: Fitted
+) -> tuple[Weighed | None, Mapping[Names, Constancy]]:
+    """The best hypothesis all of whose effects hold as laws (`constancies`), None if there is none; and the hypotheses
+    above the threshold that are not established, each with what speaks against it.
+
+    near: the fit without effects, within the tolerances. A hypothesis that leaves more than that fit, whose two effects
+    undo each other, or that sits on a bound is not established either: the next about as good is looked at. Behind a
+    mimic only what it is made of is, for whatever else is about as good imitates the same cause.
+    """
+    mimics: dict[Names, Constancy] = {}
+    listed = [w for w in weighed if not w.rival]
+    able = [w for w in listed if w.merit > calibration()["threshold"]]
+    imitated = False
+    for w in able:
+        part = any(set(w.names) < set(names) for names in mimics) and w.merit > HALF * able[0].merit
+        as_good = not imitated and w.merit > able[0].merit - max(AS_GOOD, NEARLY * able[0].merit)
+        if not (part or as_good):
+            continue
+        why = _against(problem, w, near)
+        if why is None:
+            effects = [find(name, problem.active.kind) for name in w.names]
+            why = next((one for one in constancies(problem, near, w.fit, effects) if one.broken), None)
+            imitated |= why is not None
+        if why is None:
+            return w, mimics
+        mimics[w.names] = why
+    if able:  # none holds: what was not looked at is no better
+        return None, {w.names: mimics.get(w.names, next(iter(mimics.values()))) for w in able}
+    return next(iter(listed), None), mimics
+
+
+def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
+    """What speaks against a fit, whatever its law."""
+    last, more = w.names[-1], w.fit.rms(problem.inputs) / max(near.rms(problem.inputs), 1e-300) - 1.0
+    if more > 0.0 and not (problem.struck and PLAY in w.names):  # what a play leaves are the rebounds
+        return Constancy(last, "residual", more)
+    if (undone := cancellation(problem, w.fit, len(near.z))) > UNDONE:
+        return Constancy(last, "the other effect", undone)
+    return Constancy(last, "a bound", 1.0) if _on_bound(w.fit, len(near.z)) else None
+
+
+def ranked_merits(
+    weighed: Sequence[Weighed], vetoes: Sequence[Weighed], mimics: Collection[Names] = ()
+) -> list[tuple[Names, float]]:
+    """The merits to be ranked. An unlisted effect that is about as good as the best listed one is left out; a
+    hypothesis that is not established has none."""
+    return [
+        (() if w.rival else w.names, min(w.merit, 0.0) if w.names in mimics else w.merit)
+        for w in weighed
+        if not w.rival or w in vetoes
+    ]
 
 
 def input_rms(problem: Problem) -> float:
@@ -259,7 +327,11 @@ def evidence_of(search: SearchResult, held: Fitted, score: Score, left: Left, sh
     if search.problem.struck:  # what stays beside a blow are its rebounds, which no law foretells
         return {"left": 0.0 if PLAY in held.effects else UNHEARD, "prior": 0.0, "bound": 0.0, "against": 0.0}
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
-    bent = SECOND**2 * explained(search.problem, search.base, held, score) if held.effects else 0.0
+    bent = 0.0
+    if held.effects:  # an inexact law bends the base parameters, and so does a remainder
+        noise = search.problem.noise / max(held.rms(search.problem.inputs), 1e-300)
+        bent = SECOND**2 * explained(search.problem, search.base, held, score)
+        bent += BENDS * max(1.0 - noise**2, 0.0) * held.chi2
     return {
         "left": open_share * unexplained(search.problem, held, left, score.excess),
         "prior": max(tolerance_excess(search.problem, held, bent) - BY_CHANCE[bool(held.effects)], 0.0),

@@ -35,12 +35,22 @@ class Reason:
 
 @dataclass(frozen=True)
 class Left:
-    """The residual of the answer beyond noise and discrepancy: rms, N m (N); per cent of the input's rms; relevant:
+    """The residual of the answer beyond noise, on held-out runs: rms, N m (N); per cent of the input's rms; relevant:
     whether it can change a conclusion of a study."""
 
     rms: float
     percent_of_input: float
     relevant: bool
+
+
+@dataclass(frozen=True)
+class Remainder(Left):
+    """What no cause takes, with any verdict. share: of the gap's energy beyond noise on held-out runs, 0 to 1.
+    subsystem, regime: where it lies; regime "all" where no variable of the motion foretells it."""
+
+    share: float
+    subsystem: str
+    regime: str
 
 
 @dataclass(frozen=True)
@@ -97,6 +107,7 @@ class Verdict:
     explained: float = 0.0
     left: Left = Left(0.0, 0.0, False)
     steps: tuple[Step, ...] = ()
+    remainder: Remainder | None = None
 
     @property
     def probability(self) -> float:

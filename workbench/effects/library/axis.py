@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from workbench.effects.declare import EffectMemory, Parameter, effect
-from workbench.effects.parameter import INEXACT
+from workbench.effects.declare import INEXACT, EffectMemory, Parameter, effect
 from workbench.kinds.axis import friction
 from workbench.trace.expr import Scalar, absolute, clip, maximum, minimum, sin, where
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from workbench.effects.declare import Parameter, effect
-from workbench.effects.parameter import INEXACT
+from workbench.effects.declare import INEXACT, Parameter, effect
 from workbench.trace.expr import Scalar, cos, minimum, sqrt
 
 CLIMB_RAD = 0.5  # of drum angle, within which the wire climbs onto the next layer

@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from workbench.references.kind import Move, Ramp, planned
+from workbench.references.limits import Limits
+from workbench.references.response import peak_force_n
 from workbench.references.shape import Shape
 from workbench.references.time_optimal import shortest_move, shortest_move_s, shortest_ramp, shortest_ramp_s
+from workbench.run import Array
 
 
 def _trapezoid_s(move: Move) -> float:
@@ -67,34 +75,124 @@ def _equal_time_ramp(ramp: Ramp) -> Shape:
 @planned(
     label="ruckig in the trapezoid's time",
     words="ruckig",
-    definition="the jerk-limited move with acceleration times s and jerk times s², s such that each move (each jog's "
-    "ramp) takes as long as the trapezoid's",
+    definition="the jerk-limited move that takes as long as the trapezoid's. It exceeds the limit that is cheapest for "
+    "the machine: first the speed, as far as the motors allow; where that does not do, acceleration and jerk by the "
+    "pair that has the lower torque peak on this machine and payload. Each jog's ramp takes as long as the "
+    "trapezoid's, with acceleration times s and jerk times s²",
     ramp=_equal_time_ramp,
     same_time_as="trapezoid",
+    uses_load=True,
     usual=True,
     colour="#009E73",
     dash="6px,3px",
 )
 def ruckig_equal_time(move: Move) -> Shape:
-    """The jerk-limited move with acceleration and jerk raised until it takes as long as the trapezoid.
+    """The jerk-limited move with the cheapest limit raised until it takes as long as the trapezoid.
 
-    Speed ramps run s times faster when a → s·a and j → s²·j: the same change of speed,
-    in 1/s of the time. The speed limit stays, so T(s) falls steadily from T(1), which is no less
-    than the trapezoid's time, towards |d|/v, which is below it: one s fits. Where both moves
-    reach full speed and the acceleration limit,
-
-        |d|/v + (v/a + a/j)/s = |d|/v + v/a   →   s = 1 + a²/(v·j),
-
-    whatever the distance. For the others s is found by bisection, which serves all of them.
+    The speed first: T falls steadily with the speed limit, and acceleration and jerk, which make the torque, stay. What
+    the motors' top speed leaves over goes to acceleration and jerk: either by a → s·a, j → s²·j, which runs the ramps s
+    times faster, so that T(s) falls steadily towards |d|/v; or by the jerk alone, at 5 % more acceleration. Without a
+    known load the first of the two.
     """
-    distance_m, limits = move.distance_m, move.limits
-    low, high = 1.0, 2.0
-    while shortest_move_s(distance_m, limits.ramps_faster(high)) > move.time_s:
-        low, high = high, 2.0 * high
+    d, limits, load = move.distance_m, move.limits, move.load
+    top = 0.0 if load is None else load.top_speed_m_s
+    if top > limits.speed_m_s:
+        faster = replace(limits, speed_m_s=top)
+        if shortest_move_s(d, faster) <= move.time_s:
+            return shortest_move(d, _least(lambda v: replace(limits, speed_m_s=v), limits.speed_m_s, top, move))
+        limits = faster
+    high = 2.0
+    while shortest_move_s(d, limits.ramps_faster(high)) > move.time_s:
+        high *= 2.0
+    shapes = [shortest_move(d, _least(limits.ramps_faster, 0.5 * high, high, move))]
+    if load is not None:
+        harder = replace(limits, acceleration_m_s2=1.05 * limits.acceleration_m_s2)
+        most = replace(harder, jerk_m_s3=1e5)
+        if shortest_move_s(d, most) <= move.time_s:
+            jerk = _least(lambda j: replace(harder, jerk_m_s3=j), limits.jerk_m_s3, most.jerk_m_s3, move)
+            shapes.append(shortest_move(d, jerk))
+        return min(shapes, key=lambda shape: peak_force_n(shape, load))
+    return shapes[0]
+
+
+def _least(limits: Callable[[float], Limits], low: float, high: float, move: Move) -> Limits:
+    """By bisection, those with which the move just takes its time; with `high` it takes no longer."""
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if shortest_move_s(distance_m, limits.ramps_faster(middle)) > move.time_s:
-            low = middle
-        else:
-            high = middle
-    return shortest_move(distance_m, limits.ramps_faster(high))
+        low, high = (middle, high) if shortest_move_s(move.distance_m, limits(middle)) > move.time_s else (low, middle)
+    return limits(high)
+
+
+def _smooth(speed: float, next_speed: float, ramp_s: float, t: Array) -> tuple[Array, Array, Array]:
+    """Way, speed and acceleration of a change of speed along s(τ) = 35τ⁴ - 84τ⁵ + 70τ⁶ - 20τ⁷, τ = t/ramp_s."""
+    x, change = t / ramp_s, next_speed - speed
+    area = x**5 * (7.0 - 14.0 * x + 10.0 * x**2 - 2.5 * x**3)
+    part = x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
+    rise = 140.0 * (x * (1.0 - x)) ** 3
+    return speed * t + change * ramp_s * area, speed + change * part, change / ramp_s * rise
+
+
+def _smooth_ramp_s(change: float, limits: Limits) -> float:
+    """s' is 35/16 at most, s'' 84/(5 sqrt 5)."""
+    by_acceleration = STEEPEST * abs(change) / limits.acceleration_m_s2
+    return max(by_acceleration, math.sqrt(MOST_BENT * abs(change) / limits.jerk_m_s3))
+
+
+STEEPEST, MOST_BENT = 35.0 / 16.0, 84.0 / (5.0 * math.sqrt(5.0))
+
+
+def _seventh_order_ramp(ramp: Ramp) -> Shape:
+    change = ramp.next_speed_m_s - ramp.speed_m_s
+    ramp_s = _smooth_ramp_s(change, ramp.limits)
+    return Shape(
+        0.5 * (ramp.speed_m_s + ramp.next_speed_m_s) * ramp_s, ramp_s, ramp.limits,
+        partial(_smooth, ramp.speed_m_s, ramp.next_speed_m_s, ramp_s), ramp.next_speed_m_s,
+    )  # fmt: skip
+
+
+def _top_and_ramp(move: Move) -> tuple[float, float]:
+    """(speed m/s, ramp s): the speed limit, or what the distance leaves time for, 2·ramp·speed/2 = |d|."""
+    d, limits = abs(move.distance_m), move.limits
+    speed = min(
+        limits.speed_m_s,
+        math.sqrt(d * limits.acceleration_m_s2 / STEEPEST),
+        (d * d * limits.jerk_m_s3 / MOST_BENT) ** (1.0 / 3.0),
+    )
+    return speed, _smooth_ramp_s(speed, limits)
+
+
+def _seventh_order_s(move: Move) -> float:
+    """|d|/v + ramp."""
+    speed, ramp_s = _top_and_ramp(move)
+    return abs(move.distance_m) / speed + ramp_s
+
+
+@planned(
+    label="seventh-order polynomial",
+    words="the seventh-order polynomial",
+    definition="speed ramps along 35τ⁴ - 84τ⁵ + 70τ⁶ - 20τ⁷, with an even stretch between where the move is long "
+    "enough: acceleration, jerk and snap are continuous and 0 at both ends of a ramp, within the limits of speed, "
+    "acceleration and jerk; takes longer than ruckig",
+    ramp=_seventh_order_ramp,
+    duration=_seventh_order_s,
+    colour="#7F3C8D",
+    dash="6px,2px",
+)
+def seventh_order(move: Move) -> Shape:
+    """Up to speed and down again along the seventh-order polynomial, in |d|/v + ramp.
+
+    L. Biagiotti, C. Melchiorri, Trajectory Planning for Automatic Machines and Robots, 2008, section 2.1.5.
+    """
+    speed, ramp_s = _top_and_ramp(move)
+    direction, d = math.copysign(1.0, move.distance_m), abs(move.distance_m)
+    time_s = d / speed + ramp_s
+
+    def motion(t: Array) -> tuple[Array, Array, Array]:
+        rising = t < 0.5 * time_s
+        since = np.where(rising, t, time_s - t)  # the second half is the first one, backwards
+        way, v, a = _smooth(0.0, speed, ramp_s, np.minimum(since, ramp_s))
+        way = way + speed * np.maximum(since - ramp_s, 0.0)
+        return direction * np.where(rising, way, d - way), direction * v, direction * np.where(rising, a, -a)
+
+    used = replace(move.limits, speed_m_s=speed)
+    return Shape(move.distance_m, time_s, used, motion)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from workbench.references.kind import Move, Ramp, planned
+from workbench.references.least_peak import gentle_move
 from workbench.references.library.planned import _equal_time_ramp, _trapezoid_ramp, _trapezoid_s
-from workbench.references.optimal import least_peak_move
-from workbench.references.response import least_peak_limits
+from workbench.references.response import least_peak_limits, peak_force_n
 from workbench.references.shape import Shape
 from workbench.references.shaper import EI, ZV, ZVD, impulses, shaped
 from workbench.references.time_optimal import shortest_move
@@ -23,7 +23,7 @@ from workbench.references.time_optimal import shortest_move
     ramp=_equal_time_ramp,
     same_time_as="trapezoid",
     needs_load=True,
-    colour="#56B4E9",
+    colour="#3390C6",
     dash="8px,3px,2px,3px",
 )
 def ruckig_least_peak(move: Move) -> Shape:
@@ -35,11 +35,11 @@ def ruckig_least_peak(move: Move) -> Shape:
 @planned(
     label="least torque peak",
     words="the motion of least torque peak",
-    definition="the gentlest motion within 1 % of the least torque peak that there is in the trapezoid's time on this "
-    "machine's wire and payload, within torque, speed and a taut wire, the wire still at the end (a linear programme). "
-    "That least peak is a bound for motions that the motors follow exactly; feed-forward with `wire: 1` comes near "
-    "it, a loop without adds its errors. Limits of acceleration and jerk do not bind it; a jog's ramp is the "
-    "trapezoid's",
+    definition="a gentle motion within 2 % of the least torque peak that there is in the trapezoid's time on this "
+    "machine's wire and payload, within torque, speed and a taut wire (a linear programme). The wire is still at the "
+    "end, unless that takes less than 5 % off the trapezoid's peak, as on a short move of a well damped load. The "
+    "peak is that of motors that follow exactly; feed-forward with `wire: 1` comes near it, a loop without adds its "
+    "errors. Limits of acceleration and jerk do not bind it; a jog's ramp is the trapezoid's",
     ramp=_trapezoid_ramp,
     duration=_trapezoid_s,
     same_time_as="trapezoid",
@@ -50,8 +50,9 @@ def ruckig_least_peak(move: Move) -> Shape:
     dash="2px,2px",
 )
 def optimal(move: Move) -> Shape:
-    """The least torque peak in the trapezoid's time; see `workbench.references.optimal`."""
-    return least_peak_move(move.distance_m, move.limits.speed_m_s, move.time_s, move.known_load)
+    """Nearly the least torque peak in the trapezoid's time; see `workbench.references.least_peak`."""
+    trapezoid_n = peak_force_n(shortest_move(move.distance_m, move.limits.without_jerk_limit()), move.known_load)
+    return gentle_move(move.distance_m, move.limits.speed_m_s, move.time_s, move.known_load, trapezoid_n)
 
 
 def _shaped_trapezoid(move: Move, undamped: Sequence[float]) -> Shape:
@@ -93,7 +94,7 @@ def zv(move: Move) -> Shape:
     duration=lambda move: _shaped_s(move, ZVD),
     needs_jerk=False,
     needs_load=True,
-    colour="#E69F00",
+    colour="#C07F00",
 )
 def zvd(move: Move) -> Shape:
     """Zero vibration and derivative: three impulses."""
@@ -109,7 +110,7 @@ def zvd(move: Move) -> Shape:
     duration=lambda move: _shaped_s(move, EI),
     needs_jerk=False,
     needs_load=True,
-    colour="#B3A000",
+    colour="#978600",
 )
 def ei(move: Move) -> Shape:
     """Extra insensitive: three impulses that leave a little."""

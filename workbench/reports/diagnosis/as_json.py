@@ -39,6 +39,7 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         "left": plain(
             {"rms": v.left.rms, "percent_of_input": v.left.percent_of_input, "relevant": v.left.relevant}, DIGITS
         ),
+        "remainder": plain(vars(v.remainder), DIGITS) if v.remainder else None,
         "places": []
         if d.where is None
         else [{"subsystem": p.subsystem, "probability": rounded(p.probability, DIGITS)} for p in d.where.places],
@@ -50,6 +51,15 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         },
         "shrink": {name: value for name, value in vars(d.shrink).items() if name not in ("by_run", "sentences")},
     }
+    fixed["delivered"] = plain(
+        {
+            "residual_rms": d.delivered.residual_rms,
+            "speed_rmse_percent": d.delivered.speed_rmse_percent,
+            "band_hz": g.band_hz,
+            "runs": [vars(run) for run in d.delivered.runs],
+        },
+        DIGITS,
+    )
     steps = {"steps": [plain(vars(step), DIGITS) for step in v.steps]}
     return fixed | plain({key: fixed[key] for key in ("gap", "shrink")}, DIGITS) | steps | details(d)
 

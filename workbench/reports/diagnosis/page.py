@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from workbench.consequences import consequences_table
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.records import Unknown
 from workbench.diagnose.unexplained.words import OVER
@@ -79,7 +80,7 @@ def _condition(d: Diagnosis) -> Section:
 
 
 def _gap(d: Diagnosis) -> Section:
-    return Section("2. The gap", (), d.gap.sentences, [report.gap_table(d)])
+    return Section("2. The gap", (), d.gap.sentences, [report.gap_table(d), report.runs_table(d)])
 
 
 def _where(d: Diagnosis, runs: tuple[RunSeries, ...]) -> Section:
@@ -169,9 +170,7 @@ def _consequences(d: Diagnosis) -> Section:
     c = d.consequences
     if c is None:
         return Section(heading, [d.why_no_consequences or "The control study was not asked for."])
-    return Section(
-        heading, c.sentences[:1], c.sentences[1:], [report.consequences_table(c)], [(before_and_after(c), "")]
-    )
+    return Section(heading, c.sentences[:1], c.sentences[1:], [consequences_table(c)], [(before_and_after(c), "")])
 
 
 def _next_run(d: Diagnosis) -> Section:

@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-from workbench.consequences import Change, Consequences
 from workbench.diagnose.records import Diagnosis
 from workbench.kinds import kind_of
-from workbench.metrics import set_of
 from workbench.reports.diagnosis.words import unit_of
 from workbench.reports.numbers import NOTHING, figures
 from workbench.reports.words import words_of
 from workbench.tables import Column, Table, words
 
 MOST_WINDOWS = 6  # of a run, that are listed
-CONSEQUENCES = (
-    Column("payload", "kg"), words("reference"), Column("peak", "N m"), Column("now", "N m"), Column("peak", "%"),
-    Column("error max", "rad/s"), Column("now", "rad/s"), Column("error max", "%"), Column("error rms", "%"),
-    Column("min wire", "kN"), Column("now", "kN"), Column("moves", "s"),
-)  # fmt: skip
-CONSEQUENCES_NOTE = (
-    "Each value before and now, with the effects, and its change in %. Peak: torque of the harder-worked motor; error: "
-    "motor speed against its set point; min wire: smallest tension. A dash: the run failed."
-)
 
 
 def condition_table(d: Diagnosis) -> Table:
@@ -63,6 +52,11 @@ def gap_table(d: Diagnosis) -> Table:
     for name, residual, speed in (
         ("as given", g.nominal_residual_rms, g.nominal_speed_rmse_percent),
         ("refitted within tolerances", g.residual_rms, g.speed_rmse_percent),
+        *(
+            [("delivered", d.delivered.residual_rms, d.delivered.speed_rmse_percent)]
+            if d.corrected != d.refitted
+            else []
+        ),
     ):
         row = [name, figures(residual), _times(residual, g.noise_rms)]
         if g.force_rms_n is not None:
@@ -70,8 +64,23 @@ def gap_table(d: Diagnosis) -> Table:
             row.append(figures(g.force_rms_n * residual / g.residual_rms) if g.residual_rms > 0.0 else NOTHING)
         rows.append([*row, figures(speed)])
     note = (
-        "Rms while moving. Open loop: the measured input drives the model from the first sample on, so every bias adds "
-        "up; judge by the residual."
+        f"Rms while moving, as `replay --band {g.band_hz:.5g}` prints it. Open loop: the measured input drives the "
+        "model from the first sample on, so every bias adds up; judge by the residual."
+    )
+    return Table(columns, rows, note)
+
+
+def runs_table(d: Diagnosis) -> Table:
+    """Each run: its share of the gap's energy, its residual before and after, the noise."""
+    unit = unit_of(d)
+    columns = [words("run"), Column("of the gap's\nenergy", "%"), Column("before", unit), Column("after", unit),
+               Column("noise", unit)]  # fmt: skip
+    rows = [
+        [run.name, f"{100.0 * run.share:.0f}", figures(run.before), figures(run.after), figures(run.noise)]
+        for run in d.delivered.runs
+    ]
+    note = (
+        "Before: refitted within tolerances; after: the delivered machine.yaml. Rms while moving, fitted to all runs."
     )
     return Table(columns, rows, note)
 
@@ -153,52 +162,3 @@ def next_run_table(d: Diagnosis) -> Table:
     load = f"{n.payload_kg:g}" if kind_of(d.campaign.machine).payload else NOTHING
     row = [n.profile, load, ", ".join(n.signals) or NOTHING, figures(n.now, 2), figures(n.separation, 2)]
     return Table(columns, [row], note)
-
-
-def consequences_table(consequences: Consequences) -> Table:
-    """One row for each payload and reference."""
-    kind = consequences.study.kind
-    if kind.payload:
-        return Table(CONSEQUENCES, [_consequence(row) for row in consequences.rows], CONSEQUENCES_NOTE)
-    judged = set_of(kind.name)
-    shown = [judged.by_name[name] for name in (judged.peak, judged.error)]
-    beside = [judged.by_name[name] for name in (judged.rms, "settling_time_s")]
-    columns = [words("reference")]
-    for metric, head in zip(shown, ("peak", "track"), strict=True):
-        unit = metric.shown_unit
-        columns += [Column(head, unit), Column("now", unit), Column(head, "%")]
-    lines = []
-    for row in consequences.rows:
-        line = [row.reference]
-        for metric in shown:
-            was, now = (metric.text(run[metric.name]) for run in (row.before, row.after))
-            line += [was, now, _changed(row, metric.name)]
-        line += [_changed(row, metric.name) for metric in beside]
-        lines.append([*line, f"{row.after['move_time_s']:.2f}"])
-    note = (
-        "Each value before and now, with the effects, and its change in %. Peak, RMS: of the drive; track: largest "
-        "position error at the encoder; settling: time after the last move. A dash: the run failed."
-    )
-    return Table([*columns, Column("RMS", "%"), Column("settling", "%"), Column("moves", "s")], lines, note)
-
-
-def _consequence(row: Change) -> list[str]:
-    was, now = row.before, row.after
-    peak, error, wire = "peak_torque_motor_nm", "speed_error_max_rad_s", "min_wire_tension_n"
-    return [
-        f"{row.payload_kg:g}", row.reference,
-        _whole(was[peak]), _whole(now[peak]), _changed(row, peak),
-        figures(was[error]), figures(now[error]), _changed(row, error),
-        _changed(row, "speed_error_rms_rad_s"),
-        figures(was[wire] / 1000.0), figures(now[wire] / 1000.0),
-        f"{now['move_time_s']:.2f}",
-    ]  # fmt: skip
-
-
-def _whole(value: float) -> str:
-    return f"{value:.0f}" if value == value else NOTHING
-
-
-def _changed(row: Change, metric: str) -> str:
-    change = row.percent(metric)
-    return f"{change:+.1f}" if change == change else NOTHING

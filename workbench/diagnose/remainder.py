@@ -1,0 +1,50 @@
+"""The remainder: what no cause takes, stated beside any verdict; and the one definition of what a cause explains.
+
+    explained = 1 - (after² - noise²) / (before² - noise²),    remainder = (after² - noise²) / (before² - noise²)
+
+before and after are the rms of the held-out runs' residual without and with the answer, noise that of the sensors in
+the same band. Every real machine leaves something; it vetoes no name.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.location.places import placed
+from workbench.diagnose.location.profiles import Explained, OnTop, basis, best_of, share_of
+from workbench.diagnose.location.variables import variables
+from workbench.diagnose.location.where import free_of, regime_of
+from workbench.diagnose.shrink import Shrink
+from workbench.diagnose.verdict.records import Remainder
+from workbench.kinds import kind_of
+
+RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
+FORETOLD = 0.1  # of the remainder's energy, on held-out runs: a variable that explains less is none of its own
+
+
+def remainder_of(problem: Problem, fit: Fitted, base: int, shrink: Shrink, seed: int) -> Remainder:
+    """fit: of the answer; base: how many of its first z are the base parameters'."""
+    rest, gap = (max(x**2 - shrink.noise**2, 0.0) for x in (shrink.after, shrink.before))
+    rms = math.sqrt(rest)
+    measured = [u[rows] for u, rows in zip(problem.bench.measured, problem.rows, strict=True)]
+    percent = 100.0 * rms / max(float(np.sqrt(np.mean(np.concatenate(measured) ** 2))), 1e-300)
+    kind = kind_of(problem.machine)
+    left = fit.residual[: problem.inputs]
+    regime, subsystem = "all", kind.whole or "guide"
+    if percent > RELEVANT_PERCENT:
+        on_top = OnTop(problem, left, free_of(problem, fit))
+        shares = []
+        for variable in variables(problem, left):
+            after = on_top.after(*basis(problem, variable))
+            shares.append(Explained(variable, left - after, *share_of(problem, left, after, seed)))
+        best = best_of(shares)
+        if best.share > FORETOLD:
+            regime = regime_of(problem, left, best)
+        if not kind.whole:
+            subsystem = placed(problem, fit, base).places[0].subsystem
+    share = min(rest / gap, 1.0) if gap > 0.0 else float(rest > 0.0)
+    return Remainder(rms, percent, percent > RELEVANT_PERCENT, share, subsystem, regime)

@@ -1,0 +1,479 @@
+"""The least torque peak of a move in a given time, from above and from below, and a motion that comes near it.
+
+Two masses and the wire between them (`Load`), measured from rest, with φ = ω² z + 2ζω z' the load's acceleration:
+
+    M p'' = u - m φ,   z'' = p'' - φ,   0 <= p' <= speed limit,   hold + m φ >= TAUT hold (up; down with -m φ),
+    |u + s| <= P at all times, s the steady force:   the least P that moves the drive by d in T, from rest to rest.
+
+*From above.* With u linear between nodes (first-order hold) and the states carried on by the exact response, the least
+P is that of a linear programme, solved by HiGHS (Q. Huangfu, J. A. J. Hall, Mathematical Programming Computation 10,
+2018). Its solution is a motion, and has this peak.
+
+*From below.* Let x' = A x + B u. For any vector λ, any densities η(t) on the states and any force,
+
+    λ·x(T) + ∫ η·x dt = ∫ q u dt,   q(t) = w(t)·B,   w' = -Aᵀ w - η,   w(T) = λ.
+
+Let η weigh the limits of speed and wire, each with the sign of its limit. The left side is then at least D, what the
+limits leave of it; the right side is at most P ∫|q| dt - s ∫q dt. So every motion, in continuous time, has
+
+    P >= (D + s ∫q dt) / ∫|q| dt.
+
+λ and η are the multipliers of the linear programme with its limits averaged over the steps; any others would give a
+bound too, a lower one. ∫|q| is rounded up: the trapezoidal rule errs by at most h³ max|q''|/12 a step, which is added
+twice. (Weak duality: D. G. Luenberger, Optimization by Vector Space Methods, 1969, section 8.6.)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from workbench.errors import InputError
+from workbench.kinds import Load
+from workbench.references.limits import Limits
+from workbench.references.shape import Pieces, Shape
+from workbench.run import Array
+
+GRIDS = ((48, 1.0), (96, 1.0), (192, 2.0), (384, 4.0))  # (steps in the window at either end, swings it is longer)
+TOWARDS_THE_END = (0.85, 0.1, 0.05)  # of the last window, with a third of its steps each: there the wire comes to rest
+GAP = 0.004  # of the bound: the grid is refined until primal and dual are that near
+TAUT = 0.1  # of the weight: the wire carries at least that
+A_SWING = 60  # places in the swing after the end
+FINE_S = 5e-4  # longest step of the rule that rounds ∫|q| up
+
+GIVEN_AWAY = 0.02  # of the least peak, for a gentler motion at nearly the same peak
+STILL_PAYS = 0.95  # of the trapezoid's peak: the wire is brought to rest where the peak stays below
+GENTLE = 0.15  # price of a change of the acceleration by 1 m/s², in weights of the load
+
+
+@dataclass(frozen=True, eq=False)
+class LeastPeak:
+    """The peak of a motion that exists, primal_n, and what no motion is below, dual_n: forces of all motors, N.
+
+    time_s, force_n: (n,) that motion's nodes, the force linear between them, along the motion, steady force included.
+    state: (n, 4) its drive's position and speed, the wire's stretch beyond rest and its rate; (n, 2) of a rigid load.
+    cruise: the node that begins the stretch of even speed, -1 without one; the force there is what keeps the speed.
+    """
+
+    primal_n: float
+    dual_n: float
+    time_s: Array
+    force_n: Array
+    state: Array
+    cruise: int
+
+
+@lru_cache(maxsize=512)  # a study asks for each of its moves, and its neighbours' studies for many of them again
+def least_peak(distance_m: float, speed_m_s: float, time_s: float, load: Load, still: bool = True) -> LeastPeak:
+    """Over all motions that never turn back and bring the drive from rest to rest.
+
+    still: the wire is at rest at the end, too. Otherwise the load may swing on under a drive that stands, and what
+    holds the drive counts. InputError where torque, speed and wire do not allow the time.
+    """
+    for grid in GRIDS:
+        problem = MoveProblem(distance_m, speed_m_s, time_s, load, still, *grid)
+        found = problem.least()
+        if found.primal_n > load.force_limit_n:
+            raise _impossible(distance_m, time_s)
+        if found.primal_n <= (1.0 + GAP) * found.dual_n:
+            break
+    return found
+
+
+@lru_cache(maxsize=512)
+def gentle_move(distance_m: float, speed_m_s: float, time_s: float, load: Load, trapezoid_n: float) -> Shape:
+    """Of the motions within GIVEN_AWAY of the least peak the one for a loop: with the least peak that a controller asks
+    for which takes the load as rigid, and few changes of the acceleration.
+
+    The wire is still at the end where that pays beside the trapezoid's peak, trapezoid_n; on a short move of a well
+    damped load it does not, and the load settles under the drive's hold.
+    """
+    still = MoveProblem(distance_m, speed_m_s, time_s, load, True, *GRIDS[0])
+    try:
+        return still.gentle(min(load.force_limit_n, STILL_PAYS * trapezoid_n))
+    except InputError:
+        return MoveProblem(distance_m, speed_m_s, time_s, load, False, *GRIDS[0]).gentle(load.force_limit_n)
+
+
+class MoveProblem:
+    """The linear programme on a grid. Unknowns: the states x at its n nodes, the forces u there, the peak P.
+
+    Forces are in parts of `scale_n`. The grid is fine in a window at either end, where the speed changes; `cruise` is
+    the number of the one step of even speed between them, -1 where the windows meet.
+    """
+
+    def __init__(
+        self, distance_m: float, speed_m_s: float, time_s: float, load: Load, still: bool, nodes: int, swings: float
+    ) -> None:
+        self.distance_m, self.speed_m_s, self.load, self.still = distance_m, speed_m_s, load, still
+        self.direction, self.duration_s = math.copysign(1.0, distance_m), time_s
+        self.scale_n = abs(load.hold_n) + load.friction_up_n + load.mass_kg + load.drive_kg
+        self.steady = load.steady_force_n(self.direction) / self.scale_n
+        self.taut = load.hangs and load.hold_n > 0.0 and not load.rigid
+        self.room = (1.0 - TAUT) * load.hold_n / self.scale_n  # that the wire's force may fall by
+        # What the time leaves beyond the distance at full speed is all that both ramps together may lose, and one that
+        # has it alone lasts twice as long.
+        spare = max(time_s - abs(distance_m) / speed_m_s, 0.0)
+        window = 2.0 * spare + (0.0 if load.rigid else swings * 2.0 * math.pi / load.angular_frequency_rad_s)
+        meet = 2.0 * window > 0.95 * time_s
+        window = 0.5 * time_s if meet else window
+        start = np.full(nodes, window / nodes)
+        end = np.concatenate(
+            [
+                np.full(nodes // len(TOWARDS_THE_END), len(TOWARDS_THE_END) * part * window / nodes)
+                for part in TOWARDS_THE_END
+            ]
+        )
+        between = [] if meet else [time_s - 2.0 * window]
+        self.steps, self.cruise = np.concatenate([start, between, end]), -1 if meet else nodes
+        self.n = len(self.steps) + 1
+        self.ramping = np.flatnonzero(np.arange(self.n - 1) != self.cruise)  # steps
+        self._set_plant(load)
+
+    def _set_plant(self, load: Load) -> None:
+        """A, B of x' = A x + B u, and the row of φ: with x = (p, p', z, z'), or (p, p') of a rigid load."""
+        M, m = load.drive_kg, load.mass_kg
+        self.order = 2 if load.rigid else 4
+        self.A, self.phi = np.zeros((self.order, self.order)), np.zeros(self.order)
+        self.A[0, 1] = 1.0
+        if load.rigid:
+            self.B = np.array([0.0, self.scale_n / (M + m)])
+            return
+        w2 = load.angular_frequency_rad_s**2
+        self.phi[2:] = w2, load.damping_time_s * w2
+        self.A[1] = -m / M * self.phi
+        self.A[2, 3] = 1.0
+        self.A[3] = -(1.0 + m / M) * self.phi
+        self.B = self.scale_n / M * np.array([0.0, 1.0, 0.0, 1.0])
+
+    @cached_property
+    def pull(self) -> Array:
+        """(order,) the row of the load's m φ, in parts of the scale."""
+        return self.load.mass_kg / self.scale_n * self.phi
+
+    def after(self, step_s: float) -> tuple[Array, Array, Array]:
+        """E, a, b of x(t + step) = E x + a u + b u', for a force that goes on with the slope u': exact."""
+        s = self.order
+        generator = np.zeros((s + 2, s + 2))
+        generator[:s, :s], generator[:s, s], generator[s, s + 1] = self.A, self.B, 1.0
+        response = _exponential(generator * step_s)
+        return response[:s, :s], response[:s, s], response[:s, s + 1]
+
+    def at_even_speed(self, step_s: float) -> Array:
+        """E of x(t + step) = E x, where the drive keeps its speed or stands, and the load swings on."""
+        generator = np.zeros((self.order, self.order))
+        generator[0, 1] = 1.0
+        if self.order == 4:
+            generator[2, 3] = 1.0
+            generator[3] = -self.phi
+        return _exponential(generator * step_s)
+
+    @cached_property
+    def swinging_on(self) -> Array:
+        """(k, order) rows: m φ over a swing after the end, from the state there; (0, order) where the
+        wire is still."""
+        if self.still or self.load.rigid:
+            return np.zeros((0, self.order))
+        step, rows = 2.0 * math.pi / self.load.angular_frequency_rad_s / A_SWING, [self.pull]
+        E = self.at_even_speed(step)
+        for _ in range(A_SWING):
+            rows.append(rows[-1] @ E)
+        return np.array(rows)
+
+    def least(self) -> LeastPeak:
+        """The least peak from above and from below, on this grid."""
+        programme = _Programme(self, averaged=False)
+        programme.solve()
+        state, force = programme.motion()
+        force_n = (force + self.steady) * self.scale_n
+        time_s = np.concatenate([[0.0], np.cumsum(self.steps)])
+        return LeastPeak(self._peak_n(force_n, state), self._bound_n(), time_s, force_n, state, self.cruise)
+
+    def _peak_n(self, force_n: Array, state: Array) -> float:
+        """Of a motion: at its nodes, on its even stretch and after its end."""
+        pulls = [self.swinging_on @ state[-1]]
+        if self.cruise >= 0:
+            times = np.linspace(0.0, self.steps[self.cruise], 65)
+            pulls.append(np.array([self.pull @ self.at_even_speed(t) @ state[self.cruise] for t in times]))
+        beside = (np.concatenate(pulls) + self.steady) * self.scale_n
+        return float(np.max(np.abs(np.concatenate([force_n, beside]))))
+
+    def gentle(self, most_n: float) -> Shape:
+        """See `gentle_move`: a second programme, with the first one's peak as a limit; InputError where that is above
+        most_n."""
+        from scipy import sparse
+
+        n = self.n
+        programme = _Programme(
+            self, averaged=False, extra=n
+        )  # the rigid load's peak, n - 1 changes of the acceleration
+        programme.solve()
+        if programme.solution.fun * self.scale_n > most_n:
+            raise _impossible(self.distance_m, self.duration_s)
+        programme.high[programme.peak] = (1.0 + GIVEN_AWAY) * programme.solution.fun
+        rigid, changes = sparse.csr_matrix(np.ones((n, 1))) @ programme.unknowns[-n], programme.unknowns[1 - n :]
+        acceleration = programme.acceleration
+        change = sparse.diags([-1.0, 1.0], [0, 1], shape=(n - 1, n)) @ acceleration
+        inertia = (self.load.drive_kg + self.load.mass_kg) / self.scale_n
+        for sign in (1.0, -1.0):
+            programme.limit("rigid", sign * inertia * acceleration - rigid, -sign * self.steady)
+            programme.limit("changes", sign * change - changes, 0.0)
+        programme.cost[programme.peak], programme.cost[-n], programme.cost[1 - n :] = 0.0, 1.0, GENTLE
+        programme.solve()
+        state, _ = programme.motion()
+        return self._shape(state, acceleration @ programme.solution.x)
+
+    def _shape(self, state: Array, acceleration: Array) -> Shape:
+        """Position, speed and acceleration as at the nodes, polynomials of fifth order between."""
+        h, nodes = self.steps, np.column_stack([state[:, :2], acceleration])
+        start, end = nodes[:-1].copy(), nodes[1:].copy()
+        if self.cruise >= 0:
+            start[self.cruise, 2] = end[self.cruise, 2] = 0.0
+        pieces = Pieces.through(h, self.direction * start, self.direction * end)
+        jerk = np.abs(end[:, 2] - start[:, 2]) / h
+        used = Limits(float(np.max(state[:, 1])), float(np.max(np.abs(acceleration))), float(np.max(jerk)))
+        return Shape(self.distance_m, self.duration_s, used, pieces)
+
+    def _bound_n(self) -> float:
+        """What no motion is below (module docstring)."""
+        programme = _Programme(self, averaged=True)
+        programme.solve()
+        s, h, v = self.order, self.steps, self.speed_m_s
+        fast, back, taut = (programme.weights(name) for name in ("fast", "back", "taut"))
+        density = np.zeros((self.n - 1, s))  # η of each step
+        density[self.ramping, 1] = back - fast
+        D = -v * (fast @ h[self.ramping])
+        if self.taut:
+            density[self.ramping] += self.direction * np.outer(taut, self.pull)
+            D -= self.room * (taut @ h[self.ramping])
+        w = programme.at_the_end()
+        D += w[0] * abs(self.distance_m)
+        up, down, slack = (programme.weights(name) for name in ("holds", "holds back", "taut after"))
+        if not self.still and not self.load.rigid:
+            w = w + (down - up + (self.direction * slack if self.taut else 0.0)) @ self.swinging_on
+            D += self.steady * (up - down).sum() - (self.room * slack.sum() if self.taut else 0.0)
+        kernels = {step: self._kernel(float(step)) for step in set(h[self.ramping])}
+        absolute, total = 0.0, 0.0  # ∫|q|, ∫q
+        for k in range(self.n - 2, -1, -1):
+            if k == self.cruise:
+                w, lost = self._back_along_even_speed(w, programme.costate(k))
+                D -= lost
+                continue
+            kernel = kernels[h[k]]
+            q = np.abs(w @ kernel.force + density[k] @ kernel.through)
+            bend = np.max(np.abs(w @ kernel.force_bend + density[k] @ kernel.through_bend))
+            absolute += kernel.fine_s * (q.sum() - 0.5 * (q[0] + q[-1])) + h[k] * kernel.fine_s**2 / 6.0 * bend
+            total += w @ kernel.force_sum + density[k] @ kernel.through_sum
+            w = kernel.back @ w + kernel.back_sum @ density[k]
+        return float(self.scale_n * (D + self.steady * total) / (absolute + (up + down).sum()))
+
+    def _kernel(self, step_s: float) -> _Kernel:
+        """Responses over a step of the grid, seen back from its end, at fine times."""
+        s, count = self.order, math.ceil(step_s / FINE_S)
+        fine_s = step_s / count
+        generator = np.zeros((s + 1, s + 1))
+        generator[:s, :s], generator[:s, s] = self.A, self.B
+        one, force, through = _exponential(generator * fine_s), [self.B], [np.zeros(s)]
+        for _ in range(count):
+            force.append(one[:s, :s] @ force[-1])
+            through.append(one[:s, :s] @ through[-1] + one[:s, s])
+        back = np.zeros((2 * s, 2 * s))
+        back[:s, :s], back[:s, s:] = self.A.T, np.eye(s)
+        response = _exponential(back * step_s)
+        _, force_sum, through_sum = self.after(step_s)
+        G, J = np.array(force).T, np.array(through).T
+        return _Kernel(
+            fine_s, G, J, self.A @ self.A @ G, self.A @ G, force_sum, through_sum, response[:s, :s], response[:s, s:]
+        )
+
+    def _back_along_even_speed(self, w: Array, before: float) -> tuple[Array, float]:
+        """(w at the start of the even stretch, what the speed limit costs along it), from w at its end.
+
+        There q = 0 at all times: a weight of the speed limit that makes it so, a mass at either end and a density along
+        it. With w_z' = -w_p' from q = 0 the adjoint is the load's own swing on a drive that is held, run backwards:
+        w_p'' and w_z take the part of speed and place, and the density is w_p + w_z + 2ζω w_p'. Where that is negative
+        the limit at standstill has the weight. before: the wanted w_p' before the stretch.
+        """
+        v, w = self.speed_m_s, w.copy()
+        mass = -w[1] - (w[3] if self.order == 4 else 0.0)
+        cost = -min(mass, 0.0) * v
+        w[1] += mass
+        length = float(self.steps[self.cruise])
+        if self.order == 4:
+            stiffness, damping = self.phi[2:]
+            count = math.ceil(length / FINE_S)
+            one = _exponential(np.array([[-damping, -1.0], [stiffness, 0.0]]) * (length / count))
+            track = [w[1:3]]
+            for _ in range(count):
+                track.append(one @ track[-1])
+            swing = np.array(track)
+            density = w[0] + swing[:, 1] + damping * swing[:, 0]
+            negative = float(np.maximum(-density, 0.0).sum()) * length / count
+            cost += v * (swing[0, 0] - swing[-1, 0] + w[0] * length + negative)
+            w = np.array([w[0], swing[-1, 0], swing[-1, 1], -swing[-1, 0]])
+        else:
+            cost += v * max(w[0], 0.0) * length
+        mass = min(before - w[1], 0.0)
+        w[1] += mass
+        return w, cost - mass * v
+
+
+class _Programme:
+    """The linear programme of a `MoveProblem`, with the limits of speed and wire at the nodes or, averaged, as means
+    over the steps: a motion that keeps the limits keeps their means, so that this one's least peak is no higher."""
+
+    def __init__(self, problem: MoveProblem, averaged: bool, extra: int = 0) -> None:
+        from scipy import sparse
+
+        s, n, h = problem.order, problem.n, problem.steps
+        columns = s * n + n + 1 + extra
+        self.problem, self.peak, self.unknowns = problem, s * n + n, sparse.identity(columns, format="csr")
+        self.x, self.u = self.unknowns[: s * n], self.unknowns[s * n : self.peak]
+        self.acceleration = (sparse.kron(sparse.identity(n), problem.A[1:2]) @ self.x + problem.B[1] * self.u).tocsr()
+        self.low, self.high, self.cost = np.full(columns, -np.inf), np.full(columns, np.inf), np.zeros(columns)
+        self.cost[self.peak] = 1.0
+        self.rows: list[tuple[str, Any, Array]] = []
+        self.equal = self._motion_from_node_to_node()
+        peak = sparse.csr_matrix(np.ones((n, 1))) @ self.unknowns[self.peak]
+        self.limit("peak", self.u - peak, -problem.steady)
+        self.limit("peak back", -self.u - peak, problem.steady)
+        each, pull = sparse.identity(n, format="csr"), problem.pull[None]
+        if averaged:
+            ramping = problem.ramping
+            before, after = each[:-1][ramping], each[1:][ramping]
+            way = sparse.kron(after - before, np.eye(s)[:1]) @ self.x
+            self.limit("fast", way, problem.speed_m_s * h[ramping])
+            self.limit("back", -way, 0.0)
+            if problem.cruise >= 0:
+                self.high[s * problem.cruise + 1] = problem.speed_m_s
+            if problem.taut:  # the mean of φ, from z'' = u/M - (1 + m/M) φ
+                gained = sparse.kron(after - before, np.eye(s)[3:]) @ self.x
+                pushed = problem.B[3] * 0.5 * sparse.diags(h[ramping]) @ (before + after) @ self.u
+                share = problem.load.mass_kg / problem.scale_n / (1.0 + problem.load.mass_kg / problem.load.drive_kg)
+                self.limit("taut", -problem.direction * share * (pushed - gained), problem.room * h[ramping])
+        else:
+            self.low[1 : s * n : s], self.high[1 : s * n : s] = 0.0, problem.speed_m_s
+            # Between nodes the speed is nearly a cubic: inside the limits where its two inner Bézier points are.
+            speed, acceleration = self.x[1::s], self.acceleration
+            ramping, third = problem.ramping, sparse.diags(h[problem.ramping] / 3.0)
+            for inner in (
+                speed[ramping] + third @ acceleration[ramping],
+                speed[ramping + 1] - third @ acceleration[ramping + 1],
+            ):
+                self.limit("fast between", inner, problem.speed_m_s)
+                self.limit("back between", -inner, 0.0)
+            if problem.taut:
+                self.limit("taut", -problem.direction * sparse.kron(each, pull) @ self.x, problem.room)
+        if len(problem.swinging_on):
+            held = sparse.csr_matrix(problem.swinging_on) @ self.x[-s:]
+            peak = sparse.csr_matrix(np.ones((held.shape[0], 1))) @ self.unknowns[self.peak]
+            self.limit("holds", held - peak, -problem.steady)
+            self.limit("holds back", -held - peak, problem.steady)
+            if problem.taut:
+                self.limit("taut after", -problem.direction * held, problem.room)
+        end = s * (n - 1)
+        self.low[:s] = self.high[:s] = 0.0
+        self.low[end : end + 2] = self.high[end : end + 2] = abs(problem.distance_m), 0.0
+        if problem.still:
+            self.low[end + 2 : end + s] = self.high[end + 2 : end + s] = 0.0
+
+    def _motion_from_node_to_node(self) -> Any:
+        """Rows that are 0: x[k+1] = E x[k] + a u[k] + b (u[k+1] - u[k])/h."""
+        from scipy import sparse
+
+        problem, s = self.problem, self.problem.order
+        known = {h: problem.after(h) for h in set(problem.steps[problem.ramping])}
+        states, first, second = [], [], []
+        for k, h in enumerate(problem.steps):
+            if k == problem.cruise:
+                E, now, then = problem.at_even_speed(h), np.zeros(s), np.zeros(s)
+            else:
+                E, a, b = known[h]
+                now, then = a - b / h, b / h
+            states.append(E)
+            first.append(now[:, None])
+            second.append(then[:, None])
+        from_state = sparse.block_diag(states, format="csr") @ self.x[:-s]
+        from_force = sparse.block_diag(first) @ self.u[:-1] + sparse.block_diag(second) @ self.u[1:]
+        return from_state + from_force - self.x[s:]
+
+    def limit(self, name: str, matrix: Any, upper: float | Array) -> None:
+        """matrix @ unknowns <= upper."""
+        self.rows.append((name, matrix, np.broadcast_to(upper, matrix.shape[0])))
+
+    def solve(self) -> None:
+        """InputError where nothing keeps all limits."""
+        from scipy import sparse
+        from scipy.optimize import linprog
+
+        self.solution = linprog(
+            self.cost,
+            A_ub=sparse.vstack([matrix for _, matrix, _ in self.rows]).tocsr(),
+            b_ub=np.concatenate([upper for _, _, upper in self.rows]),
+            A_eq=self.equal,
+            b_eq=np.zeros(self.equal.shape[0]),
+            bounds=np.column_stack([self.low, self.high]),
+            method="highs-ds",
+        )
+        if self.solution.x is None:
+            raise _impossible(self.problem.distance_m, self.problem.duration_s)
+
+    def motion(self) -> tuple[Array, Array]:
+        """State (n, order) and force (n,) at the nodes."""
+        x = self.solution.x
+        split = self.x.shape[0]
+        return x[:split].reshape(-1, self.problem.order), x[split : self.peak]
+
+    def weights(self, name: str) -> Array:
+        """The limit's multipliers, none negative; none at all where the programme has no such limit."""
+        at = 0
+        for own, _, upper in self.rows:
+            if own == name:
+                return np.maximum(-self.solution.ineqlin.marginals[at : at + len(upper)], 0.0)
+            at += len(upper)
+        return np.zeros(0)
+
+    def at_the_end(self) -> Array:
+        """λ: the multipliers of the state that is asked for at the end."""
+        s = self.problem.order
+        end = slice(s * (self.problem.n - 1), s * self.problem.n)
+        both = self.solution.lower.marginals[end] + self.solution.upper.marginals[end]
+        return np.where(self.low[end] == self.high[end], both, 0.0)
+
+    def costate(self, node: int) -> float:
+        """Of the speed, just before a node."""
+        return -float(self.solution.eqlin.marginals[self.problem.order * (node - 1) + 1])
+
+
+@dataclass(frozen=True)
+class _Kernel:
+    """Over a step, at fine times back from its end: e^{At}B (force), its integral (through), their second derivatives,
+    their integrals over the whole step, and w and η carried back through it."""
+
+    fine_s: float
+    force: Array
+    through: Array
+    force_bend: Array
+    through_bend: Array
+    force_sum: Array
+    through_sum: Array
+    back: Array
+    back_sum: Array
+
+
+def _impossible(distance_m: float, time_s: float) -> InputError:
+    return InputError(
+        f"no motion of {distance_m:g} m in {time_s:.3g} s keeps to torque, speed and a taut wire; expected slower "
+        "limits or a lighter load",
+        place="references",
+    )
+
+
+def _exponential(matrix: Array) -> Array:
+    from scipy.linalg import expm
+
+    return np.asarray(expm(matrix))
