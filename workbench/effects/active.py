@@ -104,12 +104,14 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     sensors = tuple(
         effect for effect in effects_for(kind).values() if effect in chosen_effects.values() and effect.on_sensor
     )
-    of_runs = {
-        run: {
-            s: x for name, own in wanted_own.items() for s, x in _own(chosen_effects, name, own, sizes, place).items()
-        }
-        for run, wanted_own in machine.log.of_runs.items()
-    }
+    of_runs: dict[str, dict[str, float]] = {}
+    for run, own_of_effect in machine.log.of_runs.items():
+        for name, own in own_of_effect.items():
+            if name not in chosen_effects:
+                raise InputError(f"{name} is no effect of this machine; {nearest(name, wanted)}", place="log.of_runs")
+            numbers = _numbers(chosen_effects[name], {**wanted[name], **own}, sizes, place)
+            symbols = {r.name: r.symbol for r in chosen_effects[name].ranges(sizes)}
+            of_runs.setdefault(run, {}).update({symbols[parameter]: numbers[symbols[parameter]] for parameter in own})
     if not in_plant:
         return _corrected(Active(kind, values=MappingProxyType(values), sensors=sensors, of_runs=of_runs), machine)
     own = {effect.id for effect in library_effects()}
@@ -117,17 +119,6 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     everything = {symbol: value for effect in held for symbol, value in vanished(effect, sizes).items()}
     active = Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors, of_runs)
     return _corrected(active, machine)
-
-
-def _own(
-    chosen: Mapping[str, Effect], name: str, own: Mapping[str, float], sizes: Sizes, place: str
-) -> dict[str, float]:
-    """symbol -> a run's own values of an effect. InputError for one that the machine does not have."""
-    if name not in chosen:
-        raise InputError(f"{name} is no effect of this machine; {nearest(name, chosen)}", place="log.of_runs")
-    given = {r.name: r.symbol for r in chosen[name].ranges(sizes)}
-    numbers = _numbers(chosen[name], own, sizes, place)
-    return {given[parameter]: numbers[given[parameter]] for parameter in own}
 
 
 def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
