@@ -17,14 +17,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.sequences import axis_cycle
 from benchmarks.watch import friction_grows, healthy, month, sensor_drifts
 from tests.support.commands import Commands
 from tests.support.log_campaign import csv_text
 from workbench.errors import InputError
 from workbench.kinds.axis import LinearAxis
 from workbench.machine import default_hoist, save_machine, with_values
-from workbench.run import Array, Run
-from workbench.serve.plant import LiveAxis
+from workbench.run import Run
 from workbench.watch.cause import Cause, groups_of, likelihoods, posterior
 from workbench.watch.change import learn
 from workbench.watch.estimate import Estimate, estimate, watched_keys
@@ -223,21 +223,6 @@ def test_an_axis_shows_friction_and_a_constant_load_as_two_directions():
     assert first.amount == pytest.approx(3.0, rel=0.1)
     nominal = dict(zip(watched_keys(axis), judge.baseline.line[0], strict=True))
     assert judge.rules.limits == {} and judge.trend_of(judge.alarms[0], nominal) is not None
-
-
-def axis_cycle(axis: LinearAxis, rng: np.random.Generator) -> Run:
-    """Two seconds forward and back under a proportional loop with the load and friction fed forward."""
-    plant, dt, n = LiveAxis(axis, 0.005), 0.005, 400
-    time_s: Array = np.asarray(dt * np.arange(n), dtype=float)
-    wished = 0.25 * np.sin(np.pi * np.clip(time_s - 0.2, 0.0, None))
-    force, place = np.empty(n), np.empty(n)
-    for k in range(n):
-        seen = plant.signals
-        place[k] = seen["position_m"]
-        force[k] = plant.hold + 20.0 * np.tanh(100.0 * wished[k]) + 2000.0 * (wished[k] - seen["velocity_m_s"])
-        plant.step(float(force[k]))
-    signals = {"force_n": force + 0.3 * rng.normal(size=n), "position_m": place + 2e-6 * rng.normal(size=n)}
-    return Run("axis", time_s, signals, 0.0, 0.0)
 
 
 # A short month of real logs.

@@ -13,7 +13,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -177,19 +177,20 @@ def row_of(name: str, watch: Watch, new: int = 0, waiting: int = 0) -> Row:
     """What a watch knows of its machine."""
     alarms = [alarm for alarm in watch.store.alarms() if not alarm.again]
     cycles, trouble = watch.judge.cycles, "" if watch.trouble is None else str(watch.trouble)
-    last = (cycles[-1].name, cycles[-1].start_s) if cycles else ("", None)
     known = watch.judge.baseline is not None
     state = (
         "failed" if trouble else "alarm" if watch.judge.state.base is not None else "healthy" if known else "learning"
     )
+    row = Row(name, state, len(cycles), alarms=len(alarms), trouble=trouble, new=new, waiting=waiting)
+    if cycles:
+        row = replace(row, last_cycle=cycles[-1].name, last_start_s=cycles[-1].start_s)
     if not alarms:
-        return Row(name, state, len(cycles), *last, trouble=trouble, new=new, waiting=waiting)
+        return row
     told = watch.told(alarms[-1])
     cause = told.causes[0]
-    return Row(
-        name, state, len(cycles), *last, len(alarms), cycles[told.onset].name, cause["name"], cause["amount"],
-        unit_of(cause["keys"][0]), told.cycles_left, "" if told.diagnosis is None else told.diagnosis["sentence"],
-        trouble, new, waiting,
+    return replace(
+        row, since=cycles[told.onset].name, cause=cause["name"], amount=cause["amount"], unit=unit_of(cause["keys"][0]),
+        cycles_left=told.cycles_left, diagnosis="" if told.diagnosis is None else told.diagnosis["sentence"],
     )  # fmt: skip
 
 

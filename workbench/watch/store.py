@@ -44,6 +44,11 @@ CREATE TABLE alarms (
     cycle INTEGER PRIMARY KEY, onset INTEGER NOT NULL, statistic REAL NOT NULL, causes TEXT NOT NULL,
     again INTEGER NOT NULL, diagnosis TEXT, told INTEGER NOT NULL DEFAULT 0, reported INTEGER NOT NULL DEFAULT 0);
 """
+COLUMNS = (
+    "number", "digest", "name", "file", "payload_kg", "start_position_m", "start_s", "duration_s", "counted",
+    "statistic", "estimate", "notes",
+)  # fmt: skip
+_CYCLES = f"SELECT {', '.join(COLUMNS)} FROM cycles ORDER BY number"
 # What SQLite's result codes mean for a user; every other one is a damaged file.
 _NOT_WRITTEN = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN}
 _IN_USE = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
@@ -264,10 +269,7 @@ class Store:
 
     def cycles(self) -> list[Kept]:
         """All cycles in the order in which they were counted."""
-        rows = self._rows(
-            "SELECT number, digest, name, file, payload_kg, start_position_m, start_s, duration_s, counted, statistic, "
-            "estimate, notes FROM cycles ORDER BY number"
-        )
+        rows = self._rows(_CYCLES)
         with self._said():
             return [_kept(k, self._keys, row) for k, row in enumerate(rows)]
 
@@ -382,10 +384,7 @@ def read_old(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
         with contextlib.closing(sqlite3.connect(file)) as db:
             kept = dict(db.execute("SELECT name, value FROM settings"))
             _same_settings({**kept, "format": str(FORMAT)}, _settings(machine, rules), folder)
-            rows = db.execute(
-                "SELECT number, digest, name, file, payload_kg, start_position_m, start_s, duration_s, counted, "
-                "statistic, estimate, notes FROM cycles ORDER BY number"
-            ).fetchall()
+            rows = db.execute(_CYCLES).fetchall()
             said = {
                 cycle: (d, bool(told), True)
                 for cycle, d, told in db.execute("SELECT cycle, diagnosis, told FROM alarms")
@@ -439,44 +438,32 @@ def _same_settings(kept: Mapping[str, Any], wanted: Mapping[str, str], folder: P
             )
 
 
-def _kept(k: int, keys: tuple[str, ...], row: tuple[Any, ...]) -> Kept:
+def _kept(k: int, keys: tuple[str, ...], row: Sequence[Any]) -> Kept:
     """A row of the table of cycles. ValueError, TypeError or KeyError where no watch has written it."""
     number, digest, name, file, payload, at, start, duration, counted, statistic, estimate, notes = row
-    data = json.loads(estimate)
-    made = _estimate(keys, tuple(data["keys"]), data["values"], data["errors"], data["resolution"],
-                     data["residual_rms"], data["noise_rms"])  # fmt: skip
-    cycle = Cycle(_text(name), _number(payload), _number(start), _number(duration), made)
-    said = tuple(map(_text, json.loads(notes)))
+    data = json.loads(estimate) if isinstance(estimate, str) else estimate
+    m, arrays = len(keys), [np.asarray(data[what], dtype=float) for what in ("values", "errors", "resolution")]
     if number != k:
         raise ValueError(f"cycle {k} is missing")
+    if tuple(data["keys"]) != keys or [array.shape for array in arrays] != [(m,), (m,), (m, m)]:
+        raise ValueError("estimates of other parameters")
+    if not all(np.all(np.abs(array) < MOST) for array in arrays):
+        raise ValueError("an estimate is no number of this world")
+    made = Estimate(keys, arrays[0], arrays[1], arrays[2], _number(data["residual_rms"]), _number(data["noise_rms"]))
+    cycle = Cycle(_text(name), _number(payload), _number(start), _number(duration), made)
+    said = tuple(map(_text, json.loads(notes) if isinstance(notes, str) else notes))
     return Kept(k, _text(digest), cycle, _text(file), _number(at), bool(counted), _number(statistic), said)
 
 
 def _of_copy(k: int, keys: tuple[str, ...], row: Mapping[str, Any]) -> Kept:
-    made = _estimate(
-        keys, keys, [row[key] for key in keys], [row[f"{key}.std_error"] for key in keys],
-        np.reshape(row["resolution"], (len(keys), len(keys))), row["residual_rms"], row["noise_rms"],
-    )  # fmt: skip
-    start, duration = _number(row["start_s"]), _number(row["duration_s"])
-    cycle = Cycle(_text(row["name"]), _number(row["payload_kg"]), start, duration, made)
-    if row["cycle"] != k:
-        raise ValueError(f"cycle {k} is missing")
-    return Kept(
-        k, _text(row["digest"]), cycle, _text(row["file"]), _number(row["start_position_m"]), bool(row["counted"]),
-        _number(row["statistic"]), tuple(map(_text, row["notes"])),
-    )  # fmt: skip
-
-
-def _estimate(
-    wanted: tuple[str, ...], keys: tuple[str, ...], values: Any, errors: Any, resolution: Any, residual: Any, noise: Any
-) -> Estimate:
-    m = len(wanted)
-    arrays = [np.asarray(array, dtype=float) for array in (values, errors, resolution)]
-    if keys != wanted or [array.shape for array in arrays] != [(m,), (m,), (m, m)]:
-        raise ValueError("estimates of other parameters")
-    if not all(np.all(np.abs(array) < MOST) for array in arrays):
-        raise ValueError("an estimate is no number of this world")
-    return Estimate(keys, arrays[0], arrays[1], arrays[2], _number(residual), _number(noise))
+    """A row of cycles.parquet."""
+    estimate = {
+        "keys": keys, "values": [row[key] for key in keys], "errors": [row[f"{key}.std_error"] for key in keys],
+        "resolution": np.reshape(row["resolution"], (len(keys), len(keys))), "residual_rms": row["residual_rms"],
+        "noise_rms": row["noise_rms"],
+    }  # fmt: skip
+    given = {**row, "number": row["cycle"], "estimate": estimate}
+    return _kept(k, keys, [given[column] for column in COLUMNS])
 
 
 def _alarm(
