@@ -6,8 +6,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from workbench.export.compile import HEADERS, host_compiler
-from workbench.export.fmu import write_sources
+from workbench.export.fmu import HEADERS, host_compiler, write_sources
 from workbench.export.model import Start, model_of
 from workbench.machine import default_hoist
 

@@ -15,7 +15,7 @@ import pytest
 from benchmarks.serve import Client, Served, case_at, closed_loop, off_percent
 from tests.support.commands import Commands
 from workbench.errors import InputError
-from workbench.export.compile import host_compiler
+from workbench.export.fmu import host_compiler
 from workbench.machine import default_hoist, save_machine
 from workbench.machine.axis import LinearAxis, RotaryAxis
 from workbench.serve.plant import LiveAxis, LivePlant
