@@ -24,8 +24,7 @@ from workbench.errors import InputError
 from workbench.export import fmu as compiling
 from workbench.export.fmu import c_files, write_fmu, write_sources
 from workbench.export.model import Model, Start, model_of
-from workbench.export.physics import CText, c_operation
-from workbench.export.variables import BASE, meaning_of, over_time, range_of, unit_of
+from workbench.export.variables import BASE, meaning_of, range_of
 from workbench.kinds import KINDS
 from workbench.machine import Axis, Hoist, default_hoist, save_machine, with_correction, with_values
 from workbench.machine.axis import LinearAxis, LinearFriction, LinearGravity
@@ -37,7 +36,6 @@ from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, case_limits, simulate_loop
 from workbench.simulate.replay import simulate_replays
-from workbench.trace.expr import symbol, where
 
 HOIST = default_hoist()
 NOMINAL = HOIST.motor.nominal_speed_rad_s
@@ -521,31 +519,6 @@ def test_every_parameter_has_a_meaning_a_range_and_a_known_unit():
         for v in model.variables:
             assert v.meaning, v.name
             assert v.unit == "" or v.unit in BASE, v.name
-
-
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [
-        ("motor.rotor_inertia_kg_m2", "kg.m2"),
-        ("torque_motor_nm_per_s", "N.m/s"),
-        ("gearbox.ratio", ""),
-        ("step_s", "s"),
-    ],
-)
-def test_a_unit_is_read_from_the_name(name: str, unit: str):
-    assert unit_of(name) == unit
-
-
-def test_the_unit_of_a_derivative_follows():
-    assert (over_time("rad"), over_time("rad/s"), over_time("m")) == ("rad/s", "rad/s2", "m/s")
-
-
-def test_a_traced_choice_becomes_a_choice_in_c():
-    text = CText(["a"])
-    x = symbol("x")
-    text.function("f", "const double *c, double x, double *out", {}, [where(x > symbol("p_a") * 2.0, x, 0.0)], ["*out"])
-    assert "? x : 0.0" in text.text() and "const int v0 = x > c_0;" in text.text()
-    assert c_operation("abs(v1)") == "fabs(v1)"
 
 
 def test_without_a_compiler_there_is_one_clear_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

@@ -14,17 +14,17 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
-from xml.etree import ElementTree as ET
 
 from workbench import __version__
 from workbench.errors import InputError, nearest
 from workbench.export.model import Model
-from workbench.export.variables import BASE, DISPLAYED, Variable, over_time
+from workbench.export.variables import BASE, DISPLAYED, Variable, over_time, unit_of
+from workbench.tables.templates import render
 
 FmiVersion = Literal["2.0", "3.0"]
 SOURCES = ("model.c", "core.c")  # beside the interface's own file
@@ -109,206 +109,75 @@ def interface_file(version: FmiVersion) -> str:
 
 def model_description(model: Model, version: FmiVersion) -> str:
     """modelDescription.xml, checked in tests against the standard's schema."""
-    return _text(_version3(model) if version == "3.0" else _version2(model))
+    named = {
+        causality: [v.name for v in model.variables if v.causality == causality]
+        for causality in ("output", "calculatedParameter")
+    }
+    slopes_of = [f"der({name})" for name in model.states]
+    # To be computed before the first step.
+    wanted = {*named["output"], *named["calculatedParameter"], *model.states, *slopes_of}
+    units = sorted({_unit(v) for v in model.variables} - {""})
+    return render(
+        f"export/description/fmi{version[0]}.xml",
+        model=model,
+        head={
+            "modelName": model.name, "description": model.description, "generationTool": TOOL,
+            "variableNamingConvention": "structured",
+        },
+        files=c_files(version),
+        units=[(unit, BASE[unit], DISPLAYED.get(unit)) for unit in units],
+        common=_common,
+        real=lambda v, first: _real(model, v, first),
+        reads=lambda name, first: _reads(model, name, first),
+        in_order=lambda names: sorted(names, key=model.reference),
+        outputs=named["output"],
+        slopes_of=slopes_of,
+        initial=[v.name for v in model.variables if v.name in wanted],
+    )  # fmt: skip
 
 
 def build_description(model: Model) -> str:
     """sources/buildDescription.xml of FMI 3.0."""
-    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=model.identifier)
-    files = ET.SubElement(build, "SourceFileSet", language="C99")
-    for name in (interface_file("3.0"), *SOURCES):
-        ET.SubElement(files, "SourceFile", name=name)
-    return _text(root)
-
-
-def _text(root: ET.Element) -> str:
-    ET.indent(root)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
-
-
-def _number(value: float) -> str:
-    return repr(float(value))
-
-
-def _head(model: Model, version: FmiVersion, token: str) -> ET.Element:
-    return ET.Element(
-        "fmiModelDescription",
-        {
-            "fmiVersion": version,
-            "modelName": model.name,
-            token: model.token,
-            "description": model.description,
-            "generationTool": TOOL,
-            "variableNamingConvention": "structured",
-        },
-    )
-
-
-def _version3(model: Model) -> ET.Element:
-    root = _head(model, "3.0", "instantiationToken")
-    slopes = "false" if model.controlled else "true"
-    ET.SubElement(
-        root,
-        "CoSimulation",
-        {
-            "modelIdentifier": model.identifier,
-            "canGetAndSetFMUState": "true",
-            "canSerializeFMUState": "true",
-            "providesDirectionalDerivatives": slopes,
-            "providesAdjointDerivatives": slopes,
-            "canHandleVariableCommunicationStepSize": "true",
-        },
-    )
-    _units(root, model)
-    _categories(root)
-    ET.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="10.0", stepSize=_number(10.0 * model.step_s))
-    variables = ET.SubElement(root, "ModelVariables")
-    for reference, v in enumerate(model.variables):
-        attributes = _common(v, reference)
-        if not v.boolean:
-            attributes |= _real(v)
-            if v.derivative_of is not None:
-                attributes["derivative"] = str(model.reference(v.derivative_of))
-        ET.SubElement(variables, "Boolean" if v.boolean else "Float64", attributes)
-    structure = ET.SubElement(root, "ModelStructure")
-    for name in _named(model, "output"):
-        ET.SubElement(structure, "Output", valueReference=str(model.reference(name)), **_reads(model, name, 0))
-    for state in model.states:
-        name = f"der({state})"
-        reference = str(model.reference(name))
-        ET.SubElement(structure, "ContinuousStateDerivative", valueReference=reference, **_reads(model, name, 0))
-    for name in _initial(model):
-        ET.SubElement(structure, "InitialUnknown", valueReference=str(model.reference(name)))
-    return root
-
-
-def _version2(model: Model) -> ET.Element:
-    root = _head(model, "2.0", "guid")
-    simulation = ET.SubElement(
-        root,
-        "CoSimulation",
-        {
-            "modelIdentifier": model.identifier,
-            "canHandleVariableCommunicationStepSize": "true",
-            "canInterpolateInputs": "false" if model.controlled else "true",
-            "canGetAndSetFMUstate": "true",
-            "canSerializeFMUstate": "true",
-            "providesDirectionalDerivative": "false" if model.controlled else "true",
-        },
-    )
-    files = ET.SubElement(simulation, "SourceFiles")
-    for name in (interface_file("2.0"), *SOURCES):
-        ET.SubElement(files, "File", name=name)
-    _units(root, model)
-    _categories(root)
-    ET.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="10.0", stepSize=_number(10.0 * model.step_s))
-    variables = ET.SubElement(root, "ModelVariables")
-    for reference, v in enumerate(model.variables):
-        scalar = ET.SubElement(variables, "ScalarVariable", _common(v, reference, start=False))
-        if v.boolean:
-            ET.SubElement(scalar, "Boolean", start=_start(v) or "false")
-            continue
-        attributes = _real(v)
-        if v.start is not None:
-            attributes["start"] = _number(v.start)
-        if v.derivative_of is not None:
-            attributes["derivative"] = str(model.reference(v.derivative_of) + 1)
-        ET.SubElement(scalar, "Real", attributes)
-    structure = ET.SubElement(root, "ModelStructure")
-    _unknowns2(structure, "Outputs", model, _named(model, "output"))
-    _unknowns2(structure, "Derivatives", model, (f"der({name})" for name in model.states))
-    _unknowns2(structure, "InitialUnknowns", model, _initial(model))
-    return root
-
-
-def _unknowns2(structure: ET.Element, element: str, model: Model, names: Iterable[str]) -> None:
-    block = ET.SubElement(structure, element)
-    for name in sorted(names, key=model.reference):
-        reads = {} if element == "InitialUnknowns" else _reads(model, name, 1)
-        ET.SubElement(block, "Unknown", index=str(model.reference(name) + 1), **reads)
+    return render("export/description/build.xml", model=model, files=c_files("3.0"))
 
 
 def _reads(model: Model, name: str, first: int) -> dict[str, str]:
-    """The attribute that lists what an unknown depends on; none where that is not known, which means everything."""
+    """The attribute that lists what an unknown depends on; none where that is not known, which means everything.
+    first: the index of the first variable."""
     if name not in model.dependencies:
         return {}
     return {"dependencies": " ".join(str(model.reference(x) + first) for x in model.dependencies[name])}
 
 
-def _named(model: Model, causality: str) -> list[str]:
-    return [v.name for v in model.variables if v.causality == causality]
+def _common(v: Variable) -> dict[str, str]:
+    """The attributes of any variable; the reference is its place."""
+    attributes = {"name": v.name, "description": v.meaning, "causality": v.causality, "variability": v.variability}
+    if v.causality in ("output", "local", "calculatedParameter", "parameter"):
+        attributes["initial"] = "exact" if v.causality == "parameter" else "calculated"
+    if v.start is not None:
+        attributes["start"] = ("true" if v.start else "false") if v.boolean else repr(float(v.start))
+    return attributes
 
 
-def _initial(model: Model) -> list[str]:
-    """What is to be computed before the first step: outputs, calculated parameters, states and their derivatives."""
-    wanted = {*_named(model, "output"), *_named(model, "calculatedParameter"), *model.states}
-    wanted |= {f"der({name})" for name in model.states}
-    return [v.name for v in model.variables if v.name in wanted]
-
-
-def _start(v: Variable) -> str | None:
-    if v.start is None:
-        return None
-    return ("true" if v.start else "false") if v.boolean else _number(v.start)
-
-
-def _common(v: Variable, reference: int, start: bool = True) -> dict[str, str]:
+def _real(model: Model, v: Variable, first: int) -> dict[str, str]:
+    """The attributes of a number."""
+    if v.boolean:
+        return {}
+    unit, low, high = _unit(v), v.range.lowest, v.range.highest
     attributes = {
-        "name": v.name,
-        "valueReference": str(reference),
-        "description": v.meaning,
-        "causality": v.causality,
-        "variability": v.variability,
+        "unit": unit or None,
+        "displayUnit": DISPLAYED[unit][0] if unit in DISPLAYED else None,
+        "min": repr(float(low)) if math.isfinite(low) else None,
+        "max": repr(float(high)) if math.isfinite(high) else None,
+        "derivative": str(model.reference(v.derivative_of) + first) if v.derivative_of is not None else None,
     }
-    if v.causality in ("output", "local", "calculatedParameter"):
-        attributes["initial"] = "calculated"
-    if v.causality == "parameter":
-        attributes["initial"] = "exact"
-    if start and (said := _start(v)) is not None:
-        attributes["start"] = said
-    return attributes
-
-
-def _real(v: Variable) -> dict[str, str]:
-    attributes = {}
-    if unit := _unit(v):
-        attributes["unit"] = unit
-    if unit in DISPLAYED:
-        attributes["displayUnit"] = DISPLAYED[unit][0]
-    if math.isfinite(v.range.lowest):
-        attributes["min"] = _number(v.range.lowest)
-    if math.isfinite(v.range.highest):
-        attributes["max"] = _number(v.range.highest)
-    return attributes
+    return {name: value for name, value in attributes.items() if value is not None}
 
 
 def _unit(v: Variable) -> str:
     if v.derivative_of is None:
         return v.unit
-    of = Variable(v.derivative_of, "", "local", "continuous", "SHOWN", 0)
-    return over_time(of.unit)
-
-
-def _units(root: ET.Element, model: Model) -> None:
-    used = sorted({_unit(v) for v in model.variables} - {""})
-    block = ET.SubElement(root, "UnitDefinitions")
-    for name in used:
-        unit = ET.SubElement(block, "Unit", name=name)
-        ET.SubElement(unit, "BaseUnit", {base: str(power) for base, power in BASE[name].items()})
-        if name in DISPLAYED:
-            shown, factor = DISPLAYED[name]
-            ET.SubElement(unit, "DisplayUnit", name=shown, factor=_number(factor))
-
-
-def _categories(root: ET.Element) -> None:
-    categories = ET.SubElement(root, "LogCategories")
-    for name, meaning in {
-        "logStatusWarning": "what is odd, and goes on",
-        "logStatusDiscard": "a value that was not taken",
-        "logStatusError": "what cannot go on",
-    }.items():
-        ET.SubElement(categories, "Category", name=name, description=meaning)
+    return over_time(unit_of(v.derivative_of))
 
 
 # The compiler.
