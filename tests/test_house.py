@@ -31,6 +31,7 @@ ALLOWED_HOSTS = {
     "localhost",
     "127.0.0.1",
     "www.w3.org",
+    "www.plcopen.org",  # the namespace of its XML
     "keepachangelog.com",
     "semver.org",
     "yaml.org",

@@ -16,11 +16,11 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.structured_text import Block, parsed
 from workbench.control import FeedForward, Notch, PiSettings
-from workbench.export.compile import host_compiler
 from workbench.export.controller import controller_files, settings_text
 from workbench.export.controller_program import CHECKS, checked, program_of, record_of
-from workbench.export.controller_text import ST, c_of, expression, st_number
+from workbench.export.controller_text import ST, c_of, expression
 from workbench.export.drives import DRIVES, RampLimits, drive_settings
+from workbench.export.fmu import host_compiler
 from workbench.machine import default_hoist, with_values
 from workbench.simulate.loop import torque_limit_nm
 from workbench.yaml_strict import loads
@@ -312,12 +312,6 @@ def test_the_record_on_disk_is_the_record():
 def test_an_expression_keeps_its_value_in_both_languages(line: str, c: str, text: str):
     assert expression(line, c_of(program_of(PLAIN, HOIST))) == c
     assert expression(line, ST) == text
-
-
-@pytest.mark.parametrize(("value", "text"), [(1e30, "1.0E+30"), (5e-05, "5.0E-5"), (0.25, "0.25"), (-3.0, "-3.0")])
-def test_a_number_of_structured_text_has_digits_on_both_sides_of_its_point(value: float, text: str):
-    assert st_number(value) == text
-    assert float(text) == value
 
 
 def test_siemens_takes_newton_metres_and_milliseconds_of_one_motor():

@@ -12,9 +12,7 @@ import numpy as np
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
-from workbench.export.compile import host
-from workbench.export.description import FmiVersion
-from workbench.export.fmu import write_fmu
+from workbench.export.fmu import FmiVersion, host, write_fmu
 from workbench.export.model import Model
 from workbench.run import Array
 

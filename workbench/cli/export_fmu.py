@@ -50,7 +50,7 @@ def command(
     platforms: str | None,
     step: float | None,
 ) -> None:
-    """Write MACHINE, a machine.yaml, as an FMU for co-simulation.
+    """Write MACHINE, a machine.yaml or `default` for the built-in hoist, as an FMU for co-simulation.
 
     The input is the motor torque (force), or the speed reference with --with-controller; the outputs are all signals.
     The FMU contains its C sources and binaries: for Linux, Windows and macOS if the extra 'fmu' is installed, otherwise
@@ -60,11 +60,12 @@ def command(
     from workbench.effects import check
     from workbench.export.fmu import write_fmu
     from workbench.export.model import Start, model_of
-    from workbench.machine import load_machine
+    from workbench.machine import default_hoist, load_machine
     from workbench.reports.loop.case import read_controller
 
     settings = None if controller is None else read_controller(controller)
-    read = load_machine(machine, check_effects=check)
+    built_in = str(machine) == "default" and not machine.exists()
+    read = default_hoist() if built_in else load_machine(machine, check_effects=check)
     model = model_of(read, Start(payload, start_position), _effects(effect), settings, step)
     made = write_fmu(model, out, fmi, _platforms(platforms), lambda line: click.echo(line, err=True))  # type: ignore[arg-type]
     binaries = f"binaries for {', '.join(made)}" if made else "no binaries"

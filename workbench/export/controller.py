@@ -9,7 +9,7 @@ from typing import Literal
 from workbench import __version__
 from workbench.control import PiSettings
 from workbench.export.controller_program import checked
-from workbench.export.controller_text import c_files, record_csv, st_files
+from workbench.export.controller_text import controller_texts, record_csv
 from workbench.export.drives import DriveSettings, RampLimits, drive_settings
 from workbench.machine import Hoist
 from workbench.study.scenario import LimitsBlock
@@ -33,8 +33,7 @@ def controller_files(
     program, record = checked(settings, machine, payload_kg)
     name = machine.name.replace("*", " ").replace("\n", " ")  # ends no comment
     title = f"Sampled PI speed controller for {name}, by workbench {__version__}"
-    texts = c_files(title, program, record) if form == "c" else st_files(title, program, record, __version__)
-    return {"test_record.csv": record_csv(record), **texts}
+    return {"test_record.csv": record_csv(record), **controller_texts(form, title, program, record, __version__)}
 
 
 def settings_text(made: DriveSettings) -> str:

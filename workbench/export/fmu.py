@@ -1,18 +1,34 @@
-"""An exported model as one .fmu file: description, sources, binaries."""
+"""An exported model as one .fmu file: its description, its C sources, and binaries for the platforms asked for.
+
+Binaries are made by the host's own compiler for this computer, else by ziglang's.
+"""
 
 from __future__ import annotations
 
+import importlib.util
+import math
 import os
+import platform
+import shutil
+import subprocess
+import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
 
-from workbench.errors import InputError
-from workbench.export.compile import TARGETS, shared_library, targets_of, usual_targets
-from workbench.export.description import SOURCES, FmiVersion, build_description, interface_file, model_description
+from workbench import __version__
+from workbench.errors import InputError, nearest
 from workbench.export.model import Model
+from workbench.export.variables import BASE, DISPLAYED, Variable, over_time, unit_of
+from workbench.tables.templates import render
 
+FmiVersion = Literal["2.0", "3.0"]
+SOURCES = ("model.c", "core.c")  # beside the interface's own file
+TOOL = f"workbench {__version__}"
 WRITTEN_BY_HAND = Path(__file__).with_name("c")
 MOMENT = (2000, 1, 1, 0, 0, 0)  # of every file inside, so that one machine gives one file
 
@@ -81,3 +97,181 @@ def _zip(folder: Path, out: Path) -> None:
     finally:
         if os.path.exists(temporary):
             os.unlink(temporary)
+
+
+# The description.
+
+
+def interface_file(version: FmiVersion) -> str:
+    """The C file of the interface."""
+    return f"fmi{version[0]}.c"
+
+
+def model_description(model: Model, version: FmiVersion) -> str:
+    """modelDescription.xml, checked in tests against the standard's schema."""
+    named = {
+        causality: [v.name for v in model.variables if v.causality == causality]
+        for causality in ("output", "calculatedParameter")
+    }
+    slopes_of = [f"der({name})" for name in model.states]
+    # To be computed before the first step.
+    wanted = {*named["output"], *named["calculatedParameter"], *model.states, *slopes_of}
+    units = sorted({_unit(v) for v in model.variables} - {""})
+    return render(
+        f"export/description/fmi{version[0]}.xml",
+        model=model,
+        head={
+            "modelName": model.name, "description": model.description, "generationTool": TOOL,
+            "variableNamingConvention": "structured",
+        },
+        files=c_files(version),
+        units=[(unit, BASE[unit], DISPLAYED.get(unit)) for unit in units],
+        common=_common,
+        real=lambda v, first: _real(model, v, first),
+        reads=lambda name, first: _reads(model, name, first),
+        in_order=lambda names: sorted(names, key=model.reference),
+        outputs=named["output"],
+        slopes_of=slopes_of,
+        initial=[v.name for v in model.variables if v.name in wanted],
+    )  # fmt: skip
+
+
+def build_description(model: Model) -> str:
+    """sources/buildDescription.xml of FMI 3.0."""
+    return render("export/description/build.xml", model=model, files=c_files("3.0"))
+
+
+def _reads(model: Model, name: str, first: int) -> dict[str, str]:
+    """The attribute that lists what an unknown depends on; none where that is not known, which means everything.
+    first: the index of the first variable."""
+    if name not in model.dependencies:
+        return {}
+    return {"dependencies": " ".join(str(model.reference(x) + first) for x in model.dependencies[name])}
+
+
+def _common(v: Variable) -> dict[str, str]:
+    """The attributes of any variable; the reference is its place."""
+    attributes = {"name": v.name, "description": v.meaning, "causality": v.causality, "variability": v.variability}
+    if v.causality in ("output", "local", "calculatedParameter", "parameter"):
+        attributes["initial"] = "exact" if v.causality == "parameter" else "calculated"
+    if v.start is not None:
+        attributes["start"] = ("true" if v.start else "false") if v.boolean else repr(float(v.start))
+    return attributes
+
+
+def _real(model: Model, v: Variable, first: int) -> dict[str, str]:
+    """The attributes of a number."""
+    if v.boolean:
+        return {}
+    unit, low, high = _unit(v), v.range.lowest, v.range.highest
+    attributes = {
+        "unit": unit or None,
+        "displayUnit": DISPLAYED[unit][0] if unit in DISPLAYED else None,
+        "min": repr(float(low)) if math.isfinite(low) else None,
+        "max": repr(float(high)) if math.isfinite(high) else None,
+        "derivative": str(model.reference(v.derivative_of) + first) if v.derivative_of is not None else None,
+    }
+    return {name: value for name, value in attributes.items() if value is not None}
+
+
+def _unit(v: Variable) -> str:
+    if v.derivative_of is None:
+        return v.unit
+    return over_time(unit_of(v.derivative_of))
+
+
+# The compiler.
+
+FLAGS = ("-std=c99", "-O2", "-g0", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
+HEADERS = WRITTEN_BY_HAND / "fmi"
+MOST_S = 3600.0  # the first build for another system compiles that system's C library too
+
+
+@dataclass(frozen=True)
+class Target:
+    """triple: as zig calls it, with an old C library so that old systems run it. fmi2, fmi3: folders of binaries."""
+
+    triple: str
+    fmi2: str
+    fmi3: str
+    ending: str
+
+
+TARGETS: Mapping[str, Target] = MappingProxyType(
+    {
+        "linux-x86_64": Target("x86_64-linux-gnu.2.17", "linux64", "x86_64-linux", "so"),
+        "linux-aarch64": Target("aarch64-linux-gnu.2.17", "aarch64-linux", "aarch64-linux", "so"),
+        "windows-x86_64": Target("x86_64-windows-gnu", "win64", "x86_64-windows", "dll"),
+        "macos-aarch64": Target("aarch64-macos", "darwin64", "aarch64-darwin", "dylib"),
+    }
+)
+ALL = tuple(TARGETS)
+
+
+def host() -> str | None:
+    """This computer among the targets; None where it is another one."""
+    system = {"linux": "linux", "darwin": "macos", "win32": "windows"}.get(sys.platform, sys.platform)
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
+    name = f"{system}-{machine}"
+    return name if name in TARGETS else None
+
+
+def has_zig() -> bool:
+    return importlib.util.find_spec("ziglang") is not None
+
+
+def host_compiler() -> str | None:
+    """The host's C compiler: CC, else cc, gcc or clang."""
+    named = os.environ.get("CC")
+    return next((path for name in (named, "cc", "gcc", "clang") if name and (path := shutil.which(name))), None)
+
+
+def usual_targets() -> tuple[str, ...]:
+    """All with ziglang, else this computer alone."""
+    if has_zig():
+        return ALL
+    here = host()
+    return (here,) if here is not None else ()
+
+
+def targets_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Checked names of targets, each once. InputError for an unknown one, or one that no compiler here makes."""
+    for name in names:
+        if name not in TARGETS:
+            raise InputError(f"unknown platform '{name}'; {nearest(name, TARGETS)}", place="platforms")
+        compiler(name)
+    return tuple(dict.fromkeys(names))
+
+
+def compiler(target: str) -> list[str]:
+    """The words of a compiler for a target. InputError, in one line, where there is none."""
+    if target == host() and (own := host_compiler()) is not None:
+        return [own]
+    if has_zig():
+        # The oldest processor of its kind: a binary for this one stops on others.
+        cpu = ["-mcpu=baseline"] if "x86_64" in target else []
+        return [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[target].triple, *cpu]
+    if target == host():
+        raise InputError("no C compiler is here; install one, or the extra: pip install '.[fmu]'")
+    raise InputError(f"a binary for {target} takes the extra: pip install '.[fmu]'; "
+                     f"without it only {host() or 'none'} can be made")  # fmt: skip
+
+
+def shared_library(folder: Path, files: Sequence[str], target: str, to: Path, flags: Sequence[str] = FLAGS) -> None:
+    """Compiles files of a folder to `to`. InputError with the compiler's first complaint where that fails."""
+    words = [*compiler(target), *flags, f"-I{HEADERS}", *files, "-o", str(to.resolve())]
+    if not target.startswith("windows"):
+        words.append("-lm")
+    to.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=MOST_S, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise InputError(f"the C compiler did not end within {MOST_S / 60.0:.0f} minutes", place=target) from error
+    except OSError as error:
+        raise InputError(f"the C compiler cannot be run: {error.strerror or error}", place=target) from error
+    if done.returncode != 0 or not to.is_file():
+        lines = [line for line in (done.stderr or done.stdout).splitlines() if "error" in line.lower()]
+        raise InputError(f"the C compiler failed: {(lines or ['without a word'])[0]}", place=target)
+    for leftover in to.parent.iterdir():  # import library and debug data of Windows
+        if leftover.suffix in (".lib", ".pdb"):
+            leftover.unlink()

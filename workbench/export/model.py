@@ -12,7 +12,7 @@ from typing import Any, cast
 
 from workbench.control import NEVER, PI, Controller, PiSettings, delay_weights, full_pi, loop_values
 from workbench.control.events import BRAKE_SPEED
-from workbench.effects import Chosen, alone, joined
+from workbench.effects import Active, Chosen, alone, joined
 from workbench.errors import InputError
 from workbench.export.physics import Physics
 from workbench.export.variables import (
@@ -29,6 +29,7 @@ from workbench.kinds import STUDIED, kind_of, of_kind
 from workbench.machine import Axis, Hoist
 from workbench.plants import Effects, plant_of
 from workbench.simulate.loop import torque_limits
+from workbench.simulate.plant_model import PlantModel
 from workbench.trace.expr import Scalar, clip, symbol, where
 
 STEP_S = {"hoist": 0.001}  # by kind of plant; a wire is soft beside the sharp standstill of an axis' friction
@@ -55,7 +56,8 @@ class Model:
     """name: in words; identifier: as C and file names take it. orders: pairs of names of parameters, the smaller first.
 
     code: model.c and sizes.h by file name. token: what ties description and binary together. notes: what of the
-    machine is not in the model, in sentences.
+    machine is not in the model, in sentences. dependencies: by unknown, the variables that its equation reads; none
+    with the controller inside.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Model:
     code: Mapping[str, str]
     token: str
     notes: tuple[str, ...]
+    dependencies: Mapping[str, tuple[str, ...]]
 
     @property
     def controlled(self) -> bool:
@@ -169,7 +172,23 @@ def model_of(
         0.0 if controller is None else controller.sample_time_s,
         p.get("lag", 0.0),
     )
-    return _assembled(machine, physics, values, inputs, step_s, active.sensors_left_out)
+    return _assembled(
+        machine,
+        physics,
+        values,
+        inputs,
+        step_s,
+        active.sensors_left_out,
+        _hold(machine, Active(plant.kind, active.effects, active.values), start, at),
+    )
+
+
+def _hold(machine: Hoist | Axis, active: Active, start: Start, at: float) -> float:
+    """The input that holds the machine where it starts."""
+    plant = plant_of(machine)
+    p = SimpleNamespace(**vars(plant.values(machine, start.payload_kg)), **active.values_of(0.0))
+    _, hold = PlantModel(plant, active).starts([at], [0.0], [0.0], [p])
+    return float(hold[0])
 
 
 def _check_payload(machine: Hoist | Axis, start: Start) -> None:
@@ -268,8 +287,9 @@ def _assembled(
     inputs: Sequence[tuple[str, str, bool]],
     step_s: float,
     sensors: Sequence[str],
+    hold: float,
 ) -> Model:
-    variables = _variables(physics, values, inputs)
+    variables = _variables(physics, values, inputs, hold)
     place = {v.name: i for i, v in enumerate(variables)}
     controlled = physics.controller is not None
     knowns = () if controlled else (*physics.states, physics.plant.input)
@@ -307,6 +327,7 @@ def _assembled(
         {"model.c": text, "sizes.h": f"{defines}\n{guard}"},
         token,
         notes,
+        {} if controlled else physics.dependencies(),
     )
 
 
@@ -321,13 +342,14 @@ def _identifier(name: str) -> str:
 
 
 def _variables(
-    physics: Physics, values: Sequence[Value], inputs: Sequence[tuple[str, str, bool]]
+    physics: Physics, values: Sequence[Value], inputs: Sequence[tuple[str, str, bool]], hold_input: float
 ) -> tuple[Variable, ...]:
     plant = physics.plant
     made = [Variable("time", "time", "independent", "continuous", "TIME", 0, given_unit="s")]
     for i, (name, meaning, boolean) in enumerate(inputs):
         variability = "discrete" if boolean else "continuous"
-        made.append(Variable(name, meaning, "input", variability, "INPUT", i, 0.0, boolean=boolean))  # type: ignore[arg-type]
+        start = hold_input if name == plant.input else 0.0
+        made.append(Variable(name, meaning, "input", variability, "INPUT", i, start, boolean=boolean))  # type: ignore[arg-type]
     for i, v in enumerate(values):
         variability = "tunable" if v.tunable else "fixed"
         made.append(Variable(v.name, v.meaning, "parameter", variability, "PARAMETER", i, v.start, v.range))  # type: ignore[arg-type]

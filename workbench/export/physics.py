@@ -1,8 +1,12 @@
-"""The plant of one machine as C functions: step, outputs, rest and slopes, from the traced equations."""
+"""The plant of one machine as C99: the traced equations as straight-line functions on plain arrays.
+
+What depends on parameters alone is computed once, by `model_constants`, into an array that the other functions read.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -10,10 +14,107 @@ from typing import Any
 from workbench.control import Controller
 from workbench.engine.rodas3 import rodas3_step
 from workbench.engine.source import state_symbols
-from workbench.export.c_text import CText
 from workbench.plants import Effects, Plant
 from workbench.trace.derive import derivative
+from workbench.trace.emit import Printer
 from workbench.trace.expr import Expr, Scalar, symbol
+
+# Every printed line is one operation on names and numbers, `name = ...`.
+_TRUTH = re.compile(r"^\S+ (<|<=|>|>=|&|\|) \S+$")
+_CALLS = {
+    "abs": "fabs", "atan_": "atan", "sin_": "sin", "cos_": "cos", "exp_": "exp", "sqrt_": "sqrt", "floor_": "floor",
+}  # fmt: skip
+
+HEADER = """\
+#include <math.h>
+
+static inline double fma_(double a, double b, double c) { return a * b + c; }
+"""
+
+
+class CText:
+    """Functions over one array of constants; `parameters`: their order in the array p."""
+
+    def __init__(self, parameters: Sequence[str]) -> None:
+        self.parameters = tuple(parameters)
+        self.printer = Printer()
+        self.rows: dict[str, int] = {}
+        self.functions: list[str] = []
+
+    def function(
+        self, name: str, arguments: str, reads: Mapping[str, str], outputs: Sequence[Scalar], to: Sequence[str]
+    ) -> None:
+        """A C function `void name(arguments)`; reads: symbol -> where its value stands; to: where each output goes."""
+        body, results, carried = self.printer.block(outputs)
+        used = set(re.findall(r"[A-Za-z_]\w*", "\n".join([*body, *results])))
+        lines = [f"const double {symbol} = {place};" for symbol, place in reads.items() if symbol in used]
+        for constant in carried:
+            row = self.rows.setdefault(constant, len(self.rows))
+            lines.append(f"const {self._type_of(constant)} {constant} = c[{row}];")
+        lines += [_statement(line) for line in body]
+        lines += [f"{place} = {result};" for place, result in zip(to, results, strict=True)]
+        silent = " ".join(f"(void){word};" for word in re.findall(r"(\w+)(?:,|$)", arguments))
+        self.functions.append(
+            "\n".join([f"void {name}({arguments}) {{", f"    {silent}", *(f"    {x}" for x in lines), "}"])
+        )
+
+    def constants(self, name: str = "model_constants") -> str:
+        """The function that computes the constants; print it after all others, for they say what they read."""
+        lines = [f"const double p_{symbol} = p[{i}];" for i, symbol in enumerate(self.parameters)]
+        lines += [_statement(line) for line in self.printer.setup]
+        lines += [f"c[{row}] = {constant};" for constant, row in self.rows.items()]
+        text = "\n".join(f"    {line}" for line in lines)
+        # A parameter that no equation reads is none of the compiler's business.
+        silent = " ".join(f"(void)p_{symbol};" for symbol in self.parameters)
+        unread = " ".join(f"(void)c_{i};" for i in range(len(self.printer.setup)))
+        return (
+            f"void {name}(const double *p, double *c) {{\n    (void)p; (void)c;\n{text}\n    {silent}\n    {unread}\n}}"
+        )
+
+    def text(self) -> str:
+        return "\n\n".join([HEADER, *self.functions, self.constants()]) + "\n"
+
+    def _type_of(self, constant: str) -> str:
+        if constant.startswith("p_"):
+            return "double"
+        line = self.printer.setup[int(constant.removeprefix("c_"))]
+        return "int" if _TRUTH.match(line.partition(" = ")[2]) else "double"
+
+
+def _symbols_of(value: Scalar) -> list[str]:
+    """Names of the symbols that an expression reads, in order."""
+    seen: set[int] = set()
+    found: set[str] = set()
+    waiting = [value]
+    while waiting:
+        e = waiting.pop()
+        if not isinstance(e, Expr) or e.id in seen:
+            continue
+        seen.add(e.id)
+        if e.op == "symbol":
+            found.add(e.args[0])
+        else:
+            waiting += e.args
+    return sorted(found)
+
+
+def _statement(line: str) -> str:
+    """One printed operation as a C statement; a truth is an int."""
+    name, _, operation = line.partition(" = ")
+    kind = "int" if _TRUTH.match(operation) else "double"
+    return f"const {kind} {name} = {c_operation(operation)};"
+
+
+def c_operation(operation: str) -> str:
+    """The right side of a printed line, in C."""
+    call = re.fullmatch(r"(\w+)\((.*)\)", operation)
+    if call is None:
+        return operation
+    function, arguments = call[1], call[2]
+    if function == "select":
+        condition, a, b = arguments.split(", ")
+        return f"{condition} ? {a} : {b}"
+    return f"{_CALLS.get(function, function)}({arguments})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +253,14 @@ class Physics:
             rows,
             [f"out[{i}]" for i in range(len(rows))],
         )
+
+    def dependencies(self) -> dict[str, tuple[str, ...]]:
+        """By unknown: the states and inputs that its equation reads, and time."""
+        q, y = state_symbols(self.plant, self.effects)
+        values = self._values(symbol("t"), q, y, symbol("u"))
+        known = {e.args[0]: name for e, name in zip((*q, *y), self.states, strict=True)}
+        known |= {"t": "time", "u": self.plant.input} | {f"w_{name}": name for name in self.inputs}
+        return {name: tuple(known[x] for x in _symbols_of(values[name]) if x in known) for name in self.unknowns}
 
     def _control(self, controller: Controller) -> None:
         q, y = state_symbols(self.plant, self.effects)

@@ -10,6 +10,7 @@
 #define AT_REST 1e-6      /* rad/s^2 or m/s^2: rounding of lengths leaves a thousandth of it */
 #define SAME_TIME 1e-6    /* of a step: communication points may be off by rounding */
 #define WHOLE 1e-9        /* of a step: lengths that are whole numbers of steps but for rounding */
+#define MOST_STATE 1e9    /* in m, rad or per second: no machine's */
 #define MOST_STEPS 1e8    /* in one communication step */
 
 int core_say(Core *m, int status, const char *format, ...) {
@@ -97,6 +98,7 @@ static int place(Core *m) {
     now->actual = now->command = now->hold;
     model_control_start(m->c, now->hold, now->s[0], now->memory);
 #else
+    if (!now->given) now->w[0] = now->hold; /* nobody has set it: the load is held */
     now->actual = now->w[0];
 #endif
     m->stale = 1;
@@ -182,7 +184,7 @@ int core_set(Core *m, unsigned reference, int type, double value) {
     if ((status = allowed(m, v, value)) != OK) return status;
     if (v->kind == KIND_INPUT) {
         m->now.w[v->index] = value;
-        if (v->index == 0) m->now.w_rate = 0.0;
+        if (v->index == 0) { m->now.w_rate = 0.0; m->now.given = 1; }
 #if N_MEMORY == 0
         if (v->index == 0) m->now.actual = value;
 #endif
@@ -230,8 +232,15 @@ static LagStep lag_step(double lag, double h) {
     return step;
 }
 
-/* Equal steps of the plant from `time` over `length`; the input at work is u, u_rate, or nears `command` with a lag. */
-static void cross(Core *m, double time, double length, double u, double u_rate, double lag) {
+static int bounded(const double *s) {
+    for (int i = 0; i < N_STATES; i++)
+        if (!(fabs(s[i]) < MOST_STATE)) return 0;
+    return 1;
+}
+
+/* Equal steps of the plant from `time` over `length`; the input at work is u, u_rate, or nears `command` with a lag.
+   ERROR, with the time in now->time, at the first one whose end has no bounds. */
+static int cross(Core *m, double time, double length, double u, double u_rate, double lag) {
     State *now = &m->now;
     double next[N_STATES], h;
     int steps = (int)ceil(length / now->p[STEP] - WHOLE);
@@ -247,8 +256,13 @@ static void cross(Core *m, double time, double length, double u, double u_rate, 
         } else {
             model_step(m->c, now->w, time + since, h, u + u_rate * since, u_rate, now->s, next);
         }
+        if (!bounded(next)) {
+            now->time = time + since + h;
+            return ERROR;
+        }
         memcpy(now->s, next, sizeof next);
     }
+    return OK;
 }
 
 #if N_MEMORY > 0
@@ -268,7 +282,7 @@ static void control(Core *m) {
 }
 
 /* From sample to sample of the controller; a communication point may lie anywhere between two. */
-static void advance(Core *m, double until) {
+static int advance(Core *m, double until) {
     State *now = &m->now;
     const double dt = SAMPLE_TIME, same = SAME_TIME * dt, lag = lag_of(m);
     while (until - now->time > same) {
@@ -286,19 +300,21 @@ static void advance(Core *m, double until) {
         } else {
             length = fresh ? dt : due - now->time;
         }
-        cross(m, now->time, length, now->command, 0.0, lag);
+        if (cross(m, now->time, length, now->command, 0.0, lag) != OK) return ERROR;
         now->time = due;
     }
     now->time = until;
+    return OK;
 }
 #else
-static void advance(Core *m, double until) {
+static int advance(Core *m, double until) {
     State *now = &m->now;
     double length = until - now->time, u_rate = now->w_rate + now->w[RATE_INPUT];
-    cross(m, now->time, length, now->w[0], u_rate, 0.0);
+    if (cross(m, now->time, length, now->w[0], u_rate, 0.0) != OK) return ERROR;
     now->actual = now->w[0] + u_rate * length;
     now->w_rate = 0.0;
     now->time = until;
+    return OK;
 }
 #endif
 
@@ -316,14 +332,14 @@ int core_step(Core *m, double from, double length) {
     if (length > MOST_STEPS * now->p[STEP])
         return core_say(m, ERROR, "a step of %g s was asked for, expected at most %g s", length, MOST_STEPS * now->p[STEP]);
     memcpy(&before, now, sizeof before);
-    advance(m, from + length);
+    if (advance(m, from + length) != OK) {
+        double at = now->time;
+        memcpy(now, &before, sizeof before);
+        m->stale = 1;
+        return core_say(m, ERROR, "the state grew without bound at %.9g s; the step from %g s over %g s was taken back", at, from,
+                        length);
+    }
     m->stale = 1;
-    for (int i = 0; i < N_STATES; i++)
-        if (!(fabs(now->s[i]) < 1e9)) { /* in m, rad or per second: no machine's */
-            memcpy(now, &before, sizeof before);
-            return core_say(m, ERROR, "the state grew without bound between %g s and %g s; the step was taken back", from,
-                            from + length);
-        }
     return OK;
 }
 

@@ -11,6 +11,7 @@ enum phase { INSTANTIATED, INITIALISING, STEPPING, TERMINATED };
 /* Everything that a stored state holds: plain numbers, so it is copied and written out as it is. */
 typedef struct {
     int phase;
+    int given;                  /* the first input has been set */
     double start_time, time;
     long long sample;           /* of the controller: how many have passed */
     double hold, actual, command;
