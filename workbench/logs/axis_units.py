@@ -46,7 +46,8 @@ def check_axis_units(
     fast, top = float(np.percentile(np.abs(rate), 99.0)), drive.top_speed
     if top and fast > TOO_FAST * top:
         raise fault(
-            f"{label(moved)} moves at {fast:.4g}, the drive's top speed is {top:g}{_fits(top / fast, moved, below=True)}"
+            f"{label(moved)} moves at {fast:.4g}, the drive's top speed is {top:g}"
+            f"{_fits(top / fast, moved, below=True)}"
         )
     strong = float(np.percentile(np.abs(values[name]), 99.0))
     if strong > TOO_STRONG * drive.limit:
