@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from workbench.kinds import Kind, Limits, kind_of
-from workbench.logs.axis_units import check_axis_units
 from workbench.logs.channels import is_constant
 from workbench.logs.faults import Fault, seconds
+from workbench.logs.units import check_axis_units
 from workbench.machine import Axis, Hoist
 from workbench.run import Array
 
