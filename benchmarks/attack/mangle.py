@@ -169,9 +169,10 @@ def _of_the_import_extra(kind: str, variant: int) -> bytes:
         from asammdf import MDF, Signal
 
         time_s = data["time_s"]
+        how_packed: dict[str, Any] = {"compression": variant % 2}
         with tempfile.TemporaryDirectory() as folder, MDF(version=("4.10", "3.30", "4.11")[variant % 3]) as mdf:
             mdf.append([Signal(data[name], time_s, name=name) for name in data if name != "time_s"])
-            mdf.save(Path(folder) / "lift.mf4", overwrite=True, compression=variant % 2)
+            mdf.save(Path(folder) / "lift.mf4", overwrite=True, **how_packed)
             (written,) = Path(folder).iterdir()
             return written.read_bytes()
     else:

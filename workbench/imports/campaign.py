@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,7 @@ def with_table(logs: Sequence[Imported], file: Path) -> list[Imported]:
     rows.fieldnames = columns
     if odd := [name for name in columns if name not in ("file", *SAID)] or (["file"] if "file" not in columns else []):
         raise InputError(f"column '{odd[0]}', expected file and any of {', '.join(SAID)}", file=file, line=1)
-    said: dict[str, dict[str, float]] = {}
+    said: dict[str, dict[str, Any]] = {}
     names = {name for log in logs for name in (log.file.name, log.name)}
     for row in rows:
         name = Path(row["file"] or "").name

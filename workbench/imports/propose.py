@@ -180,9 +180,9 @@ def _nominal(machine: Hoist | Axis, signal: str) -> float:
     if signal in kind.drive.parts and kind.motor_torque is not None:
         value = kind.motor_torque(machine)
     elif signal == kind.plant.input:
-        value = limits.nominal_input if limits is not None else machine.drive.nominal
+        value = limits.nominal_input if limits is not None else getattr(machine.drive, "nominal", None)
     elif quantity_of(signal) == quantity_of(kind.plant.speeds[0]):
-        value = limits.nominal_speed if limits is not None else machine.drive.top_speed
+        value = limits.nominal_speed if limits is not None else getattr(machine.drive, "top_speed", None)
     if not value:
         raise InputError(f"machine.yaml states no nominal value of {signal}; give its scale", place="mapped")
     return float(value)
