@@ -21,7 +21,7 @@ from benchmarks.attack.victim import Ended
 
 SLOW_S, LARGE_MB = 10.0, 500.0
 GIVE_UP_S = 300.0  # by the clock
-BAD = ("traceback", "unsound", "unclear", "crash", "hang")
+BAD = ("traceback", "unsound", "unclear", "silent", "crash", "hang")
 
 
 @dataclass(frozen=True)

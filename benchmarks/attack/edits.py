@@ -87,3 +87,25 @@ EDITS: Mapping[str, Edit] = MappingProxyType(
         "50 rows of elsewhere": lambda _, run, chance: _rows(run, chance, lambda v, at, other: v[other : other + ROWS]),
     }
 )
+
+
+def sound_runs(machine: Hoist, chance: np.random.Generator) -> list[Run]:
+    """Six runs of a rigid hoist whose values are off as honest ones are: three payloads, lifting and lowering."""
+    kind = kind_of(machine)
+    gain, offset, friction, slope = chance.normal([1.0, 0.0, 30.0, 0.1], [0.01, 3.0, 3.0, 0.02])
+    time_s = np.arange(0.0, 30.0, 0.01)
+    runs = []
+    for number, payload_kg in enumerate((0.0, 0.0, 4500.0, 4500.0, 9000.0, 9000.0)):
+        top = chance.uniform(0.4, 0.9) * machine.motor.nominal_speed_rad_s
+        # Trapezoids up and down, with corners rounded over half a second.
+        corners_s = np.array([0.0, 2.0, 4.0, 10.0, 12.0, 17.0, 19.0, 25.0, 27.0, 30.0]) + chance.uniform(0.0, 1.0)
+        speed = np.interp(time_s, corners_s, top * np.array([0, 0, 1, 1, 0, 0, -1, -1, 0, 0], dtype=float))
+        speed = np.convolve(np.pad(speed, 25, mode="edge"), np.full(51, 1.0 / 51.0), mode="valid")
+        body = kind.rigid(machine, payload_kg)
+        torque = body.hold + body.inertia * np.gradient(speed, time_s) + friction * np.tanh(speed / 2.0) + slope * speed
+        halves = [0.5 * (gain * torque + offset) + chance.normal(0.0, 2.0, len(time_s)) for _ in range(2)]
+        signals = dict(zip(kind.drive.parts, (half.round(1) for half in halves), strict=True))
+        signals[kind.plant.input] = np.sum([*signals.values()], axis=0)
+        signals[kind.plant.speeds[0]] = (speed + chance.normal(0.0, 0.03, len(time_s))).round(2)
+        runs.append(Run(f"run_{number}", time_s, signals, payload_kg, 9.0, 60.0 * number))
+    return runs

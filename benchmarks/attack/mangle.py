@@ -1,11 +1,14 @@
-"""Good files and what is done to them. The same seed makes the same bytes."""
+"""Good files and what is done to them. The same seed makes the same bytes, but for the date in an MF4 file."""
 
 from __future__ import annotations
 
 import atexit
+import contextlib
 import io
+import os
 import random
 import shutil
+import socket
 import struct
 import tempfile
 import zipfile
@@ -29,16 +32,19 @@ runs: [{name: lift, file: runs/lift.csv}]
 """
 COLUMNS = "columns:\n  time_s: {column: time_s, scale: 1.0}\n  speed_motor_rad_s: speed_motor_rad_s\n"
 
-# Which file is mangled: of a campaign one of three forms of its log, or machine.yaml, of a hoist or of an axis, or
-# runs.yaml; zip and upload are the whole campaign as a browser sends it; a scenario and a controller's file stand for
-# themselves; index, signals, manifest and ran (scenario.yaml) are of a finished result; state, copies and sidecar are a
-# watch's.
+# Which file is mangled: of a campaign one form of its log, or machine.yaml, of a hoist or of an axis, or runs.yaml; zip
+# and upload are the whole campaign as a browser sends it; escape is an HDF5 file with a data set that lies elsewhere;
+# special is no regular file in the place of one; edit is a run that can be read and is wrong; a scenario and a
+# controller's file stand for themselves; index, signals, manifest and ran (scenario.yaml) are of a finished result;
+# state, copies and sidecar are a watch's.
 KINDS = (
-    "csv", "parquet", "mat", "machine", "axis", "runs", "zip", "upload", "scenario", "controller", "index", "signals",
-    "manifest", "ran", *watch_states.KINDS,
+    "csv", "parquet", "mat", "mat73", "mf4", "tdms", "escape", "special", "edit", "machine", "axis", "runs", "zip",
+    "upload", "scenario", "controller", "index", "signals", "manifest", "ran", *watch_states.KINDS,
 )  # fmt: skip
+MADE_BY_THE_VICTIM = ("escape", "special", "edit")
 OF_A_RESULT = {"index": "index.parquet", "signals": "", "manifest": "manifest.json", "ran": "scenario.yaml"}
-_BINARY = ("parquet", "mat", "zip", "index", "signals", "state", "copies")
+LOGS = ("csv", "parquet", "mat", "mat73", "mf4", "tdms")
+_BINARY = ("parquet", "mat", "mat73", "mf4", "tdms", "zip", "index", "signals", "state", "copies")
 _STUDY = """\
 name: small
 payloads_kg: [0, 9000]
@@ -124,6 +130,8 @@ def good(kind: str, variant: int) -> bytes:
         mat: list[dict[str, Any]] = [{"do_compression": True}, {"do_compression": False}, {"format": "4"}]
         scipy.io.savemat(stream, data, **mat[variant % 3])
         return stream.getvalue()
+    if kind in ("mat73", "mf4", "tdms"):
+        return _of_the_import_extra(kind, variant)
     if kind == "machine":
         return machine_text(default_hoist()).encode()
     if kind == "runs":
@@ -150,6 +158,86 @@ def good(kind: str, variant: int) -> bytes:
     return scenarios[variant % len(scenarios)].read_bytes()
 
 
+def _of_the_import_extra(kind: str, variant: int) -> bytes:
+    """A log in a format whose reader comes with the extra `import`. An MF4 file has its date of writing in it."""
+    data = columns()
+    stream = io.BytesIO()
+    if kind == "mat73":
+        import h5py
+
+        how: list[dict[str, Any]] = [{}, {"compression": "gzip"}, {"chunks": (1, 50), "shuffle": True}]
+        with h5py.File(stream, "w", userblock_size=512) as held:
+            for name, column in data.items():
+                held.create_dataset(name, data=column.reshape(1, -1), **how[variant % 3])
+    elif kind == "mf4":
+        from asammdf import MDF, Signal
+
+        time_s = data["time_s"]
+        how_packed: dict[str, Any] = {"compression": variant % 2}
+        with tempfile.TemporaryDirectory() as folder, MDF(version=("4.10", "3.30", "4.11")[variant % 3]) as mdf:
+            mdf.append([Signal(data[name], time_s, name=name) for name in data if name != "time_s"])
+            mdf.save(Path(folder) / "lift.mf4", overwrite=True, **how_packed)
+            (written,) = Path(folder).iterdir()
+            return written.read_bytes()
+    else:
+        from nptdms import ChannelObject, TdmsWriter
+
+        with TdmsWriter(stream) as writer:
+            for part in np.array_split(np.arange(SAMPLES), variant % 3 + 1):
+                step = {"wf_increment": STEP_S}
+                channels = [
+                    ChannelObject("drive", n, v[part], properties=step) for n, v in data.items() if n != "time_s"
+                ]
+                writer.write_segment(channels)
+    return stream.getvalue()
+
+
+def escape(chance: random.Random, secret: Path) -> bytes:
+    """A MAT 7.3 file one of whose data sets is to be read from `secret`."""
+    import h5py
+
+    stream = io.BytesIO()
+    data = columns()
+    name = chance.choice([*data])
+    with h5py.File(stream, "w") as held:
+        for other in data:
+            if other != name:
+                held[other] = data[other].reshape(1, -1)
+        way = chance.choice(["external", "virtual", "link", "soft", "late"])
+        if way in ("external", "late"):
+            first = 0 if way == "external" else chance.choice([8, 100, 1000])  # bytes of another part of the same file
+            parts = [(str(secret), 40, first), (str(secret), 0, 8 * SAMPLES - first)]
+            held.create_dataset(name, (1, SAMPLES), dtype="f8", external=parts if first else parts[1:])
+        elif way == "virtual":
+            layout = h5py.VirtualLayout((1, SAMPLES), dtype="f8")
+            layout[0, : SAMPLES // 2] = h5py.VirtualSource(
+                chance.choice([str(secret), "."]), "x", shape=(SAMPLES // 2,)
+            )
+            held.create_virtual_dataset(name, layout)
+        else:
+            held[name] = h5py.ExternalLink(str(secret), "x") if way == "link" else h5py.SoftLink("/elsewhere/x")
+    return stream.getvalue()
+
+
+SPECIAL = ("fifo", "zero", "full", "sparse", "folder", "loop", "dangling", "socket")
+
+
+def make_special(what: str, place: Path) -> None:
+    """No regular file, or a giant, where one is expected."""
+    if what == "fifo":
+        os.mkfifo(place)
+    elif what == "sparse":
+        with place.open("wb") as stream:
+            stream.truncate(60_000_000_000)
+    elif what == "folder":
+        place.mkdir()
+    elif what == "socket":
+        with contextlib.chdir(place.parent), socket.socket(socket.AF_UNIX) as line:
+            line.bind(place.name)
+    else:
+        place.symlink_to({"zero": "/dev/zero", "full": "/dev/full", "loop": place.name}.get(what, "nowhere"))
+
+
 @cache
 def finished_result() -> Path:
     """A small study's result, made once in a process and taken away at its end."""
@@ -173,6 +261,8 @@ def signals_of(folder: Path) -> Path:
 def mangled(kind: str, seed: int) -> bytes:
     """The input of a seed."""
     chance = random.Random(f"{kind} {seed}")
+    if kind in MADE_BY_THE_VICTIM:
+        return str(seed).encode()
     content = good(kind, chance.randrange(60))
     ways = [_flip, _flip, _cut, _lie, _copy, _drop, _swap, _fill]
     if kind not in _BINARY:

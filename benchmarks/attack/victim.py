@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import random
 import shutil
 import signal
 import sys
@@ -21,13 +22,35 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from workbench.study.results.index import read_rows
 
 from benchmarks.attack import watch_states
-from benchmarks.attack.mangle import AXIS_RUNS, CUT, OF_A_RESULT, ROOT, RUNS, finished_result, good, mangled, signals_of
+from benchmarks.attack.edits import EDITS, edited, sound_runs
+from benchmarks.attack.mangle import (
+    AXIS_RUNS,
+    CUT,
+    LOGS,
+    OF_A_RESULT,
+    ROOT,
+    RUNS,
+    SPECIAL,
+    escape,
+    finished_result,
+    good,
+    make_special,
+    mangled,
+    signals_of,
+)
 from workbench.errors import InputError
+from workbench.log_formats.opening import open_log
 from workbench.logs import Campaign, read_campaign
+from workbench.logs.doubts import doubts_of
+from workbench.machine import default_hoist
 
 LONGEST = 3000  # characters of an error
+SECRET = b"root:x:0:0:what no log may show:" * 100
+_ENDINGS = ("csv", "parquet", "mat", "mf4", "tdms")
+_PLACES = ("machine.yaml", "runs.yaml", "index.parquet", "manifest.json")
 
 
 def _of_an_axis(log: bytes) -> bytes:
@@ -42,7 +65,7 @@ class Ended:
     """How one input ended: read, noted (read, and something said of it), refused, traceback, unsound or unclear.
 
     seconds: of processor time, its workers' with it. unsound: a campaign that breaks what readers promise; unclear: an
-    error that is not one printable line.
+    error that is not one printable line; silent: what had to be refused or noted was not.
     """
 
     how: str
@@ -60,6 +83,14 @@ def read(kind: str, content: bytes, folder: Path) -> Ended:
             return _controller(content, folder)
         if kind in watch_states.KINDS:
             return Ended(*watch_states.read(kind, content, folder))
+        if kind == "special":
+            return _special(int(content), folder)
+        if kind == "edit":
+            return _edit(int(content))
+        if kind == "escape":
+            secret = folder / "secret"
+            secret.write_bytes(SECRET)
+            return _kept(_campaign("mat73", escape(random.Random(f"escape {content!r}"), secret), folder))
         if kind in OF_A_RESULT:
             return _result(kind, content, folder)
         return _judged(
@@ -78,7 +109,7 @@ def read(kind: str, content: bytes, folder: Path) -> Ended:
 
 def _campaign(kind: str, content: bytes, folder: Path) -> Campaign:
     (folder / "runs").mkdir()
-    suffix = kind if kind in ("csv", "parquet", "mat") else "csv"
+    suffix = {"mat73": "mat"}.get(kind, kind) if kind in LOGS else "csv"
     (folder / "machine.yaml").write_bytes(good("machine", 0))
     (folder / "runs.yaml").write_text(AXIS_RUNS if kind == "axis" else RUNS.replace("lift.csv", f"lift.{suffix}"))
     log = good("csv", 0)
@@ -86,6 +117,57 @@ def _campaign(kind: str, content: bytes, folder: Path) -> Campaign:
     name = {"machine": "machine.yaml", "axis": "machine.yaml", "runs": "runs.yaml"}.get(kind, f"runs/lift.{suffix}")
     (folder / name).write_bytes(content)
     return read_campaign(folder, uploaded=len(content) % 2 == 0)  # half as one's own, half as a stranger's
+
+
+def _kept(campaign: Campaign) -> Ended:
+    """A campaign that holds bytes of another file is a leak."""
+    held = b"".join(column.tobytes() for run in campaign.runs for column in run.signals.values())
+    return Ended("silent", "read from another file") if SECRET[:16] in held else Ended("silent", "read")
+
+
+def _special(seed: int, folder: Path) -> Ended:
+    """Something that is no regular file in the place of one that a command reads."""
+    chance = random.Random(f"special {seed}")
+    what, place = chance.choice(SPECIAL), chance.choice([*(f"lift.{end}" for end in _ENDINGS), *_PLACES])
+    try:
+        if place.startswith("lift."):
+            make_special(what, folder / place)
+            with open_log(folder / place, uploaded=chance.random() < 0.5) as log:
+                log.read(log.names)
+        elif place in OF_A_RESULT.values():
+            shutil.copytree(finished_result(), folder / "small")
+            (folder / "small" / place).unlink()
+            make_special(what, folder / "small" / place)
+            read_rows(folder / "small")
+        else:
+            (folder / "runs").mkdir()
+            for name, content in (("machine.yaml", good("machine", 0)), ("runs.yaml", RUNS.encode())):
+                (folder / name).write_bytes(content) if name != place else make_special(what, folder / name)
+            read_campaign(folder)
+    except InputError as error:
+        return Ended("refused", str(error))
+    if place == "manifest.json":  # a result without one is read, as earlier versions wrote none
+        return Ended("read", f"{what} as {place}")
+    return Ended("silent", f"{what} as {place} was read")
+
+
+def _edit(seed: int) -> Ended:
+    """Six sound runs, one of them edited but for every tenth time: that one has to be named, and no other."""
+    chance = np.random.default_rng(seed)
+    machine = default_hoist()
+    runs = sound_runs(machine, chance)
+    if seed % 10 == 0:
+        notes = doubts_of(machine, runs)
+        return Ended("silent", f"sound runs: {notes[0]}") if notes else Ended("read", "")
+    edit = [*EDITS][seed % len(EDITS)]
+    k = int(chance.integers(len(runs)))
+    run = edited(machine, runs[k], edit, seed)
+    if run is None or edit == "start position 3 m off":  # no height is logged
+        return Ended("read", "")
+    notes = doubts_of(machine, [*runs[:k], run, *runs[k + 1 :]])
+    if notes and all(note.startswith(f"{run.name}: ") for note in notes):
+        return Ended("noted", notes[0])
+    return Ended("silent", f"{edit} in {run.name}: {notes}")
 
 
 def _upload(kind: str, content: bytes, folder: Path) -> Campaign:

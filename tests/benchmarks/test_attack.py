@@ -8,7 +8,7 @@ import time
 import pytest
 
 from benchmarks.attack.__main__ import attack, table
-from benchmarks.attack.mangle import KINDS, good, mangled
+from benchmarks.attack.mangle import KINDS, MADE_BY_THE_VICTIM, good, mangled
 from benchmarks.attack.victim import read
 
 VICTIM = """
@@ -30,7 +30,7 @@ def test_a_seed_makes_the_same_bytes_and_another_one_others(kind):
     assert len(set(inputs)) > 25
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in MADE_BY_THE_VICTIM])
 def test_what_is_mangled_reads_when_whole(tmp_path, kind):
     # The first scenarios extend another one, as they stand in their folder.
     ended = read(kind, good(kind, 0), tmp_path)
@@ -67,7 +67,7 @@ def test_thousands_of_junk_keys_are_refused_at_once(tmp_path, seed):
 
 
 def test_a_small_attack_breaks_nothing():
-    results = attack(KINDS, range(100, 106))
-    assert len(results) == 6 * len(KINDS)
+    results = attack(KINDS, range(100, 104))
+    assert len(results) == 4 * len(KINDS)
     assert [(r.kind, r.seed, r.ended) for r in results if r.bad] == []
     assert {result.ended.how for result in results} <= {"read", "noted", "refused"}

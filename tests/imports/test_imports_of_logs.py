@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
 
@@ -11,15 +12,15 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.noisy_runs import hoist_runs
 from workbench.errors import InputError
-from workbench.imports.propose import propose, score
-from workbench.imports.source import read_channels
-from workbench.imports.units import quantity_of, unit_of
+from workbench.imports.campaign import read_channels
+from workbench.imports.propose import propose, quantity_of, score, unit_of
 from workbench.kinds import KINDS, TIME
 from workbench.log_formats.drive_csv import split_unit
 from workbench.log_formats.opening import open_log
 from workbench.log_formats.rates import Channel, at_times
 from workbench.logs import read_campaign
 from workbench.machine import default_hoist, save_machine
+from workbench.reports.imports.page import mapping_table
 from workbench.run import Run
 
 HOIST = default_hoist()
@@ -235,3 +236,51 @@ def test_a_slow_channel_is_a_line_between_its_samples_and_missing_beyond_its_end
     slow = Channel("slow", "", np.array([0.0, 1.0, 2.0]), np.array([0.0, 10.0, 0.0]))
     out = at_times(slow, np.array([0.0, 0.5, 1.5, 2.4, 3.0]))
     assert np.array_equal(out[:4], [0.0, 5.0, 5.0, 0.0]) and np.isnan(out[4])
+
+
+def test_units_and_scales_are_named_by_the_user_and_runs_by_a_table(tmp_path: Path, commands: Commands):
+    """Torque in per cent of nominal, speed in rpm without its unit, date-times in place of a time."""
+    r = run()
+    nominal_nm = HOIST.motor.nominal_torque_nm * HOIST.motor.count
+    begin = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)
+    rows = ["Zeit;Drehmoment [%];n_ist"]
+    for t, torque, speed in zip(r.time_s, r["torque_motor_nm"], r["speed_motor_rad_s"], strict=True):
+        stamp = (begin + timedelta(seconds=round(float(t), 6))).isoformat(timespec="microseconds")
+        rows.append(f"{stamp};{100.0 * torque / nominal_nm:.6f};{speed / RPM:.6f}")
+    (tmp_path / "lift.csv").write_text("\n".join(rows))
+    (tmp_path / "runs.csv").write_text(f"file,payload_kg,start_position_m,start_time_s\nlift,{r.payload_kg},9.0,60\n")
+    save_machine(HOIST, tmp_path / "machine.yaml")
+    words = [tmp_path / "lift.csv", "--machine", tmp_path / "machine.yaml", "--out", tmp_path / "out", "--yes"]
+    words += ["--map", "torque_motor_nm=Drehmoment:%nominal", "--scale", f"speed_motor_rad_s={RPM!r}"]
+    words += ["--runs", tmp_path / "runs.csv"]
+    ended = commands("import", *words)
+    assert ended.status == 0, ended.err
+    (back,) = read_campaign(tmp_path / "out").runs
+    assert (back.payload_kg, back.start_position_m, back.start_time_s) == (r.payload_kg, 9.0, 60.0)
+    assert back.time_s == pytest.approx(r.time_s - r.time_s[0], abs=2e-6)
+    assert back["torque_motor_nm"] == pytest.approx(r["torque_motor_nm"], abs=1e-3)
+    assert back["speed_motor_rad_s"] == pytest.approx(r["speed_motor_rad_s"], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("mapped", "scales", "said"),
+    [
+        (["torque_motor_nm=M:rpm"], [], "'rpm' is no unit of torque_motor_nm"),
+        (["torque_motor_nm=M:kn"], [], "did you mean 'knm'"),
+        (["position_carriage_m=M:%nominal"], [], "states no nominal value of position_carriage_m"),
+        ([], ["torque_motor_nm=0"], "expected SIGNAL=FACTOR"),
+        ([], ["position_carriage_m=2"], "unknown or unmapped signal"),
+    ],
+)
+def test_a_wrong_unit_or_scale_is_one_line(mapped: list[str], scales: list[str], said: str):
+    time_s = np.arange(10.0)
+    channels = [Channel(name, unit, time_s, time_s) for name, unit in (("M", "Nm"), ("n_ist", "1/min"))]
+    with pytest.raises(InputError, match=said):
+        propose(HOIST, channels, mapped, scales)
+
+
+def test_a_unit_that_is_not_known_is_told_as_the_file_says_it():
+    time_s = np.arange(10.0)
+    channels = [Channel(name, unit, time_s, time_s) for name, unit in (("M_ist", "%"), ("n_ist", "1/min"))]
+    proposed = propose(HOIST, channels)
+    assert "its unit '%' is not known: taken as SI" in str(mapping_table(proposed).rows)

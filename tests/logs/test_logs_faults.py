@@ -11,9 +11,11 @@ import pytest
 import scipy.io
 
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, csv_text, hoist_columns, write_campaign
+from workbench.cli.campaign import load_campaign
 from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.logs import read_campaign
+from workbench.logs.campaign import RunsError
 from workbench.machine import default_hoist
 from workbench.run import Run
 
@@ -289,7 +291,10 @@ def test_all_faults_of_all_runs_are_told_at_once_with_what_goes_on(tmp_path):
     said = str(caught.value)
     assert "a.csv: a: is empty; " in said
     assert "runs.yaml:4: c: runs/c.csv: no such file" in said
-    assert said.endswith("; without them: --runs b")
+    assert isinstance(caught.value, RunsError)
+    assert caught.value.sound == ("b",)
+    with pytest.raises(InputError, match=r"; leave it out: --runs b$"):
+        load_campaign(tmp_path)
     assert [run.name for run in read_campaign(tmp_path, select="b").runs] == ["b"]
 
 

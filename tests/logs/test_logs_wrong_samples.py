@@ -10,8 +10,8 @@ import pytest
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, hoist_columns, write_campaign
 from workbench.errors import InputError
 from workbench.logs import read_campaign
-from workbench.logs.spikes import find_spikes
-from workbench.logs.still import Channel
+from workbench.logs.channels import find_spikes
+from workbench.logs.dropouts import Channel
 from workbench.machine import default_hoist
 from workbench.run import Run
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from workbench.effects import check, effects_for
 from workbench.errors import InputError, nearest
 from workbench.logs import Campaign, read_campaign
+from workbench.logs.campaign import RunsError
 from workbench.logs.doubts import doubts_of
 from workbench.machine import Axis, Hoist, load_machine
 from workbench.plants import plant_of
@@ -24,7 +25,11 @@ def load_campaign(
     InputError if they do not fit together.
     """
     machine = None if machine_file is None else load_machine(machine_file, check_effects=check)
-    campaign = read_campaign(path, select=runs, check_effects=check)
+    try:
+        campaign = read_campaign(path, select=runs, check_effects=check)
+    except RunsError as error:
+        remedy = f"; leave it out: --runs {','.join(error.sound)}" if error.sound else ""
+        raise InputError(error.problem + remedy, file=error.file, line=error.line, place=error.place) from error
     campaign = replace(campaign, doubts=tuple(doubts_of(campaign.machine, campaign.runs)))
     if band_hz is not None:
         check_band(band_hz, campaign.runs)

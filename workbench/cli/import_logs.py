@@ -24,7 +24,24 @@ from workbench.cli.options import effects_option
     help="Height at the first sample, in m: one value for all files, or one for each.",
 )
 @click.option(
-    "--map", "mapped", multiple=True, metavar="SIGNAL=COLUMN", help="Column to use for a signal; may be repeated."
+    "--map",
+    "mapped",
+    multiple=True,
+    metavar="SIGNAL=COLUMN[:UNIT]",
+    help="Column to use for a signal, and its unit (rpm, mm, kNm, %nominal …); may be repeated.",
+)
+@click.option(
+    "--scale",
+    "scales",
+    multiple=True,
+    metavar="SIGNAL=FACTOR",
+    help="Signal in SI = factor times column; may be repeated.",
+)
+@click.option(
+    "--runs",
+    "runs_csv",
+    type=click.Path(path_type=Path),
+    help="CSV with a row a file: file, and any of payload_kg, start_position_m, start_time_s.",
 )
 @click.option("--yes", is_flag=True, help="Accept the proposed mapping without asking.")
 @effects_option
@@ -35,6 +52,8 @@ def command(
     payload: tuple[float, ...],
     start_position: tuple[float, ...],
     mapped: tuple[str, ...],
+    scales: tuple[str, ...],
+    runs_csv: Path | None,
     yes: bool,
 ) -> int:
     """Make a campaign of logs: MDF4, TDMS, MAT 7.3, TwinCAT Scope and other CSV with header lines or decimal commas.
@@ -44,9 +63,8 @@ def command(
     """
     from workbench.cli.show import print_table, print_text
     from workbench.effects import check
-    from workbench.imports.campaign import Imported, in_si, runs_yaml, write_campaign
+    from workbench.imports.campaign import Imported, in_si, read_channels, runs_yaml, with_table, write_campaign
     from workbench.imports.propose import for_all, propose
-    from workbench.imports.source import read_channels
     from workbench.machine import load_machine
     from workbench.reports.imports.page import mapping_table, write_page
     from workbench.whole_folder import check_free
@@ -58,7 +76,9 @@ def command(
         for values, option in ((payload, "payload"), (start_position, "start_position"))
     ]
     logs = [Imported(file, tuple(read_channels(file)), p, s) for file, p, s in zip(files, *per_file, strict=True)]
-    proposed = propose(read, logs[0].channels, mapped)
+    if runs_csv is not None:
+        logs = with_table(logs, runs_csv)
+    proposed = propose(read, logs[0].channels, mapped, scales)
     page = out.with_name(f"{out.name}.import.html")
     write_page([(p.signal, p.column, *in_si(p, logs[0])) for p in proposed.proposals], proposed, logs[0].name, page)
     print_table(mapping_table(proposed))

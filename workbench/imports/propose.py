@@ -2,15 +2,61 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from workbench.errors import InputError, nearest
-from workbench.imports.units import quantity_of, unit_of
 from workbench.kinds import TIME, kind_of
 from workbench.log_formats.rates import Channel
 from workbench.machine import Axis, Hoist
+
+# unit, lower case and without blanks, dots and asterisks -> (quantity, factor to SI)
+UNITS: Mapping[str, tuple[str, float]] = MappingProxyType(
+    {
+        "s": ("time", 1.0), "sec": ("time", 1.0), "ms": ("time", 1e-3), "µs": ("time", 1e-6), "us": ("time", 1e-6),
+        "nm": ("torque", 1.0), "knm": ("torque", 1e3), "mnm": ("torque", 1e-3),
+        "rad/s": ("turning", 1.0), "1/s": ("turning", 2.0 * math.pi), "deg/s": ("turning", math.pi / 180.0),
+        "°/s": ("turning", math.pi / 180.0), "rpm": ("turning", math.pi / 30.0), "1/min": ("turning", math.pi / 30.0),
+        "min-1": ("turning", math.pi / 30.0), "u/min": ("turning", math.pi / 30.0),
+        "r/min": ("turning", math.pi / 30.0),
+        "m": ("length", 1.0), "mm": ("length", 1e-3), "cm": ("length", 1e-2), "µm": ("length", 1e-6),
+        "m/s": ("speed", 1.0), "mm/s": ("speed", 1e-3), "m/min": ("speed", 1.0 / 60.0),
+        "mm/min": ("speed", 1e-3 / 60.0),
+        "n": ("force", 1.0), "kn": ("force", 1e3), "dan": ("force", 10.0), "t": ("force", 9806.65),
+        "rad": ("angle", 1.0), "deg": ("angle", math.pi / 180.0), "°": ("angle", math.pi / 180.0),
+        "rev": ("angle", 2.0 * math.pi),
+    }
+)  # fmt: skip
+# The ending of a signal's name -> the quantity that it is.
+OF_SIGNALS: Mapping[str, str] = MappingProxyType(
+    {
+        "_rad_s": "turning",
+        "_m_s": "speed",
+        "_nm": "torque",
+        "_rad": "angle",
+        "_n": "force",
+        "_m": "length",
+        "_s": "time",
+    }
+)
+
+
+def unit_of(text: str) -> tuple[str, float] | None:
+    """(quantity, factor) of a unit as written; None where it is not known."""
+    plain = text.strip().lower()
+    for sign in (" ", "·", "*", "⋅"):
+        plain = plain.replace(sign, "")
+    return UNITS.get(plain)
+
+
+def quantity_of(signal: str) -> str:
+    """What a signal is, by the unit in its name."""
+    ending = max((e for e in OF_SIGNALS if signal.endswith(e)), key=len)
+    return OF_SIGNALS[ending]
+
 
 # For each quantity words that speak for it; a set point is another signal than an actual value.
 _WORDS = {
@@ -23,6 +69,7 @@ _WORDS = {
 }
 _WISHED = re.compile(r"soll|set ?point|setpoint|\bref|_ref|reference|cmd|command|target|wanted|demand", re.IGNORECASE)
 _NOT = re.compile(r"error|fehler|abweich|deviation|limit|grenz|max|min\b|temp|status", re.IGNORECASE)
+NOMINAL = "%nominal"
 LEAST = 2  # of the score, that a proposal takes
 
 
@@ -46,14 +93,19 @@ class Proposed:
     unused: tuple[str, ...]
 
 
-def propose(machine: Hoist | Axis, channels: Sequence[Channel], mapped: Sequence[str] = ()) -> Proposed:
-    """A mapping for the signals of the machine's kind; mapped: SIGNAL=COLUMN, taken as they are.
+def propose(
+    machine: Hoist | Axis, channels: Sequence[Channel], mapped: Sequence[str] = (), scales: Sequence[str] = ()
+) -> Proposed:
+    """A mapping for the signals of the machine's kind.
+
+    mapped: SIGNAL=COLUMN or SIGNAL=COLUMN:UNIT, taken as they are; the unit is one of UNITS, or %nominal.
+    scales: SIGNAL=FACTOR, signal = factor · column in SI.
 
     InputError where a needed signal finds no column, with the columns there are, and for a name that there is not.
     """
     wanted = kind_of(machine).signals
     signals = [name for name in wanted.names if name != TIME]
-    chosen = {signal: _proposal(signal, channel) for signal, channel in _mapped(mapped, signals, channels)}
+    chosen = {p.signal: p for p in _mapped(machine, mapped, signals, channels)}
     taken = {proposal.column for proposal in chosen.values()}
     left = [channel for channel in channels if channel.name not in taken]
     signals = [name for name in signals if name not in chosen]
@@ -74,6 +126,9 @@ def propose(machine: Hoist | Axis, channels: Sequence[Channel], mapped: Sequence
             needed = " or ".join(" and ".join(alternative) for alternative in group)
             columns = ", ".join(f"{c.name} [{c.unit}]" if c.unit else c.name for c in channels)
             raise InputError(f"no column looks like {needed}; the file has: {columns}")
+    for word in scales:
+        signal, factor = _scale(word, chosen)
+        chosen[signal] = replace(chosen[signal], factor=factor, guessed_unit=False)
     order = [name for name in wanted.names if name in chosen]
     return Proposed(tuple(chosen[name] for name in order), tuple(channel.name for channel in left))
 
@@ -83,19 +138,67 @@ def _proposal(signal: str, channel: Channel, others: tuple[str, ...] = ()) -> Pr
     return Proposal(signal, channel.name, channel.unit, known[1] if known else 1.0, others, known is None)
 
 
-def _mapped(words: Sequence[str], signals: Sequence[str], channels: Sequence[Channel]) -> list[tuple[str, Channel]]:
+def _mapped(
+    machine: Hoist | Axis, words: Sequence[str], signals: Sequence[str], channels: Sequence[Channel]
+) -> list[Proposal]:
     named = {channel.name: channel for channel in channels}
     chosen = []
     for word in words:
         signal, mark, column = word.partition("=")
         if not mark:
-            raise InputError(f"'{word}', expected SIGNAL=COLUMN", place="mapped")
+            raise InputError(f"'{word}', expected SIGNAL=COLUMN or SIGNAL=COLUMN:UNIT", place="mapped")
         if signal not in signals:
             raise InputError(f"unknown signal '{signal}'; {nearest(signal, signals)}", place="mapped")
+        unit = ""
+        if column not in named and ":" in column:
+            column, _, unit = column.rpartition(":")
         if column not in named:
             raise InputError(f"no column '{column}'; {nearest(column, named)}", place="mapped")
-        chosen.append((signal, named[column]))
+        proposal = _proposal(signal, named[column])
+        if unit:
+            proposal = replace(proposal, factor=_factor(machine, signal, unit), guessed_unit=False)
+        chosen.append(proposal)
     return chosen
+
+
+def _factor(machine: Hoist | Axis, signal: str, unit: str) -> float:
+    """To SI, of a unit that the user names for a signal."""
+    if unit.replace(" ", "") == NOMINAL:
+        return _nominal(machine, signal) / 100.0
+    known, quantity = unit_of(unit), quantity_of(signal)
+    if known is None or known[0] != quantity:
+        valid = [name for name, (of, _) in UNITS.items() if of == quantity] + [NOMINAL]
+        raise InputError(f"'{unit}' is no unit of {signal}; {nearest(unit.lower(), valid)}", place="mapped")
+    return known[1]
+
+
+def _nominal(machine: Hoist | Axis, signal: str) -> float:
+    """What a signal is given in per cent of, SI: one motor's torque, all motors', the drive's force, or the speed."""
+    kind = kind_of(machine)
+    limits = kind.limits(machine) if kind.limits is not None else None
+    value: float | None = None
+    if signal in kind.drive.parts and kind.motor_torque is not None:
+        value = kind.motor_torque(machine)
+    elif signal == kind.plant.input:
+        value = limits.nominal_input if limits is not None else getattr(machine.drive, "nominal", None)
+    elif quantity_of(signal) == quantity_of(kind.plant.speeds[0]):
+        value = limits.nominal_speed if limits is not None else getattr(machine.drive, "top_speed", None)
+    if not value:
+        raise InputError(f"machine.yaml states no nominal value of {signal}; give its scale", place="mapped")
+    return float(value)
+
+
+def _scale(word: str, chosen: Mapping[str, Proposal]) -> tuple[str, float]:
+    signal, _, text = word.partition("=")
+    if signal not in chosen:
+        raise InputError(f"unknown or unmapped signal '{signal}'; {nearest(signal, chosen)}", place="scales")
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = 0.0
+    if factor == 0.0 or not math.isfinite(factor):
+        raise InputError(f"'{word}', expected SIGNAL=FACTOR with a finite number other than 0", place="scales")
+    return signal, factor
 
 
 def for_all(values: Sequence[float], files: int, place: str) -> list[float | None]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from workbench.log_formats.rates import Channel
 from workbench.run import Array
 
 MOST_HEAD = 200  # lines before the numbers
+_DATE = re.compile(r'"?\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(:\d{2}([.,]\d{1,6})?)?(Z|[+-]\d{2}:?\d{2})?"?')
 SCOPE_KEY = "SampleTime[ms]"
 TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 _TIME = re.compile(r"^(time|zeit|timestamp|zeitstempel|t)\b", re.IGNORECASE)
@@ -73,7 +75,8 @@ def _first_row(lines: Sequence[str], mark: str, file: Path) -> int:
     for i, line in enumerate(lines[:MOST_HEAD]):
         cells = [cell.strip() for cell in line.split(mark)]
         filled = [cell for cell in cells if cell]
-        if len(cells) > 1 and len(filled) > 1 and all(_NUMBER.fullmatch(cell) for cell in filled):
+        numbers = filled[1:] if filled and _DATE.fullmatch(filled[0]) else filled
+        if len(cells) > 1 and len(filled) > 1 and all(_NUMBER.fullmatch(cell) for cell in numbers):
             return i
     raise InputError(f"no row of numbers within {MOST_HEAD} lines; is it a log?", file=file)
 
@@ -89,12 +92,23 @@ def _numbers(lines: Sequence[str], first: int, mark: str, file: Path) -> Array:
         if len(cells) > width and any(cell.strip() for cell in cells[width:]):
             raise InputError(f"row has {len(cells)} cells, expected {width}", file=file, line=number)
         try:
-            row = [float(cell.replace(",", ".")) if cell.strip() else np.nan for cell in cells[:width]]
+            row = [_value(cell) if cell.strip() else np.nan for cell in cells[:width]]
         except ValueError:
-            bad = next(cell for cell in cells if cell.strip() and not _NUMBER.fullmatch(cell.strip()))
+            bad = next((cell for cell in cells if cell.strip() and not _NUMBER.fullmatch(cell.strip())), cells[0])
             raise InputError(f"{bad.strip()[:40]!r} is not a number", file=file, line=number) from None
         rows.append(row + [np.nan] * (width - len(row)))
     return np.array(rows, dtype=np.float64)
+
+
+def _value(cell: str) -> float:
+    """A number, or an ISO date-time as seconds since 1970; without a zone it is taken as UTC. ValueError else."""
+    try:
+        return float(cell.replace(",", "."))
+    except ValueError:
+        if not _DATE.fullmatch(cell.strip()):
+            raise
+        at = datetime.fromisoformat(cell.strip().replace(",", "."))
+        return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
 
 
 def _of_scope(head: Sequence[Sequence[str]], numbers: Array, file: Path) -> list[Channel]:

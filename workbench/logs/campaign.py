@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,19 +92,21 @@ def read_campaign(
             ignored.setdefault(column, []).append(entry.name)
         runs += read
     if faults:
-        raise _all_faults(faults, [entry.name for entry in entries if entry.name not in faults])
+        raise RunsError([*faults.values()], [entry.name for entry in entries if entry.name not in faults])
     if len({run.name for run in runs}) < len(runs):
         raise InputError("a run has the name of a stretch of another one, such as 'lift_2'; rename it", file=runs_yaml)
     notes += _ignored_notes(ignored, len(runs)) + _same_samples(runs)
     return Campaign(folder.resolve().name, folder, machine, tuple(runs), tuple(notes))
 
 
-def _all_faults(faults: Mapping[str, InputError], sound: Sequence[str]) -> InputError:
-    """The faults of all runs as one error, with what goes on without them."""
-    first, *others = faults.values()
-    remedy = f"; without {'it' if not others else 'them'}: --runs {','.join(sound)}" if sound else ""
-    problem = "; ".join([first.problem, *map(str, others)]) + remedy
-    return InputError(problem, file=first.file, line=first.line, place=first.place)
+class RunsError(InputError):
+    """The faults of all runs that cannot be read, in one line. sound: the runs that can be read without them."""
+
+    def __init__(self, faults: Sequence[InputError], sound: Sequence[str]) -> None:
+        first, *others = faults
+        problem = "; ".join([first.problem, *map(str, others)])
+        super().__init__(problem, file=first.file, line=first.line, place=first.place)
+        self.sound = tuple(sound)
 
 
 def _places(path: str | os.PathLike[str]) -> tuple[Path, Path]:

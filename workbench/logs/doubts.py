@@ -24,6 +24,7 @@ from workbench.run import Array, Run
 LEAST_RUNS = 4  # of which one may stand alone
 SMOOTH = 0.003  # of a run's duration: one standard deviation
 MOVING = 0.02  # of a run's largest speed
+ONE_WAY = 0.1  # of the moving samples
 LOOK_S, LOOK = 3.0, 0.1  # a delay is looked for up to so long, and so much of a run
 LATE_S = 0.4  # more than a sensor or a bus
 CLEARLY = 0.1  # of correlation
@@ -60,8 +61,8 @@ class Seen:
     """A run as a rigid machine shows it.
 
     excess: input that it holds beyond the nominal load; explained: share of the input's variance; top: the largest
-    speed. columns, y: of the fit, at moving samples. motion: what the nominal inertia takes, the sign of the speed and
-    the input at all samples, and their step, s.
+    speed; both_ways: whether the run moves either way. columns, y: of the fit, at moving samples. motion: what the
+    nominal inertia takes, the sign of the speed and the input at all samples, and their step, s.
     """
 
     run: Run
@@ -70,6 +71,7 @@ class Seen:
     explained: float
     top: float
     friction: float
+    both_ways: bool
     columns: Array
     y: Array
     motion: tuple[Array, Array, Array, float]
@@ -121,8 +123,10 @@ def _seen(kind: Kind, body: RigidBody, run: Run) -> Seen | None:
     values = np.linalg.lstsq(x[moving], y[moving], rcond=1e-8)[0]
     left = float(np.var(y[moving] - x[moving] @ values)) / float(np.var(y[moving]))
     excess, friction = float(values[0]) - body.hold, float(values[2])
+    up = float(np.mean(speed[moving] > 0.0))
+    both_ways = ONE_WAY < up < 1.0 - ONE_WAY
     motion = (x[:, 1], sign, y, step_s)
-    return Seen(run, body, excess, 1.0 - left, largest, friction, x[moving], y[moving], motion)
+    return Seen(run, body, excess, 1.0 - left, largest, friction, both_ways, x[moving], y[moving], motion)
 
 
 def _speed(kind: Kind, run: Run) -> Array:
@@ -178,7 +182,7 @@ def _late(kind: Kind, seen: Sequence[Seen]) -> Iterator[str]:
 
 def _loads(machine: Hoist | Axis, kind: Kind, seen: Sequence[Seen]) -> Iterator[str]:
     """The load that each run holds, beyond the nominal one, lies on a line over the payload in all runs but one."""
-    left = list(seen)
+    left = [s for s in seen if s.both_ways]  # else friction counts as load
     found: list[tuple[Seen, float]] = []
     while len(left) >= LEAST_RUNS:
         offs = [(_off_the_line(s, left), s) for s in left]
@@ -234,8 +238,9 @@ def _gains(kind: Kind, seen: Sequence[Seen]) -> Iterator[str]:
     odd = _alone([s.excess for s in seen], lambda v, usual: abs(v - usual) > EXCESS_APART * size, least)
     if odd is not None:
         yield (
-            f"{seen[odd].run.name}: {kind.plant.input} is {seen[odd].excess:+.3g} {kind.drive.unit} off what its motion "
-            f"takes on average, in the other runs {np.median([s.excess for s in seen]):+.3g}; check the sensor's offset"
+            f"{seen[odd].run.name}: {kind.plant.input} is {seen[odd].excess:+.3g} {kind.drive.unit} off what its "
+            f"motion takes on average, in the other runs {np.median([s.excess for s in seen]):+.3g}; "
+            "check the sensor's offset"
         )
 
 

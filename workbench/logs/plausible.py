@@ -10,6 +10,7 @@ import numpy as np
 from workbench.kinds import Kind, Limits, kind_of
 from workbench.logs.channels import is_constant
 from workbench.logs.faults import Fault, seconds
+from workbench.logs.units import check_axis_units
 from workbench.machine import Axis, Hoist
 from workbench.run import Array
 
@@ -45,6 +46,7 @@ def check_plausible(
     for name in kind.inputs:
         if name in values and not values[name].any():
             raise fault(f"{label(name)} is zero throughout{'; ' if kind.zero_input else ''}{kind.zero_input}")
+    check_axis_units(machine, time_s, values, label, fault)
     notes += _stands(kind, values, label, fault)
     if limits is not None:
         speed, torque = values[kind.plant.speeds[0]], values[kind.plant.input]

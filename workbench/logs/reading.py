@@ -3,27 +3,84 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.errors import InputError, nearest
 from workbench.input_file import readable_file
 from workbench.kinds import TIME, Kind, SignalSet, kind_of
-from workbench.log_formats.opening import open_log
-from workbench.logs.channels import clipped, drop_dead, is_constant, refuse_infinite
+from workbench.log_formats.opening import LogFile, Table, open_log
+from workbench.logs.channels import bridge_spikes, clipped, drop_dead, is_constant, refuse_infinite
 from workbench.logs.clock import check_time, merge_repeated, time_notes
 from workbench.logs.dropouts import drop_frozen, whole_part
 from workbench.logs.faults import Fault, fault_of, seconds
 from workbench.logs.gaps import fill_gaps, whole_stretches
 from workbench.logs.plausible import check_plausible, driven_signals
 from workbench.logs.runs_file import Column, Entry
-from workbench.logs.scales import check_sizes, drop_wrong_scale
-from workbench.logs.signals import Raw, read_signals
-from workbench.logs.spikes import bridge_spikes
+from workbench.logs.units import check_sizes, drop_wrong_scale
 from workbench.machine import Axis, Hoist
 from workbench.run import Array, Run
+
+
+@dataclass(frozen=True)
+class Raw:
+    """One run's signals as logged, in SI: not yet checked, time not yet known to rise."""
+
+    table: Table
+    columns: Mapping[str, str]  # signal -> column of the file
+    values: dict[str, Array]
+    ignored: tuple[str, ...]
+
+    def label(self, signal: str) -> str:
+        """The signal's name, with the column's where that is another one."""
+        column = self.columns.get(signal, signal)
+        return signal if column == signal else f"{signal} (column '{column}')"
+
+
+def read_signals(log: LogFile, wanted: SignalSet, mapping: Mapping[str, Column], run: str) -> Raw:
+    """The signals of one log. InputError when a needed one has no column, with the columns there are."""
+    columns = {
+        signal: mapping[signal].column if signal in mapping else signal
+        for signal in wanted.names
+        if signal in mapping or signal in log.names
+    }
+    for signal, column in columns.items():
+        if column not in log.names:
+            raise _missing(log, f"column '{column}' for {signal}", column, run)
+    for group in wanted.needed:
+        if not any(all(name in columns for name in alternative) for alternative in group):
+            words = " or ".join(" and ".join(alternative) for alternative in group)
+            first = next((name for alternative in group for name in alternative if name not in columns), TIME)
+            raise _missing(log, f"column {words}", first, run)
+    table = log.read(list(dict.fromkeys(columns.values())))
+    values: dict[str, Array] = {}
+    for signal, column in columns.items():
+        rule = mapping.get(signal)
+        plain = rule is None or (rule.scale == 1.0 and rule.offset == 0.0)
+        values[signal] = (
+            table.columns[column] if plain or rule is None else rule.scale * table.columns[column] + rule.offset
+        )
+    used = set(columns.values())
+    return Raw(table, columns, values, tuple(name for name in log.names if name not in used))
+
+
+def _missing(log: LogFile, what: str, name: str, run: str) -> InputError:
+    if not log.names:
+        return InputError(f"no {what}: the file holds no columns of numbers", file=log.file, place=run)
+    hint = nearest(name, log.names)
+    if hint.startswith("did you mean"):
+        hint += f" The file has: {_listed(log.names)}"
+    else:
+        hint = f"the file has: {_listed(log.names)}"
+    return InputError(f"no {what}; {hint}", file=log.file, place=run)
+
+
+def _listed(names: tuple[str, ...], most: int = 30) -> str:
+    shown = [repr(name)[1:-1] for name in names[:most]]
+    return ", ".join(shown) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def read_run(

@@ -2,8 +2,6 @@
 
 from workbench.input_file import readable_file
 from workbench.yaml_strict.checked import problem_lines, validate
-from workbench.yaml_strict.document import Document, Place, dotted
-from workbench.yaml_strict.reader import load, loads
-from workbench.yaml_strict.writer import dumps
+from workbench.yaml_strict.reader import Document, Place, dotted, dumps, load, loads
 
 __all__ = ["Document", "Place", "dotted", "dumps", "load", "loads", "problem_lines", "readable_file", "validate"]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from workbench.errors import InputError, nearest
-from workbench.yaml_strict.document import Document, Place, dotted
+from workbench.yaml_strict.reader import Document, Place, dotted
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo

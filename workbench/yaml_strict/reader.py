@@ -1,13 +1,16 @@
-"""Reads one YAML document from a file, strictly, keeping line numbers.
+"""Reads one YAML document strictly, keeping line numbers, and writes plain data that reads back to the same data.
 
-The tree is built from the parser's events rather than by a YAML loader: no object
-is ever constructed, depth and size stay bounded, and every place knows its line.
+The tree is built from the parser's events rather than by a YAML loader: no object is ever constructed, depth and size
+stay bounded, and every place knows its line. Unquoted words mean what the YAML 1.2 core schema says: PyYAML follows
+1.1, in which 1e5 is text, yes is true, 1:30 is ninety and 010 is eight; here 1e5 is a number, yes, 1:30 and dates are
+text, 010 is ten.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,8 +18,90 @@ import yaml
 
 from workbench.errors import InputError
 from workbench.input_file import read_input
-from workbench.yaml_strict.document import Document, Place, dotted
-from workbench.yaml_strict.scalars import meaning
+
+Place = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Document:
+    """`data` is made of dict, list, str, int, float, bool and None; `lines` maps a place,
+    such as ("runs", 2, "payload_kg"), to its line, counted from 1."""
+
+    file: Path
+    data: object
+    lines: Mapping[Place, int]
+
+    def line(self, place: Place) -> int | None:
+        """The line of a place, or of the nearest block around it."""
+        for end in range(len(place), -1, -1):
+            if place[:end] in self.lines:
+                return self.lines[place[:end]]
+        return None
+
+
+def dotted(place: Place) -> str:
+    """("runs", 2, "payload_kg") as runs[2].payload_kg."""
+    text = ""
+    for part in place:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if text else part
+    return text
+
+
+_INTEGER = re.compile(r"[-+]?[0-9]+")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_HEX = re.compile(r"0x[0-9a-fA-F]{1,15}")
+_OCTAL = re.compile(r"0o[0-7]{1,15}")
+_INFINITE = re.compile(r"([-+]?)\.(inf|Inf|INF)")
+_WORDS: dict[str, bool | None] = {
+    "": None, "~": None, "null": None, "Null": None, "NULL": None,
+    "true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False,
+}  # fmt: skip
+_LONGEST_INTEGER = 18  # digits; longer ones become a float, so that no text can cost unbounded time
+
+
+def meaning(word: str) -> str | int | float | bool | None:
+    """The value of an unquoted scalar."""
+    if word in _WORDS:
+        return _WORDS[word]
+    if _INTEGER.fullmatch(word) and len(word) <= _LONGEST_INTEGER:
+        return int(word)
+    if _FLOAT.fullmatch(word):
+        return float(word)
+    if _HEX.fullmatch(word) or _OCTAL.fullmatch(word):
+        return int(word, 0)
+    if infinite := _INFINITE.fullmatch(word):
+        return float(infinite[1] + "inf")
+    if word in (".nan", ".NaN", ".NAN"):
+        return float("nan")
+    return word
+
+
+class _Dumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def _text(dumper: yaml.SafeDumper, value: str) -> yaml.ScalarNode:
+    # PyYAML quotes what YAML 1.1 would misread; what only the 1.2 reader takes for a number is quoted here.
+    style = None if isinstance(meaning(value), str) else "'"
+    return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=style)
+
+
+def _row(dumper: yaml.SafeDumper, values: tuple[object, ...]) -> yaml.SequenceNode:
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", values, flow_style=True)
+
+
+_Dumper.add_representer(str, _text)
+_Dumper.add_representer(tuple, _row)
+
+
+def dumps(data: Mapping[str, object]) -> str:
+    """YAML text, keys in the order given, one key a line; a tuple in one line."""
+    return str(yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=10_000))
+
 
 MAX_DEPTH = 40
 MAX_VALUES = 200_000

@@ -18,7 +18,10 @@ from workbench.tables.table import words
 def mapping_table(proposed: Proposed) -> Table:
     rows = []
     for p in proposed.proposals:
-        remark = "its unit is not said: taken as SI" if p.guessed_unit else ""
+        remark = ""
+        if p.guessed_unit:
+            said = f"its unit '{p.unit}' is not known" if p.unit else "its unit is not said"
+            remark = f"{said}: taken as SI; name the unit in the mapping, or a scale"
         if p.others:
             remark = "; ".join(part for part in (remark, f"also fits: {', '.join(p.others)}") if part)
         rows.append([p.signal, p.column, p.unit or "–", f"{p.factor:.6g}", remark])

@@ -1,0 +1,78 @@
+"""An axis' log in another unit is refused with the factor that would fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from workbench.errors import InputError
+from workbench.logs import read_campaign
+
+MACHINE = """\
+kind: axis
+motion: linear
+mass_kg: 95.0
+friction: {coulomb_forward_n: 20.0, coulomb_backward_n: 20.0, viscous_n_s_per_m: 200.0}
+drive: {top_speed_m_s: 0.5, force_limit_n: 400.0}
+"""
+STEP_S = 0.001
+
+
+def campaign(folder: Path, scales: dict[str, float], logged: tuple[str, ...], machine: str = MACHINE) -> Path:
+    """A second's moves there and back, as an axis of this machine logs them, each signal times a scale."""
+    chance = np.random.default_rng(3)
+    time_s = np.arange(0.0, 6.0, STEP_S)
+    position = 0.05 * (1.0 - np.cos(2.0 * np.pi * time_s / 1.5))
+    velocity = np.gradient(position, STEP_S)
+    force = 95.0 * np.gradient(velocity, STEP_S) + 200.0 * velocity + 20.0 * np.tanh(velocity / 1e-3)
+    signals = {"position_m": position + chance.normal(0.0, 1e-6, len(time_s)), "velocity_m_s": velocity}
+    signals["force_n"] = force + chance.normal(0.0, 1.0, len(time_s))
+    columns = {"time_s": time_s, **{name: scales.get(name, 1.0) * signals[name] for name in (*logged, "force_n")}}
+    rows = [",".join(columns), *(",".join(map(repr, map(float, row))) for row in zip(*columns.values(), strict=True))]
+    (folder / "move.csv").write_text("\n".join(rows) + "\n")
+    (folder / "machine.yaml").write_text(machine)
+    (folder / "runs.yaml").write_text("runs: [{name: move, file: move.csv}]\n")
+    return folder
+
+
+BOTH = ("position_m", "velocity_m_s")
+
+
+@pytest.mark.parametrize("logged", [BOTH, BOTH[:1], BOTH[1:]])
+def test_an_axis_in_si_is_read(tmp_path: Path, logged: tuple[str, ...]):
+    assert read_campaign(campaign(tmp_path, {}, logged)).all_notes == ()
+
+
+@pytest.mark.parametrize(
+    ("scales", "logged", "said"),
+    [
+        (
+            {"position_m": 1e3},
+            BOTH,
+            "position_m changes 1000 times .* a scale of 0.001 .milli. would fit for position_m",
+        ),
+        ({"velocity_m_s": 1e3}, BOTH, "or a scale of 0.001 .milli. would fit for velocity_m_s"),
+        ({"position_m": 1e3}, BOTH[:1], "position_m moves at .* top speed is 0.5; a scale of 0.001 .milli. would fit"),
+        ({"velocity_m_s": 60.0}, BOTH[1:], "velocity_m_s moves at .* a scale of 0.0166667 .a minute. would fit"),
+        (
+            {"force_n": 1e-3},
+            BOTH,
+            "force_n is .* times what this machine takes .* a scale of 1000 .kilo. would fit for",
+        ),
+        ({"force_n": 1e3}, BOTH, "force_n reaches .* the drive's limit is 400 N; a scale of 0.001 .milli. would fit"),
+    ],
+)
+def test_a_signal_in_another_unit_is_refused_with_the_factor(
+    tmp_path: Path, scales: dict[str, float], logged: tuple[str, ...], said: str
+):
+    with pytest.raises(InputError, match=said):
+        read_campaign(campaign(tmp_path, scales, logged))
+
+
+def test_without_a_stated_drive_the_input_still_tells_millimetres(tmp_path: Path):
+    plain = MACHINE.replace("drive: {top_speed_m_s: 0.5, force_limit_n: 400.0}\n", "")
+    assert not read_campaign(campaign(tmp_path, {}, BOTH[:1], plain)).all_notes
+    with pytest.raises(InputError, match=r"a scale of 0\.001 \(milli\) would fit for position_m"):
+        read_campaign(campaign(tmp_path, {"position_m": 1e3}, BOTH[:1], plain))
