@@ -249,8 +249,8 @@ def test_a_payload_that_one_reference_cannot_carry_is_said_to_be_left_out_of_the
     app.multiselect(key="study.payloads").set_value([0.0, "20000"]).run()
     (said,) = (each.value.replace("\\", "") for each in app.warning)
     assert "20000 kg, least torque peak: " in said
-    assert said.endswith("Table and verdict are of 0 kg and leave out 20000 kg; the lights are of all runs.")
-    assert app.info[0].value.startswith("Of 0 kg only\\: take ")
+    assert said.endswith("The table is of 0 kg and leaves out 20000 kg; decision and lights are of all runs.")
+    assert app.info[0].value.startswith("Take ")
     assert errors(app)[0].startswith("Overload: torque peak 100 %") and not app.exception
 
 

@@ -32,7 +32,7 @@ def decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne is used."""
     said = verdict(result.rows, machine=result.study.machine, given=result.study.scenario.decide)
     if said is not None:
-        say(sentence, said, result.rows)
+        say(sentence, said)
     uses = utilisation(result.rows, result.study.machine)
     if (alarmed := alarm(uses)) is not None:
         st.error(plain(powers(alarmed)), icon=":material/warning:")
@@ -48,7 +48,7 @@ def decision(result: StudyResult, sentence: DeltaGenerator) -> None:
 
 
 def _failures(rows: Sequence[Row]) -> None:
-    """Which runs failed and why; the table and the verdict are of the payloads that every reference has run."""
+    """Which runs failed and why; the table is of the payloads that every reference has run."""
     failed = [row for row in rows if not row.ok]
     if not failed:
         return
@@ -58,22 +58,19 @@ def _failures(rows: Sequence[Row]) -> None:
     without, rest = _left_out(rows)
     if rest and without:
         left_out, kept = (", ".join(f"{kg:g}" for kg in payloads) for payloads in (without, rest))
-        said += f" Table and verdict are of {kept} kg and leave out {left_out} kg; the lights are of all runs."
+        said += f" The table is of {kept} kg and leaves out {left_out} kg; decision and lights are of all runs."
     st.warning(plain(said), icon=":material/warning:")
 
 
 def _left_out(rows: Sequence[Row]) -> tuple[list[float], list[float]]:
-    """Payloads (kg) that table and verdict leave out, for a reference failed there; the others."""
+    """Payloads (kg) that the table leaves out, for a reference failed there; the others."""
     weighed = {row.reference for row in rows if row.ok}  # one that has run nowhere is in neither
     without = {row.payload_kg for row in rows if not row.ok and row.reference in weighed}
     return sorted(without), sorted({row.payload_kg for row in rows} - without)
 
 
-def say(place: DeltaGenerator, sentence: str, rows: Sequence[Row]) -> None:
-    """The verdict; with the payloads that it is of, where some reference has not run at all of them."""
-    without, rest = _left_out(rows)
-    if without and rest:
-        sentence = f"Of {', '.join(f'{kg:g}' for kg in rest)} kg only: {sentence[0].lower()}{sentence[1:]}"
+def say(place: DeltaGenerator, sentence: str) -> None:
+    """The decision, a sentence for each payload whose choice is another one."""
     place.info(plain(powers(sentence)), icon=":material/gavel:")
 
 

@@ -231,4 +231,4 @@ def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, sente
     figure.update_layout(title_text=f"{what}, {heaviest:g} kg" if judged.payload else what)
     chart(figure, "study pareto", f"{what} over accelerations and jerks")
     if lumped and (better := verdict(result.rows, rows, machine=result.study.machine)) is not None:
-        say(sentence, better, result.rows)
+        say(sentence, better)
