@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of, load_of
@@ -45,7 +46,7 @@ class Criterion:
     least: float | None = None
     scale: float | None = None
 
-    @property
+    @cached_property
     def metric(self) -> Metric:
         return find(self.name)
 
