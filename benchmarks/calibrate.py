@@ -27,14 +27,21 @@ from typing import Any
 import numpy as np
 
 from workbench.blind.answer import answer, load, save, text_of
-from workbench.blind.ask import Asked, make_asked
-from workbench.blind.criteria import estimates_within, family_of, pair, right, right_as_stated, right_word, single
-from workbench.blind.make import mapped
+from workbench.blind.criteria import (
+    Share,
+    estimates_within,
+    family_of,
+    pair,
+    right,
+    right_as_stated,
+    right_word,
+    single,
+)
+from workbench.blind.make import Asked, make, mapped
 from workbench.blind.measures import calibration_by_chance, calibration_error
 from workbench.blind.run import run
 from workbench.blind.score import Score, open_and_score
 from workbench.blind.seal import CAMPAIGNS, key_of
-from workbench.blind.share import Share
 from workbench.diagnose.verdict.probability import CALIBRATION, calibration, is_lost, logistic_argument, rank
 from workbench.diagnose.verdict.records import Hypothesis
 from workbench.run import Array
@@ -100,7 +107,7 @@ def made(folder: Path, count: int, processes: int, *, first: int | None = None, 
     if not (folder / ANSWERED_WITH).exists():
         (folder / ANSWERED_WITH).write_text(json.dumps(dict(calibration()), indent=1) + "\n", encoding="utf-8")
     if not sealed.exists():
-        make_asked(Asked(cases=count, seed=SEED), sealed, processes=processes, tell=print)
+        make(Asked(cases=count, seed=SEED), sealed, processes=processes, tell=print)
     run(sealed, processes=processes, count=first, tell=print)
     if not withhold:
         return

@@ -22,12 +22,11 @@ from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
 from workbench.blind.answer import load, save
-from workbench.blind.criteria import Row, right, right_or_alike
+from workbench.blind.criteria import Row, Share, right, right_or_alike
 from workbench.blind.make import mapped
 from workbench.blind.measures import calibration_error
 from workbench.blind.score import open_all, sheet_of
 from workbench.blind.seal import CAMPAIGNS
-from workbench.blind.share import Share
 from workbench.tables import Column, Table, words
 
 if TYPE_CHECKING:

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workbench.blind import make
-from workbench.blind.orders import Order, families_of, orders
-from workbench.blind.sources import multibody
-from workbench.blind.sources.simulator.campaign import built
-from workbench.blind.sources.simulator.content import Content, draw
-from workbench.blind.sources.simulator.size import input_change
+from benchmarks.validation import entry, multibody
+from benchmarks.validation.campaign import built, input_change
+from benchmarks.validation.content import Content, draw
+from benchmarks.validation.orders import families_of, orders
+from workbench.blind.case import Order
+from workbench.errors import InputError
 from workbench.logs import read_campaign
 from workbench.machine import Hoist
 
@@ -25,9 +25,9 @@ def short(*names: str) -> Content:
 
 
 def test_the_label_says_how_much_torque_the_cause_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(make, "draw", lambda seed, family, case, names: short(*names))
+    monkeypatch.setattr(entry, "draw", lambda seed, family, case, names: short(*names))
     order = Order(1, (5, 1), "multibody", "hoist_clean", "singles", ("friction_coulomb",))
-    _, label = make.made(tmp_path, None, order)
+    _, label = entry.made(None, tmp_path, order)
     assert (label.source, label.effects) == ("multibody", ("friction_coulomb",))
     (run,) = read_campaign(tmp_path / "001").runs
     assert label.truth["multibody_arm.reach_m"] > 0.0
@@ -61,9 +61,9 @@ def test_half_of_each_case_gets_a_machine_that_was_identified_first():
 
 def test_an_identified_machine_is_that_of_the_well_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A coulomb friction half as large again is withheld: the machine.yaml of before does not have it."""
-    monkeypatch.setattr(make, "draw", lambda seed, family, case, names: short(*names))
+    monkeypatch.setattr(entry, "draw", lambda seed, family, case, names: short(*names))
     order = Order(1, (5, 1), "multibody", "hoist_clean", "singles", ("friction_coulomb",), identified=True)
-    _, label = make.made(tmp_path, None, order)
+    _, label = entry.made(None, tmp_path, order)
     assert label.identified
     machine, nominal = read_campaign(tmp_path / "001").machine, short().machine
     assert isinstance(machine, Hoist) and isinstance(nominal, Hoist)
@@ -87,8 +87,8 @@ def test_an_engine_that_gives_up_is_given_the_next_seed_and_after_three_the_case
         seen.append(tuple(seeds))
         raise RuntimeError("did not converge at 3.1 s")
 
-    monkeypatch.setattr(make, "make_campaign", gives_up)
+    monkeypatch.setattr(entry, "make_campaign", gives_up)
     order = Order(7, (5, 7), "multibody", "hoist_small", "none", ())
-    with pytest.raises(make.InputError, match="campaign 007 of multibody cannot be simulated: did not converge"):
-        make.made(tmp_path, None, order)
+    with pytest.raises(InputError, match="campaign 007 of multibody cannot be simulated: did not converge"):
+        entry.made(None, tmp_path, order)
     assert seen == [(5, 7), (5, 7, 1), (5, 7, 2)]

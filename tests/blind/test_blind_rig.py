@@ -12,22 +12,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.validation import next_run
+from benchmarks.validation.axis_causes import LISTED as ON_AXES
+from benchmarks.validation.axis_causes import OF_A_LOAD, OF_NO_LOAD
+from benchmarks.validation.campaign import make_campaign
+from benchmarks.validation.content import draw, scaled
+from benchmarks.validation.entry import LARGEST, SMALLEST, content_of, made, ordered
+from benchmarks.validation.hoist_causes import LISTED, scales_of
+from benchmarks.validation.rig import Rig, rig_from
+from benchmarks.validation.rig_files import rig_of
 from workbench.blind import later
-from workbench.blind.amounts import scaled
 from workbench.blind.answer import Answer
-from workbench.blind.ask import LARGEST, SMALLEST, Asked, ordered
-from workbench.blind.criteria import of_the_oracle
-from workbench.blind.make import content_of, made
-from workbench.blind.orders import Order
+from workbench.blind.case import Order
+from workbench.blind.criteria import Share, of_the_oracle
+from workbench.blind.make import Asked
 from workbench.blind.power import LEAST, power_of, thresholds
-from workbench.blind.rig import Rig, rig_from
-from workbench.blind.rig_files import rig_of
-from workbench.blind.share import Share
-from workbench.blind.sources.simulator.axis.listed import LISTED as ON_AXES
-from workbench.blind.sources.simulator.axis.listed import OF_A_LOAD, OF_NO_LOAD
-from workbench.blind.sources.simulator.campaign import make_campaign
-from workbench.blind.sources.simulator.content import draw
-from workbench.blind.sources.simulator.hoist.listed import LISTED, scales_of
 from workbench.effects import find
 from workbench.errors import InputError
 from workbench.figures import blind as figures
@@ -254,11 +253,11 @@ def test_one_more_run_makes_smaller_effects_show(rig: Rig, monkeypatch: pytest.M
     )
     order = ordered(Asked(runs=DEMO, cases=1, case="none"), 5)[0][0]
     content = content_of(order, short)
-    now = later.shows(content, order.seed)
-    first, *others = later._trials(short)
+    now = next_run.shows(content, order.seed)
+    first, *others = next_run._trials(short)
     assert first.words.startswith("the quickest one")
     assert ("tension" in rig.logging.logs) != any(trial.logs for trial in others)
-    then = later.shows(first.added_to(content), order.seed)
+    then = next_run.shows(first.added_to(content), order.seed)
     both = [name for name in now if name in then and math.isfinite(now[name])]
     ratios = [then[name] / now[name] for name in both]
     assert len(both) > 15
@@ -276,7 +275,7 @@ def test_the_recommended_run_is_driven_as_the_menu_has_it_by_the_same_machine(ri
         "payload_kg": 0.0, "profile": "slow (9.9 m/s), both ways, with reversals at half height",
         "signals": ["tension_dead_line_n"],
     }  # fmt: skip
-    more = later.extended(content, asked, tmp_path / "before")
+    more = next_run.extended(content, asked, tmp_path / "before")
     assert more.drawn == content.drawn and more.runs[:-1] == content.runs
     assert "tension" in more.logging.logs
     last = more.runs[-1]
@@ -284,7 +283,7 @@ def test_the_recommended_run_is_driven_as_the_menu_has_it_by_the_same_machine(ri
     speed = np.array(last.reference)
     assert np.sum(np.diff(np.sign(speed[np.abs(speed) > 1e-3])) != 0) == 5  # up, back, up, down, back, down
     with pytest.raises(InputError, match="no run 'sideways' on the menu"):
-        later.extended(content, {**asked, "profile": "sideways"}, tmp_path / "before")
+        next_run.extended(content, {**asked, "profile": "sideways"}, tmp_path / "before")
 
 
 def cut(run: Any, length_s: float) -> Any:
@@ -317,12 +316,12 @@ def test_a_next_run_settles_an_open_case_where_the_answer_becomes_right(
 ):
     asked = []
 
-    def anew(order: Any, rig: Any, row: Any) -> Answer:
+    def anew(said: Any, rig: Any, row: Any) -> Answer:
         asked.append(row["folder"])
         open_still = DECIDES if row["folder"] == "000" else None
         return Answer("after", "named", names=("friction_viscous",), next_run=open_still)
 
-    monkeypatch.setattr(later, "_with_next_run", anew)
+    monkeypatch.setattr(next_run, "answered_with_next_run", anew)
     score = open_score(tmp_path)
     lines: list[str] = []
 

@@ -12,12 +12,13 @@ from typing import Any
 import pytest
 
 from benchmarks import calibrate, practice
+from benchmarks.validation.entry import ordered
+from benchmarks.validation.families import FAMILIES
 from workbench.blind import criteria, measures
 from workbench.blind.answer import Answer, load
-from workbench.blind.ask import Asked, ordered
 from workbench.blind.baselines import BIC, COMMONEST, SPARSE, TRAINING, baselines
-from workbench.blind.share import Share
-from workbench.blind.sources.simulator.families import FAMILIES
+from workbench.blind.criteria import Share
+from workbench.blind.make import Asked
 from workbench.diagnose.verdict.probability import calibration, rank
 from workbench.figures import blind as figures
 from workbench.reports.blind import tables
@@ -570,7 +571,7 @@ def test_one_command_makes_and_diagnoses_what_calibrates_on_a_seed_of_its_own(
     assert {order.family for order in wanted} == set(FAMILIES)
     rows = tuple({**row, "folder": f"{k:03d}"} for k, row in enumerate(ANSWERS))
     kept = types.SimpleNamespace(folder=tmp_path / "sealed", rows=rows)
-    monkeypatch.setattr(calibrate, "make_asked", lambda what, folder, **more: asked.append((what.seed, what.cases)))
+    monkeypatch.setattr(calibrate, "make", lambda what, folder, **more: asked.append((what.seed, what.cases)))
     monkeypatch.setattr(calibrate, "run", lambda folder, **more: asked.append(folder.name))
     monkeypatch.setattr(calibrate, "open_and_score", lambda folder, key: kept)
     monkeypatch.setattr(calibrate, "answer", lambda folder, gone: Answer(folder.name, "unknown", tuple(gone)))

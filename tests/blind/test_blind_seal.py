@@ -10,20 +10,19 @@ import stat
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from workbench.blind import ask, run, seal
 from workbench.blind import make as making
+from workbench.blind import run, seal
 from workbench.blind.answer import Answer, text_of
-from workbench.blind.ask import Asked, make_asked
-from workbench.blind.make import Made
-from workbench.blind.orders import Order
+from workbench.blind.case import Label, Order
+from workbench.blind.ledger import Entry, copy_of, entries
+from workbench.blind.make import Asked, Made, Maker, make
 from workbench.blind.score import OPENED, open_all, open_and_score, sheet_of
-from workbench.blind.sources.simulator.campaign import Label
 from workbench.cli import main
 from workbench.errors import InputError
 from workbench.reports.blind.words import sentences
@@ -33,7 +32,7 @@ SEED = 424242424242
 TRUTH = ("friction_viscous", "heave", "torque_offset", "")
 
 
-def fake(folder: Path, rig: object, order: Order) -> tuple[Order, Label]:
+def fake(folder: Path, order: Order) -> tuple[Order, Label]:
     """A campaign of a few bytes; of four, three withhold an effect and one none."""
     campaign = folder / order.name
     (campaign / "runs").mkdir(parents=True)
@@ -57,11 +56,14 @@ def said(campaign: Path) -> str:
     return text_of(replace(row, before=5.0, after=0.6, cpu_s=1.0, subsystem="guide"))
 
 
+def makes(count: int, seed: int) -> Maker:
+    """Campaigns whose contents nobody reads."""
+    return Maker([Order(k, (seed, k), "simulator", "hoist_small", "singles", ()) for k in range(1, count + 1)], fake)
+
+
 @pytest.fixture
-def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Made:
-    monkeypatch.setattr(making, "made", fake)
-    asked = Asked(cases=4, seed=SEED, families=("hoist_small",))
-    return make_asked(asked, tmp_path / "test", processes=1, tell=lambda line: None)
+def made(tmp_path: Path) -> Made:
+    return make(Asked(cases=4, seed=SEED), tmp_path / "test", processes=1, maker=makes(4, SEED))
 
 
 def answered(made: Made, **more: Any) -> run.Ran:
@@ -123,6 +125,129 @@ def test_a_change_after_sealing_is_found_out_and_named(made: Made, change: Any, 
     with pytest.raises(InputError, match=sentence):
         open_and_score(made.folder, made.key)
     assert not (made.folder / OPENED).exists()
+
+
+def lines_of(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / "answers.jsonl").read_text().splitlines()]
+
+
+def written(folder: Path, lines: list[dict[str, Any]]) -> None:
+    (folder / "answers.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+def swapped(folder: Path) -> None:
+    """Two answers and the hashes of their lines."""
+    one, two = (folder / "answers" / f"{name}.json" for name in ("001", "002"))
+    texts = one.read_text(), two.read_text()
+    one.write_text(texts[1])
+    two.write_text(texts[0])
+    lines = lines_of(folder)
+    lines[0]["sha256"], lines[1]["sha256"] = lines[1]["sha256"], lines[0]["sha256"]
+    written(folder, lines)
+
+
+def replaced(folder: Path) -> None:
+    file = folder / "answers" / "002.json"
+    altered(file, "friction_viscous", "heave")
+    lines = lines_of(folder)
+    lines[1]["sha256"] = seal.sha256(file.read_bytes())
+    written(folder, lines)
+
+
+def removed(folder: Path, name: str = "002") -> None:
+    """An answer with its line."""
+    (folder / "answers" / f"{name}.json").unlink()
+    written(folder, [line for line in lines_of(folder) if line["case"] != name])
+
+
+def dated(folder: Path) -> None:
+    lines = lines_of(folder)
+    lines[1]["at"] = "2020-01-01T00:00:00+00:00"
+    written(folder, lines)
+
+
+FORGED = {
+    "swapped": (swapped, "001"),
+    "replaced": (replaced, "002"),
+    "removed": (removed, "00[23]"),
+    "dated": (dated, "002"),
+}
+
+
+def chained_anew(folder: Path) -> None:
+    """What somebody does who knows how the chain is made."""
+    before, lines = seal.sha256((folder / "manifest.json").read_bytes()), []
+    for line in lines_of(folder):
+        entry = Entry(**line).chained(before)
+        before = entry.chain
+        lines.append(asdict(entry))
+    written(folder, lines)
+
+
+@pytest.mark.parametrize(("forge", "named"), FORGED.values(), ids=FORGED)
+def test_a_forged_answer_is_named_by_the_chain(made: Made, forge: Any, named: str):
+    answered(made)
+    forge(made.folder)
+    copy_of(made.folder).unlink()
+    with pytest.raises(InputError, match=rf"the answer to campaign {named}: its line, or one before it, was changed"):
+        open_and_score(made.folder, made.key)
+
+
+@pytest.mark.parametrize(("forge", "named"), FORGED.values(), ids=FORGED)
+def test_a_chain_that_was_computed_anew_is_named_by_the_copy_and_by_the_head(made: Made, forge: Any, named: str):
+    head = answered(made).head
+    forge(made.folder)
+    chained_anew(made.folder)
+    with pytest.raises(InputError, match=rf"answer to campaign {named}, "):
+        open_and_score(made.folder, made.key)
+    with pytest.raises(InputError, match=rf"and not in {head}: an answer was changed, removed or dated anew"):
+        open_and_score(made.folder, made.key, head)
+    with pytest.raises(InputError, match=rf"answer to campaign {named}, "):  # nor does a run go on with it
+        answered(made)
+
+
+def test_a_last_answer_that_was_removed_is_named(made: Made):
+    head = answered(made).head
+    removed(made.folder, "004")
+    with pytest.raises(InputError, match=r"answer to campaign 004, given .*, was removed"):
+        open_and_score(made.folder, made.key)
+    with pytest.raises(InputError, match="and not in"):
+        open_and_score(made.folder, made.key, head)
+
+
+def test_the_sheet_says_how_the_answers_were_compared(made: Made):
+    first = answered(made, count=2).head
+    head = answered(made).head
+    assert open_and_score(made.folder, made.key).compared == "The ledger is that of test.answers."
+    assert open_and_score(made.folder, made.key, head).compared == "The answers are those of the given head."
+    assert open_and_score(made.folder, made.key, first).compared.endswith("answers to 003, 004 were given after it.")
+    copy_of(made.folder).unlink()
+    assert "unproved" in open_and_score(made.folder, made.key).compared
+    assert head == entries(made.folder)[-1].chain
+    with pytest.raises(InputError, match="is no head"):
+        open_and_score(made.folder, made.key, "notes.txt")
+
+
+@pytest.mark.parametrize(
+    ("file", "named"),
+    [
+        ("answers.jsonl", r"answers\.jsonl:4: is damaged or cut off"),
+        ("answers/004.json", "campaign 004 was changed"),
+    ],
+)
+def test_a_file_that_was_cut_off_is_one_clear_error(made: Made, file: str, named: str):
+    answered(made)
+    data = (made.folder / file).read_bytes()
+    (made.folder / file).write_bytes(data[: len(data) - 40])
+    with pytest.raises(InputError, match=named):
+        open_and_score(made.folder, made.key)
+
+
+def test_dask_workers_answer_as_this_process_does(made: Made):
+    pytest.importorskip("distributed")
+    assert run.run(made.folder, diagnose=said, cluster="local:2").done == 4
+    for row in open_and_score(made.folder, made.key).rows:
+        assert (row["folder"], row["names"]) in [(f"00{k}", ["friction_viscous"]) for k in (1, 2, 3, 4)]
 
 
 def altered(file: Path, before: str, after: str) -> None:
@@ -190,12 +315,12 @@ def test_each_diagnosis_is_given_a_folder_of_its_own_away_from_the_seal(made: Ma
 
 
 def test_a_run_goes_on_where_it_stopped_and_a_part_can_be_scored(made: Made):
-    assert answered(made, count=1) == run.Ran(4, 0, 1)
+    assert replace(answered(made, count=1), head="") == run.Ran(4, 0, 1)
     first = open_and_score(made.folder, made.key)
     assert first.partial and len(first.rows) == 1
     lines: list[str] = []
     time.sleep(1.1)  # the clock of the ledger has seconds
-    assert answered(made, tell=lines.append) == run.Ran(4, 1, 4)
+    assert replace(answered(made, tell=lines.append), head="") == run.Ran(4, 1, 4)
     assert lines[0] == "goes on after 1 of 4"
     assert lines[-1].startswith("4/4 campaign 004: friction_viscous (0.90), 1 s; 0 min left")
     second = open_and_score(made.folder, made.key)
@@ -265,7 +390,7 @@ def test_ctrl_c_ends_a_run_of_processes_with_what_is_answered(made: Made, tmp_pa
 
 
 def another(made: Made, tmp_path: Path) -> Made:
-    other = make_asked(Asked(cases=2, seed=SEED + 1), tmp_path / "more", processes=1, tell=lambda line: None)
+    other = make(Asked(seed=SEED + 1), tmp_path / "more", processes=1, maker=makes(2, SEED + 1))
     answered(made)
     answered(other)
     return other
@@ -304,7 +429,7 @@ def exit_of(*words: object) -> object:
 
 
 def test_the_command_makes_runs_and_scores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
-    monkeypatch.setattr(making, "made", fake)
+    monkeypatch.setattr(making, "maker_of", lambda asked, seed, tell: makes(asked.cases, seed))
     monkeypatch.setattr(run, "answered", lambda folder, most_effects: said(folder))
     folder = tmp_path / "proof"
     make = ("blind", "make", "--out", folder, "--cases", 4, "--seed", 3, "--family", "hoist_small", "--processes", 1)
@@ -361,11 +486,10 @@ def test_scoring_what_is_not_answered_says_what_comes_first(made: Made, capsys):
     assert "no campaign is answered yet; first: workbench blind run" in capsys.readouterr().err
 
 
-def test_a_key_that_is_there_is_not_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(making, "made", fake)
+def test_a_key_that_is_there_is_not_overwritten(tmp_path: Path):
     (tmp_path / "test.key").write_text("mine")
     with pytest.raises(InputError, match="nothing is overwritten"):
-        make_asked(Asked(cases=1, seed=1), tmp_path / "test", processes=1, tell=lambda line: None)
+        make(Asked(cases=1, seed=1), tmp_path / "test", processes=1, maker=makes(1, 1))
     assert (tmp_path / "test.key").read_text() == "mine"
     assert not (tmp_path / "test").exists()
 
@@ -373,16 +497,16 @@ def test_a_key_that_is_there_is_not_overwritten(tmp_path: Path, monkeypatch: pyt
 def test_without_the_extra_the_error_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "cryptography.fernet", None)
     with pytest.raises(InputError, match=r"needs the extra 'blind'; from a checkout: pip install '\.\[blind\]'"):
-        make_asked(Asked(cases=1, seed=1), tmp_path / "test", processes=1, tell=lambda line: None)
+        make(Asked(cases=1, seed=1), tmp_path / "test", processes=1, maker=makes(1, 1))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_seed_that_nobody_names_is_the_systems_own(monkeypatch: pytest.MonkeyPatch):
-    seen = []
-    monkeypatch.setattr(ask, "make", lambda folder, wanted, seed, **more: seen.append(seed))
-    for _ in range(2):
-        make_asked(Asked(cases=1), Path("nowhere"), tell=lambda line: None)
-    assert seen[0] != seen[1]
+def test_a_seed_that_nobody_names_is_the_systems_own(tmp_path: Path):
+    seeds = []
+    for name in ("one", "two"):
+        one = make(Asked(cases=1), tmp_path / name, processes=1, maker=makes(1, 1))
+        seeds.append(seal.unseal(one.folder, seal.read_manifest(one.folder), one.key).seed)
+    assert seeds[0] != seeds[1]
 
 
 def test_every_option_of_the_parts_has_help():

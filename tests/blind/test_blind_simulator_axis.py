@@ -10,10 +10,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from workbench import effects
-from workbench.blind.make import made
-from workbench.blind.orders import families_of, orders
-from workbench.blind.sources.simulator.axis.kernel import (
+from benchmarks.validation.axis_causes import (
+    ALIKE,
+    EVENTS,
+    IN_THE_LIBRARY,
+    LISTED,
+    UNLISTED,
+    drawn_pair,
+    scales_of,
+    usual,
+)
+from benchmarks.validation.axis_machines import KINDS, MOTIONS, drawn_axis, excitation
+from benchmarks.validation.axis_motion import (
     ACCELERATION,
     FORCE,
     FRICTION,
@@ -22,18 +30,18 @@ from workbench.blind.sources.simulator.axis.kernel import (
     POSITION,
     RECORD_S,
     SPEED,
+    coupled,
+    nominal_truth,
     simulate,
 )
-from workbench.blind.sources.simulator.axis.listed import ALIKE, LISTED, drawn_pair, scales_of, usual
-from workbench.blind.sources.simulator.axis.machines import MOTIONS, drawn_axis
-from workbench.blind.sources.simulator.axis.profiles import KINDS, excitation
-from workbench.blind.sources.simulator.axis.truth import coupled, nominal_truth
-from workbench.blind.sources.simulator.axis.unlisted import EVENTS, IN_THE_LIBRARY, UNLISTED
-from workbench.blind.sources.simulator.campaign import built, log_columns, make_campaign, simulated
-from workbench.blind.sources.simulator.content import CASES, draw
-from workbench.blind.sources.simulator.families import FAMILIES
-from workbench.blind.sources.simulator.sensors import Sensors, Window, encoder_speed, sampled, shown_input
-from workbench.blind.sources.simulator.size import input_change
+from benchmarks.validation.campaign import built, input_change, log_columns, make_campaign, simulated
+from benchmarks.validation.content import draw
+from benchmarks.validation.entry import made
+from benchmarks.validation.families import FAMILIES
+from benchmarks.validation.orders import families_of, orders
+from benchmarks.validation.sensors import Sensors, Window, encoder_speed, sampled, shown_input
+from workbench import effects
+from workbench.blind.case import CASES
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 
@@ -451,7 +459,7 @@ def test_a_campaign_of_an_axis_is_read_without_a_remark_and_its_label_says_what_
     assert campaign.machine.model_dump(exclude={"sensors"}) == machine.model_dump(exclude={"sensors"})
     assert [run.name for run in campaign.runs] == [plan.name for plan in content.runs]
     assert all(run.notes == () for run in campaign.runs)
-    said = json.loads(label.text())
+    said = json.loads(json.dumps(dataclasses.asdict(label)))
     assert said["effects"] == ["friction_viscous"]
     assert (said["kind"], said["family"], said["case"]) == ("axis", "axis_std", "singles")
     (value,) = said["parameters"]["friction_viscous"].values()

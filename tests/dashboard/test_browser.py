@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import statistics
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -211,3 +212,41 @@ def test_the_console_is_free_of_errors_and_nothing_is_asked_of_the_network(
         visit.go(FIRST)  # which stands at the server's own address
         assert visit.complaints == []
         assert visit.asked == []
+
+
+# What each control shows: label and value of every field, label and value of every slider.
+SHOWN = """() => Object.fromEntries([
+  ...[...document.querySelectorAll('[data-testid="stSidebar"] input')].filter(i => i.type !== 'file')
+    .map((i, k) => [`${k} ${i.getAttribute('aria-label')}`, i.type === 'checkbox' ? i.checked : i.value]),
+  ...[...document.querySelectorAll('[data-testid="stSidebar"] [role="slider"]')]
+    .map((s, k) => [`slider ${k} ${s.getAttribute('aria-label')}`, s.getAttribute('aria-valuetext')]),
+])"""
+
+
+def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(chromium: Browser, tmp_path: Path):
+    with (
+        browser.dashboard(tmp_path / "server") as address,
+        browser.visit(chromium, address, tmp_path / "shots") as visit,
+    ):
+        visit.go("Loop")
+        visit.drawn(figures=4)
+        page, said = visit.page, visit.page.evaluate("window.bench.said()")
+        before = page.evaluate(SHOWN)
+        fields = page.get_by_test_id("stSidebar").locator(
+            '[data-testid="stTextInput"] input:visible, [data-testid="stNumberInput"] input:visible'
+        )
+        assert fields.count() >= 5
+        for number in range(fields.count()):
+            field = fields.nth(number)
+            was = field.input_value()
+            for typed in ("9000x", was):
+                field.focus()
+                page.keyboard.press("Control+A")
+                page.keyboard.type(typed)
+                page.keyboard.press("Enter")
+                visit.drawn()
+            time.sleep(1.0)  # a thumb glides to its place
+            assert page.evaluate(SHOWN) == before, field.get_attribute("aria-label")
+        visit.drawn(figures=4)
+        assert page.evaluate("window.bench.said()") == said  # and what is used is what was used
+        assert page.get_by_test_id("stException").count() == 0 and visit.complaints == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,14 +11,22 @@ pytest.importorskip("streamlit")
 from tests.support import axes
 from tests.support.dashboard_app import errors, figures, page
 from workbench.control import LinearCascade
-from workbench.dashboard import controller, machines
-from workbench.dashboard.pages.compare.kept import Kept
-from workbench.dashboard.pages.study.address import axis_address, from_address
-from workbench.dashboard.pages.study.axis.desk import AxisDesk, axis_desk_of, axis_scenario, usual_desk, with_gains
-from workbench.dashboard.pages.study.axis.page import axis_text
-from workbench.dashboard.pages.study.controls import Desk
-from workbench.dashboard.pages.study.runs import beside_ramps
-from workbench.dashboard.pages.study.shipped import shipped_desk, shipped_files
+from workbench.dashboard import machines
+from workbench.dashboard.pages.compare import Kept
+from workbench.dashboard.pages.study import beside_ramps
+from workbench.dashboard.pages.study_desk import (
+    Desk,
+    desk_of,
+    from_address,
+    in_address,
+    scenario_file,
+    scenario_of,
+    shipped_desk,
+    shipped_files,
+    usual_desk,
+    with_gains,
+)
+from workbench.dashboard.pages.study_form import desk_key
 from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.kinds.axis import LinearAxis, RotaryAxis
@@ -48,9 +55,9 @@ ROTARY = RotaryAxis.model_validate(
 )
 
 
-def shipped_axis_desk() -> AxisDesk:
+def shipped_axis_desk() -> Desk:
     desk, machine = shipped_desk("axis", default_hoist())
-    assert isinstance(desk, AxisDesk) and machine == machines.AXIS
+    assert machine == EMPS
     return desk
 
 
@@ -63,7 +70,7 @@ def study() -> Any:
     """The page with the scenario of an axis that ships, chosen on the axis."""
     app = page("Study")
     app.session_state["machine arrived"] = machines.AXIS
-    app.session_state["study axis desk"] = shipped_axis_desk()
+    app.session_state[desk_key(EMPS)] = shipped_axis_desk()
     return app.run()
 
 
@@ -76,7 +83,7 @@ def test_an_axis_is_studied_in_its_own_units(study):
 
 
 def test_its_table_and_verdict_are_those_of_the_library(study):
-    result = run_study(plan_study(axis_scenario(shipped_axis_desk(), EMPS), EMPS))
+    result = run_study(plan_study(scenario_of(shipped_axis_desk(), EMPS), EMPS))
     table = study.dataframe[0].value
     assert [cell.removeprefix("★ ") for cell in table["peak N"]] == [
         f"{row['peak_force_n']:.4g}" for row in result.rows
@@ -85,7 +92,7 @@ def test_its_table_and_verdict_are_those_of_the_library(study):
 
 
 def test_its_lights_are_those_of_the_drive(study):
-    said = " ".join(shown.value for shown in study.markdown)
+    said = " ".join(study.table[0].value.columns)
     assert "force peak" in said and "rms force" in said and "wire" not in said
 
 
@@ -94,7 +101,7 @@ def test_a_reached_limit_of_the_drive_is_an_alarm_and_keeps_the_page():
     weak = with_values(EMPS, {"drive.force_limit_n": 200.0})
     app.session_state["machines kept"] = {"weak": weak}
     app.session_state["machine arrived"] = "weak"
-    app.session_state["study axis desk"] = shipped_axis_desk()
+    app.session_state[desk_key(EMPS)] = shipped_axis_desk()
     app.run()
     assert not app.exception
     (alarmed,) = errors(app)
@@ -122,15 +129,15 @@ def test_an_axis_gains_go_from_loop_to_study_and_leave_the_hoists_alone():
     assert {"kv (1/s)", "kp (N s/m)", "Positions (m)"} <= labels(loop)
     assert "Payloads (kg)" not in labels(loop)
     loop.number_input(key="loop kp typed").set_value(5000.0).run()
-    whose = controller.owner(EMPS)
-    (settings,) = loop.session_state[f"controller now{whose}"]
+    now = f"controller now {kind_of(EMPS).name} {EMPS.name}"
+    (settings,) = loop.session_state[now]
     assert isinstance(settings, LinearCascade) and settings.kp_n_s_per_m == 5000.0
     assert "controller now" not in loop.session_state
     study = page("Study")
     study.session_state["machine arrived"] = machines.AXIS
-    study.session_state[f"controller now{whose}"] = (settings,)
+    study.session_state[now] = (settings,)
     study.run()
-    assert study.slider(key="study.axis.kp").value == 5000.0 and not study.exception
+    assert study.slider(key="study.kp").value == 5000.0 and not study.exception
 
 
 def test_a_tuning_of_an_axis_fills_its_sliders_and_keeps_its_position_loop():
@@ -150,16 +157,16 @@ def test_a_tuning_of_an_axis_fills_its_sliders_and_keeps_its_position_loop():
 @pytest.mark.parametrize("machine", [EMPS, ROTARY, axes.two_inertia()], ids=lambda machine: machine.name)
 def test_a_link_shows_an_axis_study_on_its_own_machine(machine):
     desk = usual_desk(machine)
-    scenario = axis_scenario(replace(desk, limits=(0.7 * desk.limits[0], *desk.limits[1:])), machine)
-    text = axis_address(scenario, machine)
+    scenario = scenario_of(desk.having(speed=0.7 * desk.values["speed"]), machine)
+    text = in_address(scenario, machine)
     assert text is not None
     read, own = from_address(text)
-    assert isinstance(read, AxisDesk) and own == machine
-    assert axis_scenario(read, machine).limits == scenario.limits
+    assert own == machine
+    assert scenario_of(read, machine).limits == scenario.limits
 
 
 def test_a_link_of_an_axis_sets_machine_and_controls_and_the_page_writes_the_same_link():
-    text = axis_address(axis_scenario(usual_desk(ROTARY), ROTARY), ROTARY)
+    text = in_address(scenario_of(usual_desk(ROTARY), ROTARY), ROTARY)
     app = page("Study")
     app.query_params["study"] = text
     app.run()
@@ -170,7 +177,7 @@ def test_a_link_of_an_axis_sets_machine_and_controls_and_the_page_writes_the_sam
 
 def test_the_verdict_of_an_axis_is_that_of_its_front(study):
     """What beats a choice under other limits is said in the verdict and drawn as the front."""
-    scenario = axis_scenario(shipped_axis_desk(), EMPS)
+    scenario = scenario_of(shipped_axis_desk(), EMPS)
     rows = run_study(plan_study(scenario, EMPS)).rows
     said = verdict(rows, beside_ramps(scenario, EMPS), machine=EMPS)
     assert said is not None and study.info[0].value.replace("\\", "").startswith(said)
@@ -182,8 +189,8 @@ def test_the_verdict_of_an_axis_is_that_of_its_front(study):
 def test_kept_studies_of_an_axis_stand_side_by_side_in_its_units():
     app = page("Compare")
     kept: dict[str, Kept] = {}
-    for name, limits in (("first", (0.3, 1.2, 7.6)), ("quicker", (0.4, 1.6, 9.0))):
-        scenario = axis_scenario(replace(usual_desk(EMPS), limits=limits), EMPS)
+    for name, speed, acceleration, jerk in (("first", 0.3, 1.2, 7.6), ("quicker", 0.4, 1.6, 9.0)):
+        scenario = scenario_of(usual_desk(EMPS).having(speed=speed, acceleration=acceleration, jerk=jerk), EMPS)
         kept[name] = Kept(name, scenario, EMPS, run_study(plan_study(scenario, EMPS)))
     app.session_state["runs kept"] = kept
     app.run()
@@ -198,7 +205,7 @@ def test_studies_of_other_kinds_are_not_compared():
     app = page("Compare")
     both = {}
     for name, machine in (("slide", EMPS), ("turn", ROTARY)):
-        scenario = axis_scenario(usual_desk(machine), machine)
+        scenario = scenario_of(usual_desk(machine), machine)
         both[name] = Kept(name, scenario, machine, run_study(plan_study(scenario, machine)))
     app.session_state["runs kept"] = both
     app.run()
@@ -218,7 +225,7 @@ def test_a_page_for_hoists_says_so_and_leaves_the_axis_chosen():
 
 def test_the_usual_study_of_any_axis_runs_within_its_drive():
     for machine in (EMPS, ROTARY):
-        rows = run_study(plan_study(axis_scenario(usual_desk(machine), machine), machine)).rows
+        rows = run_study(plan_study(scenario_of(usual_desk(machine), machine), machine)).rows
         assert rows and all(row.ok for row in rows)
         name = "peak_force_n" if machine is EMPS else "peak_torque_nm"
         peaks = [row.metrics[name] for row in rows]
@@ -227,12 +234,12 @@ def test_the_usual_study_of_any_axis_runs_within_its_drive():
 
 def test_a_saved_study_of_an_axis_is_read_by_the_study_command(tmp_path):
     heavier = with_values(EMPS, {"mass_kg": 110.0})
-    scenario = axis_scenario(shipped_axis_desk(), heavier)
+    scenario = scenario_of(shipped_axis_desk(), heavier)
     (tmp_path / "own.yaml").write_text(machine_text(heavier), encoding="utf-8")
-    (tmp_path / "saved.yaml").write_text(axis_text(scenario, "own.yaml"), encoding="utf-8")
+    (tmp_path / "saved.yaml").write_text(scenario_file(scenario, heavier, "own.yaml"), encoding="utf-8")
     study = load_study(tmp_path / "saved.yaml")
     assert study.machine == heavier
-    assert axis_desk_of(study.scenario, heavier).controller == scenario.controller
+    assert desk_of(study.scenario, heavier).base.controller == scenario.controller
     assert study.scenario.limits == scenario.limits and study.scenario.moves == scenario.moves
 
 
@@ -245,22 +252,22 @@ def test_what_is_set_for_one_axis_goes_over_to_its_corrected_twin_and_to_no_othe
 def test_what_no_axis_can_be_asked_is_one_clear_error():
     desk = shipped_axis_desk()
     with pytest.raises(InputError, match="nothing asks the axis to move"):
-        with_gains(desk.controller, {"kv_per_s": 0.0, "feed_forward": {"speed": 0.0}})
+        with_gains(desk.base.controller, {"kv_per_s": 0.0, "feed_forward": {"speed": 0.0}})
     with pytest.raises(InputError, match="letters, digits"):
-        axis_scenario(replace(desk, base=desk.base.model_copy(update={"name": "../x"})), EMPS)
+        scenario_of(desk.having(name="../x"), EMPS)
     with pytest.raises(InputError, match="sweep"):
-        axis_desk_of(load_study(shipped_files()["axis.yaml"]).scenario, EMPS)
+        desk_of(load_study(shipped_files()["axis.yaml"]).scenario, EMPS)
 
 
 def test_a_hoists_scenario_chosen_on_an_axis_goes_back_to_a_hoist():
     desk, machine = shipped_desk("payloads", EMPS)
-    assert isinstance(desk, Desk) and machine == machines.DEFAULT
+    assert "payloads" in desk.values and machine == default_hoist()
 
 
 def test_what_an_axis_cannot_be_asked_keeps_its_last_study_below_the_error():
     app = page("Study")
     app.session_state["machine arrived"] = machines.AXIS
-    app.session_state["study axis desk"] = shipped_axis_desk()
+    app.session_state[desk_key(EMPS)] = shipped_axis_desk()
     app.run()
     app.text_input(key="study.name").set_value("../x").run()
     assert not app.exception

@@ -15,13 +15,15 @@ from workbench.analysis.family import family, operating_points
 from workbench.analysis.loop import INPUTS, SHOWN
 from workbench.analysis.step import step_response
 from workbench.control import PiSettings
-from workbench.dashboard.pages.loop.controls import KI, KP, WEIGHT, kp_steps
-from workbench.dashboard.pages.study.controls import Controls, Desk
-from workbench.dashboard.pages.study.form import DESK
+from workbench.dashboard.pages.loop import gain_steps, rule_settings
+from workbench.dashboard.pages.study_desk import usual_desk
+from workbench.dashboard.pages.study_form import desk_key
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four
 from workbench.machine import default_hoist, with_values
 from workbench.reports.loop.case import usual_controller
 
+KP, KI, WEIGHT = "loop kp", "loop ki", "loop weight"
+KP_STEPS = gain_steps("kp", rule_settings(default_hoist()).kp)
 OWN = {"torque_lag_s": "2", "speed_filter_s": "3", "speed_delay_s": "1"}  # the default drive's, in ms, in its keys
 
 
@@ -68,7 +70,7 @@ def test_a_larger_gain_costs_margin_and_the_delta_says_so():
     app = page("Loop").run()
     app.number_input(key=f"loop speed_delay_s {OWN['speed_delay_s']}").set_value(5.0).run()
     before = number(app, "Largest Ms")
-    app.select_slider(key=KP).set_value(kp_steps(default_hoist())[110]).run()
+    app.select_slider(key=KP).set_value(KP_STEPS[110]).run()
     assert float(number(app, "Largest Ms")) > float(before)
     assert next(metric for metric in app.metric if metric.label == "Largest Ms").delta.startswith("+")
 
@@ -76,7 +78,7 @@ def test_a_larger_gain_costs_margin_and_the_delta_says_so():
 def test_gains_that_lose_the_loop_are_called_unstable():
     app = page("Loop").run()
     app.number_input(key=f"loop speed_delay_s {OWN['speed_delay_s']}").set_value(50.0).run()
-    app.select_slider(key=KP).set_value(kp_steps(default_hoist())[-1]).run()
+    app.select_slider(key=KP).set_value(KP_STEPS[-1]).run()
     assert errors(app) == ["Unstable with these gains: no margin means anything."]
     assert "unstable" in app.dataframe[0].value["gain dB"].tolist()
 
@@ -160,8 +162,9 @@ def test_the_step_response_is_that_of_the_loop_taken_sample_by_sample():
 
 def test_the_page_says_that_its_loop_is_the_lumped_machines_where_study_runs_on_the_multibody_one():
     said = "Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised."
+    desk, key = usual_desk(default_hoist()), desk_key(default_hoist())
     app = page("Loop")
-    app.session_state[DESK] = Desk(Controls(plant="multibody"))
+    app.session_state[key] = desk.having(plant="multibody")
     assert said in [caption.value for caption in app.run().caption]
-    app.session_state[DESK] = Desk()
+    app.session_state[key] = desk
     assert said not in [caption.value for caption in app.run().caption]

@@ -15,13 +15,11 @@ from tests.support.dashboard_app import errors, page
 from tests.support.log_campaign import AXIS, axis_columns, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.dashboard import campaigns
-from workbench.dashboard.pages.compare import kept
-from workbench.dashboard.pages.machine.page import LARGE
-from workbench.dashboard.pages.machine.scene import scene_of
+from workbench.dashboard.pages import compare as kept
+from workbench.dashboard.pages.machine import LARGE
 from workbench.figures import arm_parts
-from workbench.figures.arm_style import VIRIDIS, look_of
-from workbench.figures.film import HEIGHT, film, film_data
-from workbench.figures.scene import Scene
+from workbench.figures.film import HEIGHT, VIRIDIS, film, film_data, look_of
+from workbench.figures.scene import Scene, scene_of
 from workbench.logs import read_campaign
 from workbench.machine import default_hoist
 from workbench.reports.loop.case import usual_controller

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,12 @@ pytest.importorskip("streamlit")
 
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
-from workbench.dashboard import campaigns, session
-from workbench.dashboard.jobs import job as jobs
-from workbench.dashboard.jobs import place as jobs_place
-from workbench.dashboard.jobs.progress import Teller
-from workbench.dashboard.jobs.record import make, write
-from workbench.dashboard.jobs.worker import work
-from workbench.dashboard.pages.validate import models
-from workbench.dashboard.pages.validate.models_work import SHOWN, run
-from workbench.dashboard.section_file import read_section
+from workbench.dashboard import campaigns, jobs, session
+from workbench.dashboard.jobs import Teller
+from workbench.dashboard.pages import validate
+from workbench.dashboard.work import VIEW, models, read_view
 from workbench.errors import InputError
+from workbench.figures.save import Section
 from workbench.logs import read_campaign
 from workbench.machine import Hoist
 from workbench.machine.files import machine_text
@@ -34,7 +31,7 @@ NAME = "lift"
 
 
 @pytest.fixture
-def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The server's own folder; it offers one campaign of one short run. What a worker would do is done at once."""
     write_campaign(tmp_path / "owner" / NAME, hoist_columns())
     folder = tmp_path / "server"
@@ -42,19 +39,20 @@ def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(session, "app_folder", lambda: folder)
     monkeypatch.setattr(campaigns, "SHIPPED", ())
     monkeypatch.setenv(campaigns.VARIABLE, str(tmp_path / "owner"))
-    monkeypatch.setattr(models, "start", at_once)
-    jobs_place._root.cache_clear()
-    yield folder
-    jobs_place._root.cache_clear()
+    monkeypatch.setattr(validate, "start", at_once)
+    return folder
 
 
-def at_once(kind: str, what: jobs.Call, workspace: Path, title: str, inputs: Mapping[str, Path]) -> jobs.Job:
+def at_once(
+    kind: str, call: str, arguments: Mapping[str, Any], workspace: Path, title: str, inputs: Mapping[str, Path]
+) -> jobs.Job:
     """As `start`, in this process."""
-    assert what.function == f"{run.__module__}:{run.__name__}"
-    arguments = dict(what.arguments)
-    job = make(workspace, kind, title, inputs, lambda _: {"call": what.function, "arguments": arguments})
-    status = work({"call": what.function, "arguments": arguments}, job.folder)
-    write(job.file("ended.json"), {"status": status, "at_s": time.time()})
+    job = jobs.Job(jobs.new_id(), kind, title, Path(), call, arguments, time.time())
+    job = replace(job, folder=workspace / "jobs" / job.id)
+    job.folder.mkdir(parents=True)
+    jobs.write_record(job)
+    tell = Teller(job.file("said.jsonl"))
+    tell.write(ended=jobs.work(call, arguments, job.folder, tell), at_s=time.time())
     return job
 
 
@@ -111,13 +109,13 @@ def test_what_cannot_be_compared_is_said_without_the_servers_folder(server, tmp_
     out = tmp_path / "job" / "result"
     out.parent.mkdir()
     with pytest.raises(InputError, match="has no effect 'backlash'") as caught:
-        run(out, Teller(tmp_path / "job" / "progress.json"), folder=str(folder), name=NAME, runs=["lift"],
+        models(out, Teller(tmp_path / "job" / "said.jsonl"), folder=str(folder), name=NAME, runs=["lift"],
             machine=machine_text(machine))  # fmt: skip
     assert str(tmp_path) not in str(caught.value)
     assert not out.exists()
 
 
 def test_a_damaged_result_is_one_clear_error(tmp_path):
-    (tmp_path / SHOWN).write_text('{"heading": 3}')
+    (tmp_path / VIEW).write_text('{"heading": 3}')
     with pytest.raises(InputError, match="damaged; compute it again"):
-        read_section(tmp_path / SHOWN)
+        read_view(Section, tmp_path / VIEW)

@@ -15,8 +15,8 @@ from streamlit.testing.v1 import AppTest
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.dashboard import campaigns
-from workbench.dashboard.pages.signals.page import RAMP, _part, _runs_table
-from workbench.dashboard.pages.study.forces import force_table, forces_of
+from workbench.dashboard.pages.signals import RAMP, part_of, runs_table
+from workbench.dashboard.pages.study import force_table, forces_of
 from workbench.figures.signals import BEFORE_S, Stretch, browser, start_of_move
 from workbench.figures.style import line
 from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet
@@ -88,7 +88,7 @@ def test_what_is_taken_away_is_every_sample_of_the_stretch(tmp_path: Path):
     from pyarrow.parquet import read_table
     from scipy.io import loadmat
 
-    part = _part(Stretch(run(), 12.0, 13.0), ["torque_motor_nm"])
+    part = part_of(Stretch(run(), 12.0, 13.0), ["torque_motor_nm"])
     labelled = [Labelled("1 up & down", {"run": "1 up", "payload_kg": 2.5}, part)] * 2
     for back in (read_csv(BufferReader(as_csv(labelled))), read_table(BufferReader(as_parquet(labelled)))):
         assert back.column_names == ["run", "payload_kg", "time_s", "torque_motor_nm"]
@@ -101,7 +101,7 @@ def test_what_is_taken_away_is_every_sample_of_the_stretch(tmp_path: Path):
 
 def test_the_table_counts_missing_samples():
     gappy = Run("gappy", np.arange(5.0), {"torque_motor_nm": np.array([1.0, np.nan, np.nan, 2.0, 3.0])})
-    assert _runs_table([gappy]).rows[0][:6] == ("gappy", "5", "1000", "4.000", "0", "2")
+    assert runs_table([gappy]).rows[0][:6] == ("gappy", "5", "1000", "4.000", "0", "2")
 
 
 def test_forces_of_the_multibody_machine_are_told_from_the_lumped_ones_and_the_largest_listed():

@@ -15,7 +15,7 @@ from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from tests.support.simulated_campaign import TRUTH, simulated_campaign
 from workbench.dashboard import campaigns, machines
-from workbench.dashboard.pages.validate.identification import _in_words
+from workbench.dashboard.pages.validate import in_words
 from workbench.figures.identify import Estimate, estimates
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
@@ -260,6 +260,6 @@ def test_machines_that_are_kept_here_are_offered_elsewhere(offered):
 
 
 def test_a_fitted_value_is_called_by_words_with_its_unit():
-    assert _in_words("guide.coulomb_hoisting_n", 7570.2, 171.0) == ("guide Coulomb hoisting", "7570 ± 170 N")
-    assert _in_words("wire.youngs_modulus_pa", 1.028e11, 1.8e9) == ("wire Young's modulus", "102.8 ± 1.8 GPa")
-    assert _in_words("sensors.torque_gain", 0.9995, 0.0031) == ("torque gain", "0.9995 ± 0.0031")
+    assert in_words("guide.coulomb_hoisting_n", 7570.2, 171.0) == ("guide Coulomb hoisting", "7570 ± 170 N")
+    assert in_words("wire.youngs_modulus_pa", 1.028e11, 1.8e9) == ("wire Young's modulus", "102.8 ± 1.8 GPa")
+    assert in_words("sensors.torque_gain", 0.9995, 0.0031) == ("torque gain", "0.9995 ± 0.0031")

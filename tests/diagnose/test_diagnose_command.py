@@ -13,8 +13,8 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.made_diagnosis import KINDS, VISCOUS, made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
-from workbench.cli.diagnose_progress import shown
 from workbench.cli.diagnose_show import show
+from workbench.cli.progress import stages as shown
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import check, forget_users
 from workbench.errors import InputError

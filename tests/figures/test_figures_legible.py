@@ -11,10 +11,31 @@ from tests.support import axes
 from workbench.analysis.step import StepResponse
 from workbench.figures.loop import Step, _with_load
 from workbench.figures.place import marked_machine
+from workbench.figures.style import GROUND, LINES, SPARE, line, on_dark
 from workbench.kinds import kind_of
+from workbench.references import by_name
 
 SHRINK = SimpleNamespace(before=8.2e-5, after=2e-5, noise=1.9e-5, unit="N m")
 TURNING = axes.two_inertia()
+
+
+def contrast(one: str, other: str) -> float:
+    """WCAG 2.2: (L1 + 0.05)/(L2 + 0.05) of the relative luminances of two sRGB colours."""
+
+    def luminance(colour: str) -> float:
+        parts = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+        linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    dark, light = sorted(luminance(colour) + 0.05 for colour in (one, other))
+    return light / dark
+
+
+@pytest.mark.parametrize("name", [*by_name(), *LINES, *(f"spare {k}" for k in range(len(SPARE)))])
+def test_every_line_is_seen_on_both_grounds(name: str):
+    number = int(name.split()[1]) if name.startswith("spare") else 0
+    colour = line(name, number)["color"]
+    assert contrast(colour, "#FFFFFF") >= 3.0 and contrast(on_dark(colour), GROUND) >= 3.0
 
 
 @pytest.mark.parametrize(("fastest", "step"), [(0.5, "1"), (270.0, "0.001"), (2.7e6, "100·10⁻⁹")])

@@ -12,7 +12,9 @@ import scipy.io
 
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, csv_text, hoist_columns, write_campaign
 from workbench.errors import InputError
+from workbench.kinds import kind_of
 from workbench.logs import read_campaign
+from workbench.machine import default_hoist
 from workbench.run import Run
 
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"
@@ -251,19 +253,44 @@ def test_short_gap_is_bridged_by_a_straight_line_and_said(tmp_path):
     assert run.notes == ("speed_motor_rad_s: 4 missing samples in 1 gap bridged by straight lines, first at 3 s",)
 
 
-def test_long_gap_in_a_needed_signal_is_refused_by_time(tmp_path):
+def test_the_stretches_before_and_behind_a_hole_are_used_each_as_a_run(tmp_path):
     columns = hoist_columns()
-    columns["torque_motor2_nm"][300:340] = np.nan
-    assert (
-        "torque_motor2_nm: 40 samples in a row are missing from 3 s to 3.39 s; at most 5 within 0.1 s can be bridged"
-        in refusal(tmp_path, columns)
+    columns["torque_motor2_nm"][300:400] = np.nan
+    write_campaign(tmp_path, columns)
+    first, second = read_campaign(tmp_path).runs
+    assert (first.name, second.name) == ("lift", "lift_2")
+    assert np.array_equal(first.time_s, columns["time_s"][:300])
+    assert np.array_equal(second["speed_motor_rad_s"], columns["speed_motor_rad_s"][400:])
+    said = "samples are missing from 3 s to 3.99 s; the stretches before and behind are used, each as a run"
+    assert first.notes[0] == second.notes[0] == said
+    way_m = kind_of(default_hoist()).lever_of(default_hoist()) * np.trapezoid(
+        columns["speed_motor_rad_s"][:401], dx=0.01
     )
+    assert second.start_position_m == pytest.approx(first.start_position_m + way_m, abs=1e-6)
+    assert second.start_time_s == pytest.approx(first.start_time_s + 4.0)
 
 
-def test_gap_of_few_samples_but_long_is_refused(tmp_path):
-    columns = hoist_columns(100, 0.05)
-    columns["torque_motor2_nm"][50:53] = np.nan
-    assert "3 samples in a row are missing" in refusal(tmp_path, columns)
+def test_a_hole_that_leaves_less_than_half_is_refused_by_time(tmp_path):
+    columns = hoist_columns()
+    columns["torque_motor2_nm"][100:460] = np.nan
+    assert "torque_motor2_nm: 360 samples in a row are missing from 1 s to 4.59 s" in refusal(tmp_path, columns)
+
+
+def test_all_faults_of_all_runs_are_told_at_once_with_what_goes_on(tmp_path):
+    runs = "".join(
+        f"- {{name: {name}, file: runs/{name}.csv, payload_kg: 0.0, start_position_m: 9.0}}\n" for name in "abc"
+    )
+    columns = hoist_columns()
+    write_campaign(tmp_path, columns, runs=f"runs:\n{runs}")
+    (tmp_path / "runs" / "lift.csv").rename(tmp_path / "runs" / "b.csv")
+    (tmp_path / "runs" / "a.csv").write_text("")
+    with pytest.raises(InputError) as caught:
+        read_campaign(tmp_path)
+    said = str(caught.value)
+    assert "a.csv: a: is empty; " in said
+    assert "runs.yaml:4: c: runs/c.csv: no such file" in said
+    assert said.endswith("; without them: --runs b")
+    assert [run.name for run in read_campaign(tmp_path, select="b").runs] == ["b"]
 
 
 def test_long_gap_in_an_optional_signal_drops_it_and_says_so(tmp_path):

@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-from workbench.dashboard.jobs.progress import Teller
+from workbench.dashboard.jobs import Teller
 from workbench.errors import InputError
 
 

@@ -1,30 +1,14 @@
-"""Runs a function block of IEC 61131-3 structured text as a real parser reads it."""
+"""Runs a function block of IEC 61131-3 structured text as a real parser reads it: its tree becomes Python."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from blark import transform as st
 from blark.parse import parse_source_code
 
-CALLS: Mapping[str, Any] = {
-    "MIN": min,
-    "MAX": max,
-    "ABS": abs,
-    "SEL": lambda which, no, yes: yes if which else no,
-}
-OPERATIONS: Mapping[str, Any] = {
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
-    "/": lambda a, b: a / b,
-    "<": lambda a, b: a < b,
-    ">": lambda a, b: a > b,
-    "=": lambda a, b: a == b,
-    "<>": lambda a, b: a != b,
-    "AND": lambda a, b: a and b,
-}
+_OPERATORS = {"=": "==", "<>": "!=", "AND": "and", "OR": "or"}
 
 
 def parsed(text: str) -> Any:
@@ -44,56 +28,69 @@ class Block:
         self.values: dict[str, Any] = {}
         for group in self.block.declarations:
             for item in group.items:
-                kind = str(item.init.spec.type)
-                start = 0.0 if kind == "LREAL" else False
+                start = {"LREAL": 0.0, "INT": 0}.get(str(item.init.spec.type), False)
                 if item.init.value is not None:
-                    start = self.of(item.init.value)
+                    start = eval(_python(item.init.value))
                 for declared in item.variables:
                     self.values[str(declared.variable.name)] = start
+        self.names = set(self.values)
+        self._calls = {"MIN": min, "MAX": max, "ABS": abs, "SEL": lambda which, no, yes: yes if which else no}
+        self._code = compile("\n".join(self._lines(self.block.body, "")), "<structured text>", "exec")
 
     def __call__(self, **inputs: Any) -> None:
-        unknown = inputs.keys() - self.values.keys()
+        unknown = inputs.keys() - self.names
         assert not unknown, unknown
         self.values |= inputs
-        self.run(self.block.body)
+        exec(self._code, self._calls, self.values)
 
-    def run(self, body: st.StatementList) -> None:
+    def run(self, output: str, **inputs: Any) -> list[float]:
+        """Many calls, as one loop over arrays or single values; what `output` is after each."""
+        count = max(np.size(value) for value in inputs.values())
+        columns = {name: np.broadcast_to(value, count).tolist() for name, value in inputs.items()}
+        lines = ["def run(v, columns):", *(f"    {name} = v[{name!r}]" for name in sorted(self.names)), "    out = []"]
+        lines += [f"    for {', '.join(columns)} in zip(*columns.values(), strict=True):"]
+        lines += [*self._lines(self.block.body, 8 * " "), f"        out.append({output})"]
+        lines += [*(f"    v[{name!r}] = {name}" for name in sorted(self.names)), "    return out"]
+        scope = dict(self._calls)
+        exec("\n".join(lines), scope)
+        result: list[float] = scope["run"](self.values, columns)
+        return result
+
+    def _lines(self, body: st.StatementList, indent: str) -> list[str]:
+        lines: list[str] = []
         for statement in body.statements:
             match statement:
                 case st.AssignmentStatement():
                     (target,) = statement.variables
-                    assert str(target.name) in self.values, f"{target.name} is not declared"
-                    self.values[str(target.name)] = self.of(statement.expression)
+                    assert str(target.name) in self.names, f"{target.name} is not declared"
+                    lines.append(f"{indent}{target.name} = {_python(statement.expression)}")
                 case st.IfStatement():
-                    branches = [(statement.if_expression, statement.statements)]
-                    branches += [(branch.if_expression, branch.statements) for branch in statement.else_ifs]
-                    for condition, inside in branches:
-                        if self.of(condition):
-                            self.run(inside)
-                            break
-                    else:
-                        if statement.else_clause is not None:
-                            self.run(statement.else_clause.statements)
+                    branches = [("if", statement.if_expression, statement.statements)]
+                    branches += [("elif", branch.if_expression, branch.statements) for branch in statement.else_ifs]
+                    for word, condition, inside in branches:
+                        lines += [f"{indent}{word} {_python(condition)}:", *self._lines(inside, indent + "    ")]
+                    if statement.else_clause is not None:
+                        lines += [f"{indent}else:", *self._lines(statement.else_clause.statements, indent + "    ")]
                 case _:
                     raise TypeError(f"{type(statement).__name__}: {statement}")
+        return lines
 
-    def of(self, e: Any) -> Any:
-        match e:
-            case st.SimpleVariable():
-                return self.values[str(e.name)]
-            case st.Real():
-                return float(str(e.value))
-            case st.Integer():
-                return float(int(str(e.value)))
-            case st.Boolean():
-                return str(e.value).upper() == "TRUE"
-            case st.ParenthesizedExpression():
-                return self.of(e.expr)
-            case st.UnaryOperation():
-                value = self.of(e.expr)
-                return (not value) if str(e.op).upper() == "NOT" else -value
-            case st.BinaryOperation():
-                return OPERATIONS[str(e.op).upper()](self.of(e.left), self.of(e.right))
-            case st.FunctionCall():
-                return CALLS[str(e.name.name).upper()](*(self.of(p.value) for p in e.parameters))
-        raise TypeError(f"{type(e).__name__}: {e}")
+
+def _python(e: Any) -> str:
+    match e:
+        case st.SimpleVariable():
+            return str(e.name)
+        case st.Real() | st.Integer():
+            return str(e.value)
+        case st.Boolean():
+            return str(e.value).capitalize()
+        case st.ParenthesizedExpression():
+            return f"({_python(e.expr)})"
+        case st.UnaryOperation():
+            return f"{'not ' if str(e.op).upper() == 'NOT' else str(e.op)}{_python(e.expr)}"
+        case st.BinaryOperation():
+            operator = str(e.op).upper()
+            return f"({_python(e.left)} {_OPERATORS.get(operator, operator)} {_python(e.right)})"
+        case st.FunctionCall():
+            return f"{str(e.name.name).upper()}({', '.join(_python(p.value) for p in e.parameters)})"
+    raise TypeError(f"{type(e).__name__}: {e}")

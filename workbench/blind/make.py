@@ -1,34 +1,67 @@
-"""Campaigns made and sealed: each as a rig would have recorded it, its label where only the key reads it."""
+"""Campaigns made and sealed: each as a rig would have recorded it, its label where only the key reads it.
+
+Recorded machines are bent here; the simulators that play machines belong to a checkout, in benchmarks/validation.
+"""
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import multiprocessing
 import os
-import shutil
+import secrets
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from workbench import __version__
-from workbench.blind.amounts import scaled
-from workbench.blind.identified import identify_first
-from workbench.blind.orders import Order
-from workbench.blind.rig import Rig
-from workbench.blind.seal import CAMPAIGNS, Truth, fernet, hashes, key_of, seal, write_key
-from workbench.blind.sources.simulator.campaign import Label, make_campaign
-from workbench.blind.sources.simulator.content import Content, draw
-from workbench.blind.sources.simulator.size import input_change
-from workbench.blind.sources.source import source_of
-from workbench.errors import InputError
-from workbench.plants import plant_of
+from workbench.blind import recorded
+from workbench.blind.case import Label, Order
+from workbench.blind.seal import CAMPAIGNS, Truth, fernet, hashes, key_of, read_manifest, seal, write_key
+from workbench.errors import InputError, nearest
 from workbench.whole_folder import check_free, whole_folder
 
-TRIES = 3  # seeds of a campaign whose engine gives up
 Tell = Callable[[str], None]
+MOST_SEED = 2**63
+PLAYED = ("simulator", "multibody", "plant")
+SOURCES = (recorded.SOURCE, *PLAYED)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """machine, runs: a machine.yaml and a plan or campaign, of the user's. seed: None for one of the system's own.
+    sources, families: names, all of a source's families where none is named. effects: names, separated by commas.
+    case: all cases of that sort. identified: which machine.yaml was identified first: no, half or yes."""
+
+    machine: Path | None = None
+    runs: Path | None = None
+    cases: int = 60
+    seed: int | None = None
+    sources: Sequence[str] = ("simulator",)
+    kind: str | None = None
+    families: Sequence[str] = ()
+    effects: str | None = None
+    case: str | None = None
+    identified: str = "no"
+
+    def said(self) -> dict[str, Any]:
+        """For the manifest: all but the seed; of files their names."""
+        words = {key: value for key, value in vars(self).items() if key != "seed"}
+        return {key: value.name if isinstance(value, Path) else value for key, value in words.items()}
+
+
+@dataclass(frozen=True)
+class Maker:
+    """The campaigns to make, what makes one in a folder with its label, and what is sealed of the user's own rig."""
+
+    wanted: Sequence[Order]
+    one: Callable[[Path, Order], tuple[Order, Label]]
+    rig: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -42,83 +75,86 @@ class Made:
 
 
 def make(
+    asked: Asked,
     folder: Path,
-    wanted: Sequence[Order],
-    seed: int,
     *,
-    rig: Rig | None = None,
     key: Path | None = None,
-    asked: Mapping[str, Any] | None = None,
     processes: int = 2,
     tell: Tell = lambda line: None,
-    one: Callable[[Path, Order], tuple[Order, Label]] | None = None,
+    maker: Maker | None = None,
 ) -> Made:
     """Make the campaigns in `folder`, which is free, and seal their labels; all or nothing. The key stays outside.
 
-    one: what makes a campaign in a folder, in place of what the order's source does.
+    maker: in place of that of the sources. InputError for what does not fit together.
     """
+    if asked.cases < 1:
+        raise InputError(f"{asked.cases}, expected at least 1", place="cases")
     fernet()
-    for name in {order.source for order in wanted} if one is None else ():
-        source_of(name).ready()
     check_free(folder)
     key = key or key_of(folder)
     if key.exists():
         raise InputError("is there; nothing is overwritten, choose another file for the key", file=key)
+    seed = secrets.randbelow(MOST_SEED) if asked.seed is None else asked.seed
+    maker = maker or maker_of(asked, seed, tell)
     with whole_folder(folder) as hidden:
         (hidden / CAMPAIGNS).mkdir()
         labels: dict[str, Label] = {}
         with mapped(processes) as over:
-            for order, label in over(
-                (one and partial(one, hidden / CAMPAIGNS)) or partial(made, hidden / CAMPAIGNS, rig), wanted
-            ):
+            for order, label in over(partial(maker.one, hidden / CAMPAIGNS), maker.wanted):
                 labels[order.name] = label
-                tell(f"{len(labels)}/{len(wanted)} campaigns made")
+                tell(f"{len(labels)}/{len(maker.wanted)} campaigns made")
         names = sorted(labels)
         truth = Truth(
             seed,
-            {order.name: asdict(order) for order in wanted},
+            {order.name: asdict(order) for order in maker.wanted},
             {name: asdict(labels[name]) for name in names},
             {name: hashes(hidden / CAMPAIGNS / name) for name in names},
-            rig.said() if rig else None,
+            maker.rig,
         )
         now = datetime.now(UTC).isoformat(timespec="seconds")
-        secret = seal(hidden, truth, now, __version__, asked or {})
-        write_key(key, secret)
-    from workbench.blind.seal import read_manifest
-
+        write_key(key, seal(hidden, truth, now, __version__, asked.said()))
     return Made(folder, key, read_manifest(folder).seal_sha256, len(names))
 
 
-def content_of(order: Order, rig: Rig | None = None, seed: Sequence[int] | None = None) -> Content:
-    """What the campaign of an order is made of."""
-    seeds = order.seed if seed is None else seed
-    source = source_of(order.source)
-    plain = draw(seeds, order.family, order.case, order.names) if rig is None else rig.content(seeds, order)
-    plant = plant_of(plain.drawn.machine).kind
-    causes = tuple(scaled(cause, order.size, plant) for cause in plain.causes)
-    return source.content(replace(plain, causes=causes))
+def maker_of(asked: Asked, seed: int, tell: Tell) -> Maker:
+    """What makes the campaigns that are asked for, of the sources that are asked for."""
+    for name in asked.sources:
+        if name not in SOURCES:
+            raise InputError(f"unknown source '{name}'; {nearest(name, SOURCES)}", place="source")
+    if recorded.SOURCE not in asked.sources:
+        played: Maker = validation().maker(asked, seed)
+        return played
+    if tuple(asked.sources) != (recorded.SOURCE,):
+        raise InputError("recorded does not go with other sources; make a folder of each", place="source")
+    if asked.runs is None:
+        raise InputError("recorded needs a campaign of measured runs", place="runs")
+    for place in ("machine", "families", "effects"):
+        if getattr(asked, place):
+            name = "family" if place == "families" else place
+            raise InputError("does not go with recorded: the machine is that of the runs", place=name)
+    if asked.identified != "no" or asked.case == "pairs":
+        place = "case" if asked.case == "pairs" else "identified"
+        raise InputError("does not go with recorded: one piece is bent of a machine that is identified", place=place)
+    known = recorded.recording(asked.runs)
+    if asked.kind not in (None, known.machine.kind):
+        raise InputError(f"{asked.kind}, but the machine is of kind {known.machine.kind}", place="kind")
+    share = 100.0 * known.remainder_rms / known.input_rms
+    tell(f"{known.name} identified on {len(known.runs)} runs; it leaves {share:.1f} % of its input")
+    return Maker(recorded.ordered(seed, known, asked.cases, asked.case), partial(recorded.made, known))
 
 
-def made(rig: Rig | None, folder: Path, order: Order) -> tuple[Order, Label]:
-    """One campaign in `folder`/NAME, and its label. Where the engine gives up, the next seed is taken."""
-    for attempt in range(TRIES):
-        seeds = (*order.seed, attempt) if attempt else order.seed
-        content = content_of(order, rig, seeds)
-        try:
-            label = make_campaign(folder / order.name, seeds, content)
-            if order.identified:
-                identify_first(folder / order.name, seeds, content)
-            break
-        except RuntimeError as error:
-            shutil.rmtree(folder / order.name, ignore_errors=True)
-            if attempt == TRIES - 1:
-                raise InputError(f"campaign {order.name} of {order.source} cannot be simulated: {error}") from error
-    truth = {**label.truth, **source_of(order.source).truth(content, seeds)}
-    label = replace(label, truth=truth, source=order.source, identified=order.identified)
-    if not content.causes:
-        return order, label
-    change = input_change(content, seeds)
-    return order, replace(label, torque_change_rms_nm=change.rms_nm, torque_change_by_second_nm=change.by_second_nm)
+def validation(part: str = "entry") -> Any:
+    """A module of benchmarks/validation. InputError where only the package is installed."""
+    checkout = Path(__file__).resolve().parents[2]
+    if importlib.util.find_spec("benchmarks") is None and (checkout / "benchmarks" / "validation").is_dir():
+        sys.path.append(str(checkout))
+    try:
+        return importlib.import_module(f"benchmarks.validation.{part}")
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("benchmarks"):
+            raise
+        problem = f"{', '.join(PLAYED)} are in benchmarks/validation of a checkout, not in the installed package"
+        raise InputError(f"{problem}; recorded machines need none of them", place="source") from error
 
 
 @contextmanager

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from workbench.blind import criteria
-from workbench.blind.criteria import Row, right, right_as_stated, right_word
-from workbench.blind.share import Share
+from workbench.blind.criteria import Row, Share, right, right_as_stated, right_word
 
 Test = Callable[[Row], bool]
 # Of the gap over the noise: (name, from, below).

@@ -9,12 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.blind import criteria
-from workbench.blind.criteria import Row
-from workbench.blind.rig import rig_from
+from workbench.blind.criteria import Row, Share
 from workbench.blind.score import Score
-from workbench.blind.share import Share
 from workbench.effects import find
-from workbench.plants import plant_of
 from workbench.run import Array
 
 ASKED = 0.9
@@ -70,8 +67,8 @@ def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str
     run: which one."""
     if not score.truth.rig:
         return None
-    rig = rig_from(score.truth.rig)
-    plant = plant_of(rig.drawn.machine).kind
+    rig = score.truth.rig
+    plant = "hoist" if rig["kind"] == "hoist" else f"axis-{rig['machine']['motion']}"
     cases: dict[str, list[tuple[Row, float, str, float]]] = {}
     for row in score.rows:
         if criteria.single(row) and row["noise"] and (amount := first_amount(row, plant)) is not None:
@@ -105,7 +102,7 @@ def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str
         )
         how = "That is computed from the effects' signatures in the simulated runs, and not by further diagnoses."
         sentences.append(f"{bought} {how}")
-    return Power(effects, rig.unit, note, tuple(sentences))
+    return Power(effects, rig["unit"], note, tuple(sentences))
 
 
 def _effect(

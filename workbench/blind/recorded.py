@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 import yaml
 from scipy.optimize import lsq_linear
 
-from workbench.blind.orders import Order
-from workbench.blind.sources.simulator.campaign import Label
+from workbench.blind.case import Label, Order
 from workbench.effects import effects_for, find, logged, of, sizes_of
 from workbench.errors import InputError
 from workbench.identify.identify import Identification, identify
@@ -187,7 +187,10 @@ def _in_band(campaign: Campaign) -> Identification:
     noise of a differentiated speed beyond that draws the fitted inertia towards zero."""
     found = _identified(campaign)
     for _ in range(HALVINGS if isinstance(campaign.machine, Axis) else 0):
-        lower = _identified(campaign, 0.5 * found.after.band_hz)
+        try:
+            lower = _identified(campaign, 0.5 * found.after.band_hz)
+        except InputError:  # so low a band leaves no motion
+            break
         if abs(_inertia_of(found) / _inertia_of(lower) - 1.0) < SAME_INERTIA:
             break
         found = lower
@@ -203,15 +206,20 @@ def _inertia_of(found: Identification) -> float:
 def _tolerances(campaign: Campaign, machine: Axis, band_hz: float) -> dict[str, float]:
     """One standard deviation of each identified value of an axis: twice the jackknife's over parts of the runs (B.
     Efron 1981), which holds what the machine has of its own too, and at least FLOOR; the gain is what the values are
-    relative to."""
-    parts = [part for run in campaign.runs for part in cut(campaign.machine, run, 1 + (len(campaign.runs) < FEW))]
-    without = [
-        _identified(replace(campaign, runs=(*parts[:k], *parts[k + 1 :]))) for k in range(len(parts)) if len(parts) > 1
-    ]
+    relative to. None where the runs cannot be parted: those of machine.yaml hold."""
+    count = 3 if len(campaign.runs) < FEW else 1
+    parts = [part for run in campaign.runs for part in cut(campaign.machine, run, count)]
+    without: list[Axis] = []
+    for k in range(len(parts) if len(parts) > 1 else 0):
+        with suppress(InputError):  # the part that was taken out is the one that moves
+            rest = replace(campaign, runs=(*parts[:k], *parts[k + 1 :]))
+            without.append(cast(Axis, _identified(rest, band_hz).machine))
+    if len(without) < 2:
+        return {}  # as stated
     roles = {"inertia": "inertia", "viscous": "viscous", "coulomb": "coulomb_forward", "gravity": "gravity_sine"}
 
     def spread(role: str) -> float:
-        values = np.array([other.role(role) for other in without if isinstance(other, Axis)] or [machine.role(role)])
+        values = np.array([other.role(role) for other in without])
         return float(np.sqrt((len(values) - 1.0) * np.var(values)))
 
     found = {}
@@ -604,7 +612,7 @@ def _write_log(file: Path, machine: Any, run: Run) -> None:
     np.savetxt(file, table, delimiter=",", header=",".join(["time_s", *names]), comments="", fmt="%.9g")
 
 
-def made(folder: Path, known: Recording, order: Order) -> tuple[Order, Label]:
+def made(known: Recording, folder: Path, order: Order) -> tuple[Order, Label]:
     """One campaign in `folder`/NAME, and its label."""
     found = bent(order.names[0], order.seed, known) if order.names else None
     if order.names and found is None:  # it shows with other sizes only: those of the first trial

@@ -10,7 +10,7 @@ import shutil
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -23,32 +23,23 @@ from filelock import FileLock, Timeout
 
 from workbench import __version__
 from workbench.blind.answer import answer, save, text_of
-from workbench.blind.seal import CAMPAIGNS, MANIFEST, Manifest, check_campaign, read_manifest, sha256
+from workbench.blind.ledger import Entry, append, compare, entries, head_of, manifest_hash
+from workbench.blind.seal import CAMPAIGNS, check_campaign, read_manifest, sha256
 from workbench.errors import InputError
 
-ANSWERS, LEDGER, LOCK = "answers", "answers.jsonl", ".run.lock"
+ANSWERS, LOCK = "answers", ".run.lock"
 Tell = Callable[[str], None]
 Diagnose = Callable[[Path], str]  # a campaign's folder -> its answer, as JSON
 
 
 @dataclass(frozen=True)
 class Ran:
-    """How many of the campaigns have an answer: of all, before this call and after it."""
+    """How many of the campaigns have an answer: of all, before this call and after it. head: of the ledger's chain."""
 
     cases: int
     kept: int
     done: int
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A line of the ledger: the hash of an answer as it was written, when, by which version, of which manifest."""
-
-    case: str
-    sha256: str
-    at: str
-    version: str
-    manifest: str
+    head: str = ""
 
 
 def run(
@@ -59,15 +50,21 @@ def run(
     most_effects: int = 2,
     tell: Tell = lambda line: None,
     diagnose: Diagnose | None = None,
+    cluster: str | None = None,
 ) -> Ran:
     """Diagnose what has no answer yet; each answer is kept as soon as it is there, so a stop loses those in work.
 
-    count: of campaigns, the first ones. diagnose: what stands in for the diagnosis, in tests.
+    count: of campaigns, the first ones. diagnose: what stands in for the diagnosis, in tests. cluster: Dask's address,
+    or local:N; the workers get each campaign's files and nothing else.
     InputError where a campaign was changed since sealing, and while another process runs this folder.
     """
     manifest = read_manifest(folder)
     wanted = sorted(manifest.cases)[:count]
     with _alone(folder):
+        found = entries(folder)
+        if found and not found[0].chain:
+            raise InputError("was begun by a version without a chain of hashes; go on with that one", file=folder)
+        compare(folder, found, None)
         kept = [name for name in wanted if answer_file(folder, name).exists()]
         todo = [name for name in wanted if name not in kept]
         for name in todo:
@@ -75,13 +72,15 @@ def run(
         begun, done = time.monotonic(), 0
         if kept and todo:
             tell(f"goes on after {len(kept)} of {len(wanted)}")
-        for name, text in _answers(folder, todo, processes, diagnose or partial(answered, most_effects=most_effects)):
-            _keep(folder, manifest, name, text)
+        how = diagnose or partial(answered, most_effects=most_effects)
+        given = _answers(folder, todo, processes, how) if cluster is None else _on_cluster(folder, todo, cluster, how)
+        for name, text in given:
+            _keep(folder, found, name, text)
             done += 1
             each_s = (time.monotonic() - begun) / done
             left = each_s * (len(todo) - done)
             tell(f"{len(kept) + done}/{len(wanted)} campaign {name}: {_said(text)}; {left / 60.0:.0f} min left")
-        return Ran(len(manifest.cases), len(kept), len(kept) + done)
+        return Ran(len(manifest.cases), len(kept), len(kept) + done, head_of(folder, found))
 
 
 def answered(folder: Path, most_effects: int = 2) -> str:
@@ -93,22 +92,10 @@ def answer_file(folder: Path, name: str) -> Path:
     return folder / ANSWERS / f"{name}.json"
 
 
-def ledger(folder: Path) -> dict[str, Entry]:
-    """case -> its last line. InputError where the file is damaged."""
-    path = folder / LEDGER
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        return {entry.case: entry for entry in (Entry(**json.loads(line)) for line in lines if line.strip())}
-    except (ValueError, TypeError) as error:
-        raise InputError("is damaged, expected what `workbench blind run` wrote", file=path) from error
-
-
-def _keep(folder: Path, manifest: Manifest, name: str, text: str) -> None:
+def _keep(folder: Path, found: list[Entry], name: str, text: str) -> None:
     """The ledger first: an answer without its line would count as changed."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    entry = Entry(name, sha256(text.encode()), now, __version__, sha256((folder / MANIFEST).read_bytes()))
-    with (folder / LEDGER).open("a", encoding="utf-8") as stream:
-        stream.write(json.dumps(vars(entry)) + "\n")
+    append(folder, found, Entry(name, sha256(text.encode()), now, __version__, manifest_hash(folder)))
     save(text, answer_file(folder, name))
 
 
@@ -185,3 +172,29 @@ def _settle(temporary: str) -> None:
     """A process of the pool: it stands in the temporary folder; Ctrl-C is the parent's to hear."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.chdir(temporary)
+
+
+def _on_cluster(folder: Path, names: Sequence[str], cluster: str, diagnose: Diagnose) -> Iterator[tuple[str, str]]:
+    if not names:
+        return
+    from workbench.study.cluster import client_on, each_on
+
+    def files_of(name: str) -> dict[str, bytes]:
+        campaign = folder / CAMPAIGNS / name
+        return {p.relative_to(campaign).as_posix(): p.read_bytes() for p in campaign.rglob("*") if p.is_file()}
+
+    with client_on(cluster) as client:
+        task = partial(_answered_elsewhere, __version__, diagnose)
+        yield from each_on(client, cluster, names, lambda name: (task, name, files_of(name)))
+
+
+def _answered_elsewhere(version: str, diagnose: Diagnose, name: str, files: Mapping[str, bytes]) -> str:
+    """On a worker: the campaign's files in a folder of their own, diagnosed there. InputError for another version."""
+    if version != __version__:
+        raise InputError(f"a worker has workbench {__version__}, expected {version}")
+    with tempfile.TemporaryDirectory(prefix="workbench-blind-") as temporary:
+        for path, data in files.items():
+            file = Path(temporary) / name / path
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(data)
+        return diagnose(Path(temporary) / name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -12,19 +13,22 @@ from typing import Any
 
 from workbench.blind.answer import load
 from workbench.blind.criteria import Row
-from workbench.blind.run import ANSWERS, LEDGER, Entry, answer_file, ledger
+from workbench.blind.ledger import LEDGER, Entry, compare, copy_of, entries
+from workbench.blind.run import ANSWERS, answer_file
 from workbench.blind.seal import MANIFEST, Manifest, Truth, check_campaign, key_of, read_manifest, sha256, unseal
 from workbench.errors import InputError
 from workbench.whole_folder import write_json
 
 OPENED = "opened.json"
+NO_CHAIN = "The answers were given by a version without a chain of hashes: their order and times are unproved."
 
 
 @dataclass(frozen=True)
 class Score:
     """rows: an answer and its label each, in the order of the campaigns. opened: when the seal was first opened.
-    after_opening: campaigns that were answered later than that. versions: of the workbench, that answered. truth: all
-    that was sealed."""
+    after_opening: campaigns that were answered later than that. again: campaigns that were answered more than once.
+    versions: of the workbench, that answered. truth: all that was sealed. compared: how the ledger was, in a
+    sentence."""
 
     folder: Path
     manifest: Manifest
@@ -33,6 +37,8 @@ class Score:
     rows: tuple[Row, ...]
     after_opening: tuple[str, ...]
     versions: tuple[str, ...]
+    again: tuple[str, ...] = ()
+    compared: str = ""
 
     @property
     def cases(self) -> int:
@@ -63,11 +69,13 @@ class Sheet:
         return ", ".join(score.folder.name for score in self.scores)
 
 
-def open_all(folders: Sequence[Path], key: Path | None = None) -> list[Score]:
-    """Each folder by the key beside it; `key` stands elsewhere, for one folder. InputError as `open_and_score`."""
-    if key is not None and len(folders) > 1:
-        raise InputError("is of one folder; for several, lay each key beside its folder", place="key")
-    return [open_and_score(folder, key or key_of(folder)) for folder in folders]
+def open_all(folders: Sequence[Path], key: Path | None = None, kept_answers: str | Path | None = None) -> list[Score]:
+    """Each folder by the key beside it; `key` and `kept_answers` stand elsewhere, for one folder. InputError as
+    `open_and_score`."""
+    for place, given in (("key", key), ("answers", kept_answers)):
+        if given is not None and len(folders) > 1:
+            raise InputError("is of one folder; for several, lay each beside its folder", place=place)
+    return [open_and_score(folder, key or key_of(folder), kept_answers) for folder in folders]
 
 
 def sheet_of(scores: Sequence[Score]) -> Sheet:
@@ -88,13 +96,15 @@ def named(score: Score, row: Row, several: bool) -> Row:
     return {**row, "folder": f"{score.folder.name}/{row['folder']}"} if several else row
 
 
-def open_and_score(folder: Path, key: Path) -> Score:
+def open_and_score(folder: Path, key: Path, kept_answers: str | Path | None = None) -> Score:
     """Check the hashes, open the seal, write down when, join what is answered with the labels.
 
-    InputError that names the first thing that was changed: sealed labels, manifest, a campaign's file, an answer.
+    kept_answers: head or copy of the ledger, see `ledger.compare`. InputError that names the first thing that was
+    changed: sealed labels, manifest, a campaign's file, an answer.
     """
     manifest = read_manifest(folder)
-    lines = ledger(folder)
+    found = entries(folder)
+    lines = {entry.case: entry for entry in found}
     there = sorted(file.stem for file in (folder / ANSWERS).glob("*.json"))
     if not there:
         raise InputError("no campaign is answered yet; first: workbench blind run", file=folder)
@@ -105,6 +115,8 @@ def open_and_score(folder: Path, key: Path) -> Score:
             f"the answer to campaign {name}, given {lines[name].at}, is gone; `workbench blind run` gives it anew",
             file=answer_file(folder, name),
         )
+    chained = any(entry.chain for entry in found) or kept_answers is not None or copy_of(folder).exists()
+    compared = compare(folder, found, kept_answers) if chained else NO_CHAIN
     answers = load(folder / ANSWERS)
     for name in sorted(manifest.cases):
         check_campaign(folder, name, manifest.cases[name])
@@ -112,7 +124,10 @@ def open_and_score(folder: Path, key: Path) -> Score:
     opened = _written_down(folder, manifest, lines, list(answers))
     rows = tuple({**answer, "label": _label(truth, name)} for name, answer in answers.items())
     later = tuple(name for name in answers if lines[name].at > opened)
-    return Score(folder, manifest, truth, opened, rows, later, tuple(sorted({lines[n].version for n in answers})))
+    versions = tuple(sorted({lines[n].version for n in answers}))
+    counts = Counter(entry.case for entry in found)
+    again = tuple(sorted(name for name, count in counts.items() if count > 1))
+    return Score(folder, manifest, truth, opened, rows, later, versions, again, compared)
 
 
 def _label(truth: Truth, name: str) -> Mapping[str, Any]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from workbench.effects import check, effects_for
 from workbench.errors import InputError, nearest
 from workbench.logs import Campaign, read_campaign
+from workbench.logs.doubts import doubts_of
 from workbench.machine import Axis, Hoist, load_machine
 from workbench.plants import plant_of
 from workbench.simulate.lowpass import check_band
@@ -18,9 +19,13 @@ ALL = "all"
 def load_campaign(
     path: Path, runs: str | None = None, machine_file: Path | None = None, band_hz: float | None = None
 ) -> Campaign:
-    """The campaign in `path`; runs: names separated by commas. InputError if they do not fit together."""
+    """The campaign in `path`, with what is doubtful in it; runs: names separated by commas.
+
+    InputError if they do not fit together.
+    """
     machine = None if machine_file is None else load_machine(machine_file, check_effects=check)
     campaign = read_campaign(path, select=runs, check_effects=check)
+    campaign = replace(campaign, doubts=tuple(doubts_of(campaign.machine, campaign.runs)))
     if band_hz is not None:
         check_band(band_hz, campaign.runs)
     if machine is None:

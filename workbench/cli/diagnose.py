@@ -61,13 +61,15 @@ def command(
     status is 0 for every verdict.
     """
     from workbench.cli.campaign import chosen_candidates, load_campaign
-    from workbench.cli.diagnose_progress import shown
     from workbench.cli.diagnose_show import show
+    from workbench.cli.progress import stages as shown
+    from workbench.cli.show import print_notes
     from workbench.whole_folder import check_free
 
     if out is not None:
         check_free(out)
     read = load_campaign(campaign, runs, machine, band)
+    print_notes(read.doubts)
     names = chosen_candidates(candidates, read.machine)
     with shown(writes=out is not None) as stages:
         from workbench.diagnose.diagnose import diagnose

@@ -54,7 +54,7 @@ def command(
     """
     from workbench.analysis.family import operating_points
     from workbench.analysis.tune import Goal, tune
-    from workbench.cli import tune_progress as progress
+    from workbench.cli.progress import tuning
     from workbench.cli.show import filled, print_table, print_text
     from workbench.reports.loop import tuning as report
     from workbench.reports.loop.case import load_case
@@ -67,7 +67,7 @@ def command(
     payloads_kg, heights_m = numbers_or_none(payloads, "payloads"), numbers_or_none(heights, "heights")
     case = load_case(machine, scenario, None, payloads_kg, heights_m)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m)
-    with progress.shown() as tell:
+    with tuning() as tell:
         tuned = tune(case.machine, case.settings, points, case.trial(), goal, weighed, tell=tell)
     print_table(report.table(tuned))
     print_text(["", *report.sentences(case, tuned, weighed)])

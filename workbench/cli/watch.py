@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from workbench.cli.options import effects_option, keyed_number
 from workbench.errors import InputError
 
+if TYPE_CHECKING:
+    from workbench.watch.fleet import Plan
+
 EXIT_ALARM, EXIT_FAILED = 1, 2
 WAIT_S = 60.0  # for another watch of the same state
 
 
 @click.command(name="watch")
-@click.argument("source", metavar="FOLDER|opc.tcp://…")
-@click.option("--machine", required=True, type=click.Path(path_type=Path), help="The identified machine.yaml.")
+@click.argument("source", metavar="FOLDER|opc.tcp://…", required=False)
+@click.option("--machine", type=click.Path(path_type=Path), help="The identified machine.yaml.")
 @click.option("--state", required=True, type=click.Path(path_type=Path), help="Folder for the state between calls.")
 @click.option(
     "--once", is_flag=True, help="Process the logs that are there, then stop. Default: wait for logs until Ctrl-C."
@@ -53,11 +60,15 @@ WAIT_S = 60.0  # for another watch of the same state
 @click.option("--for", "seconds", type=click.FloatRange(0.0), help="Run time in s. Default: until Ctrl-C.")
 @click.option("--skip-diagnosis", is_flag=True, help="Do not diagnose new alarms.")
 @click.option("--webhook", help="Address to which each new alarm is posted as JSON.")
+@click.option("--fleet", type=click.Path(path_type=Path),
+              help="Watch all machines of this fleet.yaml in place of FOLDER and --machine.")  # fmt: skip
+@click.option("--cluster", metavar="ADDRESS",
+              help="For a fleet: watch on Dask: tcp://host:port, or local:N for N local processes.")  # fmt: skip
 @click.option("--rebuild", is_flag=True, help="Make a damaged watch.sqlite anew from cycles.parquet, then go on.")
 @effects_option
 def command(
-    source: str,
-    machine: Path,
+    source: str | None,
+    machine: Path | None,
     state: Path,
     once: bool,
     every: float,
@@ -76,6 +87,8 @@ def command(
     skip_diagnosis: bool,
     webhook: str | None,
     rebuild: bool,
+    fleet: Path | None,
+    cluster: str | None,
 ) -> int:
     """Estimate friction, mass, inertia and offset from each log in FOLDER, or each cycle of a stream; raise an alarm
     when they change.
@@ -83,61 +96,54 @@ def command(
     A log is described by its entry in FOLDER/runs.yaml, or by a file beside it, LOG.yaml, with payload_kg and
     start_position_m. A stream is an OPC UA server, opc.tcp://HOST:PORT; see docs/watch.md. The state consists of
     watch.sqlite, cycles.parquet, alarms.parquet and watch.html. Exit status: 1 if there is an alarm that no earlier
-    call has told of by its exit status, 2 if anything failed, else 0.
+    call has told of by its exit status, 2 if anything failed, else 0. A fleet has the state of each machine in a folder
+    of its name, and one table of all in fleet.parquet and fleet.sqlite.
     """
     import os
     import signal
-    import sys
     import threading
     import time
     import traceback
 
-    from workbench.effects import check
-    from workbench.machine import load_machine
-    from workbench.reports.watch.page import answer, write_page
-    from workbench.watch import watch as at_work
+    from workbench.reports.watch.page import write_page
     from workbench.watch.cause import diagnosed
     from workbench.watch.change import HEALTHY
+    from workbench.watch.fleet import Plan, read_fleet
     from workbench.watch.judge import Rules
-    from workbench.watch.opcua import SCHEME, line_of
     from workbench.watch.store import DamagedError
-    from workbench.watch.watch import Watch
 
     rules = Rules(
         cycles_between, healthy or HEALTHY, pause, warm_up, dict(keyed_number(word, "limits") for word in limits)
     )
-    read = load_machine(machine, check_effects=check)
+    more: dict[str, Any] = {
+        "sample_s": sample, "stand_s": stand, "silent_s": silent, "settle_s": settle, "once": once,
+        "diagnose": None if skip_diagnosis else diagnosed, "hook": webhook, "page": write_page, "wait_s": WAIT_S,
+    }  # fmt: skip
     stop = threading.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda *_: stop.set())
-    streams = source.startswith(SCHEME)
-    folder = state / "stream" if streams else Path(source)
-    line = line_of(source, nodes, read, folder, sample, still, stand, silent, once=once) if streams else None
-    if rebuild:
-        count = at_work.rebuild(state, read, rules)
-        click.echo(f"watch.sqlite is made anew with {count} cycles; the damaged one is watch.sqlite.damaged.", err=True)
-    ends = None if seconds is None else time.monotonic() + seconds
-    watch = None
+    ends = math.inf if seconds is None else time.monotonic() + seconds
+
+    def over() -> bool:
+        return stop.is_set() or time.monotonic() >= ends
+
     try:
-        watch = Watch(
-            folder, read, state, rules, settle_s=0.0 if streams else settle, line=line, wait_s=WAIT_S,
-            diagnose=None if skip_diagnosis else diagnosed, hook=webhook, say=_say,
-            page=lambda made: write_page(made, state / "watch.html"),
-        )  # fmt: skip
-        if line is not None:
-            line.start()
-            click.echo(f"Listening to {source}; Ctrl-C ends it.", err=True)
-        over = lambda: stop.is_set() or (ends is not None and time.monotonic() >= ends)  # noqa: E731
-        at_work.run(watch, every, over, once=once, settle_s=settle)
-        click.echo(answer(watch))
-        click.echo(f"\nReport: {state / 'watch.html'}")
+        if fleet is not None:
+            if source is not None or machine is not None or rebuild:
+                raise InputError("takes the place of FOLDER and --machine; rebuild machines one by one", place="fleet")
+            plans = read_fleet(fleet, state, rules, **{**more, "wait_s": 0.0})
+            status = _watch_fleet(plans, cluster, state, every, over, once=once, settle=settle)
+        else:
+            if source is None or machine is None or cluster is not None:
+                raise InputError("FOLDER and --machine, or --fleet, with which --cluster goes", place="watch needs")
+            plan = Plan("", source, machine, state, rules, nodes, still, **more)
+            status = _watch_one(plan, every, over, rebuild=rebuild)
         sys.stdout.flush()
-        return EXIT_ALARM if watch.store.report() else 0
+        return status
     except DamagedError as error:
-        raise InputError(
-            error.problem.replace("'rebuild'", "the same command with --rebuild"), file=error.file
-        ) from error
-    except BrokenPipeError:  # who reads the answer has seen enough; the alarm is told of by the next call
+        problem = error.problem.replace("'rebuild'", "the same command with --rebuild")
+        raise InputError(problem, file=error.file) from error
+    except BrokenPipeError:  # who reads the answer has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
     except (InputError, OSError, MemoryError):
@@ -145,11 +151,45 @@ def command(
     except Exception:  # a defect shows where it arose, and is no alarm
         traceback.print_exc()
         return EXIT_FAILED
+
+
+def _watch_one(plan: Plan, every: float, over: Callable[[], bool], *, rebuild: bool) -> int:
+    from workbench.effects import check
+    from workbench.machine import load_machine
+    from workbench.reports.watch.page import answer
+    from workbench.watch import watch as at_work
+    from workbench.watch.fleet import opened
+
+    if rebuild:
+        count = at_work.rebuild(plan.state, load_machine(plan.machine, check_effects=check), plan.rules)
+        click.echo(f"watch.sqlite is made anew with {count} cycles; the damaged one is watch.sqlite.damaged.", err=True)
+    watch, line = opened(plan, _say)
+    try:
+        at_work.run(watch, every, over, once=plan.once, settle_s=plan.settle_s)
+        click.echo(answer(watch))
+        click.echo(f"\nReport: {plan.state / 'watch.html'}")
+        sys.stdout.flush()  # before the alarms count as told
+        return EXIT_ALARM if watch.store.report() else 0
     finally:
         if line is not None:
             line.close()
-        if watch is not None:
-            watch.close()
+        watch.close()
+
+
+def _watch_fleet(
+    plans: Sequence[Plan], cluster: str | None, state: Path, every: float, over: Callable[[], bool], *, once: bool,
+    settle: float,
+) -> int:  # fmt: skip
+    from workbench.cli.show import print_table
+    from workbench.reports.watch.page import fleet_table
+    from workbench.watch.fleet import run_fleet
+
+    rows, alarms = run_fleet(plans, cluster, state, every, over, once=once, settle_s=settle, say=_say)
+    print_table(fleet_table(rows))
+    click.echo(f"\nTable: {state / 'fleet.parquet'} and {state / 'fleet.sqlite'}")
+    if any(row.state == "failed" for row in rows):
+        return EXIT_FAILED
+    return EXIT_ALARM if alarms else 0
 
 
 def _say(text: str) -> None:

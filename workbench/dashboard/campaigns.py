@@ -24,7 +24,7 @@ import streamlit as st
 from streamlit.runtime.scriptrunner import get_script_run_ctx
 
 from workbench.dashboard import session
-from workbench.dashboard.jobs.place import jobs_workspace, new_jobs_workspace
+from workbench.dashboard.session import new_work_folder, work_folder
 from workbench.dashboard.uploads import Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
 from workbench.effects import check
 from workbench.log_formats import suffixes
@@ -54,7 +54,7 @@ def offered() -> dict[str, Path]:
 
 def uploaded() -> dict[str, Path]:
     """Name -> folder of each campaign that this visitor has uploaded."""
-    workspace, folders = jobs_workspace(), dict[str, Path]()
+    workspace, folders = work_folder(), dict[str, Path]()
     for folder in [] if workspace is None else stored_campaigns(workspace):
         folders[_free(f"{name_of(folder)} (uploaded)", folders)] = folder
     return folders
@@ -84,7 +84,7 @@ def prefer(name: str) -> None:
 
 def is_own(campaign: Campaign) -> bool:
     """Whether it was uploaded: a job gets a copy of it."""
-    workspace = jobs_workspace()
+    workspace = work_folder()
     return workspace is not None and campaign.path.is_relative_to(workspace)
 
 
@@ -133,7 +133,7 @@ def _upload(key: str) -> None:
         st.info("A campaign is machine.yaml, runs.yaml and the logs that it names.", icon=":material/upload:")
         return
     with st.spinner("Reading the logs"):
-        campaign = read_uploaded([Uploaded(file.name, file.getvalue()) for file in files], new_jobs_workspace())
+        campaign = read_uploaded([Uploaded(file.name, file.getvalue()) for file in files], new_work_folder())
     _let_go(files)
     name = next(name for name, folder in uploaded().items() if folder == campaign.path)
     session.put(_SENT, sent + 1)  # a new field: the old one's files are gone

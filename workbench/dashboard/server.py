@@ -151,7 +151,7 @@ def warm() -> None:
 
     def load() -> None:
         try:
-            from workbench.dashboard.pages.study.page import run_first
+            from workbench.dashboard.pages.study import run_first
 
             run_first()
         except Exception:  # what fails here fails again, and is shown, on the page

@@ -1,20 +1,24 @@
-"""What one browser session keeps: its private folder and its state.
+"""What one visitor keeps: private folders and the session's state.
 
     workspace()                 folder of this session, mode 0700, gone when the session ends
     file_in_workspace(name)     a path in it; `name` is the page's own choice, never an uploaded name
     stored(upload, name, most)  an uploaded file's bytes under the page's own name, size-limited
+    work_folder()               folder of jobs and uploaded campaigns that the address names, `?work=…`
     get(key, kind, default)     typed read of the session's state; put(key, value) writes
+    held(key, start)            the key of a widget that shows what the session keeps, whatever was drawn before
 
-Two sessions share nothing but caches of pure functions of values. `app_folder()` is the
-server's own private folder, for what must outlive a session (batches).
+Two sessions share nothing but caches of pure functions of values. The id in the address is one that nobody guesses:
+whoever has the address sees its work, and nobody else does.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import stat
 import tempfile
+import time
 import weakref
 from functools import cache
 from pathlib import Path
@@ -22,11 +26,13 @@ from typing import Any, Protocol, TypeVar
 
 import streamlit as st
 
+from workbench.dashboard.jobs import KEEP_S, clean, is_id, jobs_of, new_id
 from workbench.errors import InputError
 
 T = TypeVar("T")
 MB = 1_000_000
-_WORKSPACE = "workbench workspace"
+WORK = "work"
+_WORKSPACE, _WORK_ID = "workbench workspace", "workbench jobs id"
 
 
 class Upload(Protocol):
@@ -48,27 +54,30 @@ class _Folder:
 @cache
 def app_folder() -> Path:
     """This user's private folder of the dashboard under the system's temporary one; InputError if another's."""
-    path = Path(tempfile.gettempdir()) / f"workbench-{os.getuid()}" if hasattr(os, "getuid") else _without_owner()
+    user = os.getuid() if hasattr(os, "getuid") else None
+    path = Path(tempfile.gettempdir()) / ("workbench-dashboard" if user is None else f"workbench-{user}")
     path.mkdir(mode=0o700, exist_ok=True)
     status = path.lstat()
     # The temporary folder is everybody's: a link or a folder laid there by another user is not taken.
-    if not stat.S_ISDIR(status.st_mode) or (hasattr(os, "getuid") and status.st_uid != os.getuid()):
+    if not stat.S_ISDIR(status.st_mode) or user not in (None, status.st_uid):
         raise InputError("is not this user's own folder; remove it or set TMPDIR", file=path)
     path.chmod(0o700)
-    _sweep(path)
+    sweep(path)
     return path
 
 
-def _without_owner() -> Path:
-    return Path(tempfile.gettempdir()) / "workbench-dashboard"  # Windows: the temporary folder is the user's own
-
-
-def _sweep(root: Path) -> None:
-    """Removes what sessions of servers that no longer run have left behind."""
+def sweep(root: Path, older_than_s: float = KEEP_S) -> None:
+    """Removes what sessions of servers that no longer run have left, and work that nobody has touched for a week."""
     for folder in root.glob("session-*"):
         number = folder.name.split("-")[1]
         if number.isdecimal() and not _runs(int(number)):
             shutil.rmtree(folder, ignore_errors=True)
+    for folder in root.glob("work-*"):
+        clean(folder, older_than_s)
+        with contextlib.suppress(OSError):
+            newest = max(path.stat().st_mtime for path in (folder, *folder.iterdir()))
+            if not jobs_of(folder) and time.time() - newest > older_than_s:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def _runs(process: int) -> bool:
@@ -99,15 +108,34 @@ def file_in_workspace(name: str) -> Path:
 
 
 def stored(upload: Upload, name: str, most_bytes: int = 1 * MB) -> Path:
-    """The uploaded bytes in a file of the session, under the name the page gives it.
-
-    InputError for a file larger than most_bytes.
-    """
+    """The uploaded bytes in a file of the session, under the name the page gives it. InputError for a larger one."""
     if upload.size > most_bytes:
         raise InputError(f"{upload.size / MB:.1f} MB, expected at most {most_bytes / MB:g} MB", file=name)
     path = file_in_workspace(name)
     path.write_bytes(upload.getvalue())
     return path
+
+
+def work_folder() -> Path | None:
+    """The folder that this visitor's address names; None before there is one."""
+    for number in (st.session_state.get(_WORK_ID), st.query_params.get(WORK)):
+        if is_id(number) and (folder := app_folder() / f"work-{number}").is_dir():
+            st.session_state[_WORK_ID] = number
+            if st.query_params.get(WORK) != number:  # another page's link has dropped it
+                st.query_params[WORK] = number
+            return folder
+    return None
+
+
+def new_work_folder() -> Path:
+    """The same, made where there is none; its id goes into the page's address."""
+    folder = work_folder()
+    if folder is None:
+        number = new_id()
+        folder = app_folder() / f"work-{number}"
+        folder.mkdir(mode=0o700)
+        st.session_state[_WORK_ID] = st.query_params[WORK] = number
+    return folder
 
 
 def get(key: str, kind: type[T], default: T) -> T:
@@ -120,3 +148,10 @@ def get(key: str, kind: type[T], default: T) -> T:
 
 def put(key: str, value: Any) -> None:
     st.session_state[key] = value
+
+
+def held(key: str, start: Any) -> str:
+    """Sets the widget's value anew before it is drawn. The browser else shows its own beginning where the widget was
+    not drawn in between: a page left, or stopped at an error."""
+    st.session_state[key] = st.session_state.get(key, start)
+    return key

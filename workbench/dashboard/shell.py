@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import streamlit as st
 
-from workbench.dashboard.jobs.place import jobs_workspace
+from workbench.dashboard import session
 from workbench.dashboard.widgets import is_dark
 
 if TYPE_CHECKING:
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 # Less air than streamlit's own, so that the numbers and the first figure fit 1280 by 800.
 _STYLE = """<style>
 .stMainBlockContainer {padding-top: 4rem; padding-bottom: 2rem; padding-left: 2rem; padding-right: 2rem;}
+@media (max-width: 900px) {.stMainBlockContainer {padding-left: 1rem; padding-right: 1rem;}}
+[class*="st-key-cards"] > * {flex: 1 1 9.5rem; min-width: 9.5rem;}
+[class*="st-key-beside"] > * {flex: 1 1 26rem; min-width: min(26rem, 100%);}
 </style>"""
 
 # On the dark ground the colour of buttons is a light one, on which white is hard to read.
@@ -40,15 +43,15 @@ _ICON = (
 
 # title -> (where its function stands, its icon)
 PAGES: dict[str, tuple[str, str]] = {
-    "Study": ("workbench.dashboard.pages.study.page:show", ":material/tune:"),
-    "Compare": ("workbench.dashboard.pages.compare.page:show", ":material/compare_arrows:"),
-    "Loop": ("workbench.dashboard.pages.loop.page:show", ":material/all_inclusive:"),
-    "Signals": ("workbench.dashboard.pages.signals.page:show", ":material/show_chart:"),
-    "Validate": ("workbench.dashboard.pages.validate.page:show", ":material/fact_check:"),
-    "Gap": ("workbench.dashboard.pages.gap.page:show", ":material/troubleshoot:"),
-    "Machine": ("workbench.dashboard.pages.machine.page:show", ":material/precision_manufacturing:"),
-    "Plant": ("workbench.dashboard.pages.plant.page:show", ":material/developer_board:"),
-    "Batches": ("workbench.dashboard.pages.batches.page:show", ":material/dynamic_feed:"),
+    "Study": ("workbench.dashboard.pages.study:show", ":material/tune:"),
+    "Compare": ("workbench.dashboard.pages.compare:show", ":material/compare_arrows:"),
+    "Loop": ("workbench.dashboard.pages.loop:show", ":material/all_inclusive:"),
+    "Signals": ("workbench.dashboard.pages.signals:show", ":material/show_chart:"),
+    "Validate": ("workbench.dashboard.pages.validate:show", ":material/fact_check:"),
+    "Gap": ("workbench.dashboard.pages.gap:show", ":material/troubleshoot:"),
+    "Machine": ("workbench.dashboard.pages.machine:show", ":material/precision_manufacturing:"),
+    "Plant": ("workbench.dashboard.pages.plant:show", ":material/developer_board:"),
+    "Batches": ("workbench.dashboard.pages.batches:show", ":material/dynamic_feed:"),
 }
 
 FIRST = "Study"
@@ -78,7 +81,7 @@ def run() -> None:
         import pandas  # noqa: F401
     st.set_page_config(page_title="workbench", page_icon=_ICON, layout="wide")
     st.html(_STYLE_DARK + _STYLE if is_dark() else _STYLE)
-    jobs_workspace()  # a page's link drops what names this session's jobs from the address; here it comes back
+    session.work_folder()  # a page's link drops what names this session's jobs from the address; here it comes back
     pages: list[StreamlitPage] = []
     for title in present():
         path = "first" if title == FIRST else title.lower()  # the first page's own address is the server's

@@ -28,6 +28,7 @@ from workbench.names import powers
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+    from streamlit.delta_generator import DeltaGenerator
 
     from workbench.tables import Table
 
@@ -89,19 +90,26 @@ def _headed(number: Number) -> tuple[str, str]:
 
 def numbers(row: Sequence[Number]) -> None:
     """The numbers side by side, each with its delta: green where better, red where worse."""
-    for column, number in zip(st.columns(len(row)), row, strict=True):
-        delta, colour = _delta(number)
-        label, shown = _headed(number)
-        column.metric(
-            label,
-            shown,
-            delta,
-            delta_color=colour,
-            delta_arrow="off" if delta and delta.startswith("±") else "auto",
-            help=number.help,
-            border=True,
-            height="stretch",  # a number without a delta is as tall as its neighbours
-        )
+    with st.container(horizontal=True, key=f"cards {row[0].label}"):  # they wrap where the page is narrow
+        for number in row:
+            delta, colour = _delta(number)
+            label, shown = _headed(number)
+            st.metric(
+                label,
+                shown,
+                delta,
+                delta_color=colour,
+                delta_arrow="off" if delta and delta.startswith("±") else "auto",
+                help=number.help,
+                border=True,
+                height="stretch",  # a number without a delta is as tall as its neighbours
+            )
+
+
+def beside(key: str, parts: int = 2) -> list[DeltaGenerator]:
+    """Places side by side, one under the other where the page is narrow."""
+    with st.container(horizontal=True, key=f"beside {key}"):
+        return [st.container() for _ in range(parts)]
 
 
 def is_dark() -> bool:
@@ -135,6 +143,13 @@ def table(shown: Table) -> None:
     st.dataframe(arrow.table(columns), hide_index=True, column_config=align, lazy=False)
     if shown.note:
         st.caption(said(shown.note))
+
+
+def notes(sentences: Sequence[str]) -> None:
+    """What the reader of logs notes, folded up."""
+    if sentences:
+        with st.expander(f"What the reader says of the logs ({len(sentences)})"):
+            st.markdown("\n".join(f"- {plain(note)}" for note in sentences))
 
 
 def problem(error: InputError) -> None:

@@ -1,4 +1,4 @@
-"""A controller's files: C99, structured text, or a drive's parameters."""
+"""A controller's files: C99, structured text with PLCopen XML, or a drive's parameters."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Literal
 
 from workbench import __version__
 from workbench.control import PiSettings
-from workbench.export import printed
+from workbench.export.controller_program import checked
+from workbench.export.controller_text import c_files, record_csv, st_files
 from workbench.export.drives import DriveSettings, RampLimits, drive_settings
-from workbench.export.program import checked
 from workbench.machine import Hoist
 from workbench.study.scenario import LimitsBlock
 from workbench.whole_folder import check_free, whole_folder
@@ -31,21 +31,10 @@ def controller_files(
     if form == "yaml":
         return {"drive_parameters.yaml": settings_text(drive_settings(drive, settings, machine, payload_kg, ramp))}
     program, record = checked(settings, machine, payload_kg)
-    title = f"Sampled PI speed controller for {_plain(machine.name)}, by workbench {__version__}"
-    files: dict[str, str] = {"test_record.csv": printed.record_csv(record)}
-    if form == "c":
-        files["speed_controller.h"] = printed.c_header(program, title)
-        files["speed_controller.c"] = printed.c_source(program, title)
-        files["speed_controller_test.c"] = printed.c_test(record, title)
-    else:
-        files["speed_controller.st"] = printed.st_block(program, title)
-        files["speed_controller_test.st"] = printed.st_test(record, title)
-    return files
-
-
-def _plain(name: str) -> str:
-    """A name that ends no comment."""
-    return name.replace("*", " ").replace("\n", " ")
+    name = machine.name.replace("*", " ").replace("\n", " ")  # ends no comment
+    title = f"Sampled PI speed controller for {name}, by workbench {__version__}"
+    texts = c_files(title, program, record) if form == "c" else st_files(title, program, record, __version__)
+    return {"test_record.csv": record_csv(record), **texts}
 
 
 def settings_text(made: DriveSettings) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from workbench.figures import arm_parts as parts
-from workbench.figures.arm_style import VIRIDIS, Look, look_of
 from workbench.figures.scene import Scene
+from workbench.figures.style import VERMILLION
 from workbench.machine import Hoist
 from workbench.run import Array
 
@@ -26,6 +27,40 @@ STEP_S, MOST_SAMPLES = 0.02, 4000
 STRIPS = (("speed_m_s", "speed (m/s)"), ("torque_nm", "torque per motor (N m)"), ("tension_kn", "drum tension (kN)"))
 STRIP_WIDTH, STRIP_HEIGHT = 1000.0, 100.0
 COLOURS = ("#D55E00", "#0072B2")
+
+
+# Viridis in eight steps: even in lightness, and read alike by the colour-blind (S. van der Walt, N. Smith, 2015).
+VIRIDIS = (
+    (68, 1, 84), (70, 51, 127), (54, 92, 141), (39, 127, 142), (31, 161, 135), (74, 194, 109), (159, 218, 58),
+    (253, 231, 37),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Look:
+    """steel, arm, wheel, pipe: fills."""
+
+    ink: str
+    edge: str
+    faint: str
+    grid: str
+    steel: str
+    arm: str
+    wheel: str
+    pipe: str
+    accent: str
+    alarm: str
+
+
+def look_of(dark: bool) -> Look:
+    if dark:
+        return Look(
+            "#E8E8E8", "#AEB9C9", "#56627A", "#2B303B", "#232B39", "#33506B", "#2A3342", "#8A7A5C", "#56B4E9",
+            "#FF8A3D",
+        )  # fmt: skip
+    return Look(
+        "#222222", "#3B485C", "#9AA5B5", "#E4E4E4", "#E6EAF1", "#BFD5EA", "#F7F8FA", "#CDBB92", "#0072B2", VERMILLION,
+    )  # fmt: skip
 
 
 def film(machine: Hoist, scenes: Sequence[Scene], dark: bool = False, height: int = HEIGHT) -> str:

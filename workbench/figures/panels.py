@@ -146,6 +146,7 @@ class Panels:
             "shapes": self.shapes,
             "margin": {"t": (100 if headed else 80) + more},
             "hoverdistance": 100,  # px: on a straight stretch points are far apart
+            "meta": {"rows": rows, "columns": columns},  # a narrow page stacks the columns (dashboard/assets/chart.js)
         }
         annotations = list(self.annotations)
         top = 1.0
@@ -182,7 +183,8 @@ class Panels:
                     )
             top = bottom - gap_y
         if self.one_cursor:
-            layout |= {"hovermode": "x", "hoversubplots": "axis"}
+            layout |= {"hovermode": "x unified", "hoversubplots": "axis"}  # one table of values at the cursor
+            layout["meta"]["quantities"] = [title.replace("<br>", " ") for title in self.row_titles]
         layout["annotations"] = annotations
         return go.Figure({"data": self.traces, "layout": layout})
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,13 +23,17 @@ from workbench.yaml_strict import Document
 
 @dataclass(frozen=True, repr=False)
 class Campaign(Shown):
-    """Measured runs of one machine. `notes` concern the campaign; each run carries its own."""
+    """Measured runs of one machine. `notes` concern the campaign; each run carries its own.
+
+    doubts: that a run is what runs.yaml says, from physics and the other runs; see `doubts.py`. Commands look for them.
+    """
 
     name: str
     path: Path
     machine: Hoist | Axis
     runs: tuple[Run, ...]
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def run(self, name: str) -> Run:
         """The run of that name; InputError with the nearest one when there is none."""
@@ -41,8 +45,8 @@ class Campaign(Shown):
 
     @property
     def all_notes(self) -> tuple[str, ...]:
-        """The campaign's notes, then each run's under the run's name."""
-        return (*self.notes, *(f"{run.name}: {note}" for run in self.runs for note in run.notes))
+        """What is doubtful, the campaign's notes, then each run's under the run's name."""
+        return (*self.doubts, *self.notes, *(f"{run.name}: {note}" for run in self.runs for note in run.notes))
 
 
 def read_campaign(
@@ -70,20 +74,37 @@ def read_campaign(
     notes = _entry_notes(entries, folder)
     runs: list[Run] = []
     ignored: dict[str, list[str]] = {}
+    faults: dict[str, InputError] = {}
     chosen = {entry.name for entry in entries}
     for index, entry in enumerate(runs_file.runs):
         if entry.name not in chosen:
             continue
         place = ("runs", index, "file")
-        file = _log_path(folder, entry, document, place, confined=confined)
-        run, unused = read_run(
-            entry, file, machine, wanted, runs_file.columns, document.line(place), runs_yaml, uploaded=uploaded
-        )
+        try:
+            file = _log_path(folder, entry, document, place, confined=confined)
+            read, unused = read_run(
+                entry, file, machine, wanted, runs_file.columns, document.line(place), runs_yaml, uploaded=uploaded
+            )
+        except InputError as error:
+            faults[entry.name] = error
+            continue
         for column in unused:
             ignored.setdefault(column, []).append(entry.name)
-        runs.append(run)
+        runs += read
+    if faults:
+        raise _all_faults(faults, [entry.name for entry in entries if entry.name not in faults])
+    if len({run.name for run in runs}) < len(runs):
+        raise InputError("a run has the name of a stretch of another one, such as 'lift_2'; rename it", file=runs_yaml)
     notes += _ignored_notes(ignored, len(runs)) + _same_samples(runs)
     return Campaign(folder.resolve().name, folder, machine, tuple(runs), tuple(notes))
+
+
+def _all_faults(faults: Mapping[str, InputError], sound: Sequence[str]) -> InputError:
+    """The faults of all runs as one error, with what goes on without them."""
+    first, *others = faults.values()
+    remedy = f"; without {'it' if not others else 'them'}: --runs {','.join(sound)}" if sound else ""
+    problem = "; ".join([first.problem, *map(str, others)]) + remedy
+    return InputError(problem, file=first.file, line=first.line, place=first.place)
 
 
 def _places(path: str | os.PathLike[str]) -> tuple[Path, Path]:

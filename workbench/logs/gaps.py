@@ -12,7 +12,8 @@ from workbench.run import Array
 MAX_MISSING = 5  # samples in a row that may be bridged …
 MAX_BRIDGE_S = 0.1  # … as long as the samples either side are no farther apart
 MAX_SHARE = 0.05  # of a signal's samples that may be missing
-MIN_KEPT = 0.5  # of a run that must be left when its end is cut off
+MIN_KEPT = 0.5  # of a run that must be left when its end, or what is missing in its middle, is cut off
+LEAST_PART = 0.1  # of a run: a shorter stretch between holes is left out
 
 
 def fill_gaps(
@@ -54,10 +55,36 @@ def fill_gaps(
     return time_s, filled, notes
 
 
+def whole_stretches(time_s: Array, values: dict[str, Array], needed: Collection[str]) -> list[tuple[int, int]]:
+    """(first, end) of the stretches of a run between holes of its needed signals that are too long to bridge.
+
+    Only stretches of at least LEAST_PART of the run count, and a hole at the run's end is not one; [] where what is
+    left is too little of the run, or nothing has to be cut.
+    """
+    hole = np.zeros(len(time_s), dtype=bool)
+    for name in needed:
+        missing = np.isnan(values[name])
+        starts, ends = _stretches(missing)
+        before, after = np.maximum(starts - 1, 0), np.minimum(ends, len(time_s) - 1)
+        long = (ends - starts > MAX_MISSING) | (time_s[after] - time_s[before] > MAX_BRIDGE_S * (1 + 1e-9))
+        for start, end in zip(starts[long & (ends < len(time_s))], ends[long & (ends < len(time_s))], strict=True):
+            hole[start:end] = True
+    if not hole.any():
+        return []
+    firsts, ends = _stretches(~hole)
+    kept = [(int(a), int(b)) for a, b in zip(firsts, ends, strict=True) if b - a >= LEAST_PART * len(time_s)]
+    return kept if sum(b - a for a, b in kept) >= MIN_KEPT * len(time_s) else []
+
+
+def _stretches(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First samples, and ones after the last, of the stretches of chosen samples."""
+    edges = np.diff(np.concatenate(([0], chosen.astype(np.int8), [0])))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
 def _bridgeable(time_s: Array, missing: np.ndarray) -> tuple[str, str, float]:
     """(what forbids bridging or "", what there is to bridge, time of the first missing sample)."""
-    edges = np.diff(np.concatenate(([0], missing.astype(np.int8), [0])))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    starts, ends = _stretches(missing)
     lengths = ends - starts
     before, after = np.maximum(starts - 1, 0), np.minimum(ends, len(time_s) - 1)
     widths = time_s[after] - time_s[before]

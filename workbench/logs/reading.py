@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,8 @@ from workbench.log_formats.opening import open_log
 from workbench.logs.channels import clipped, drop_dead, is_constant, refuse_infinite
 from workbench.logs.clock import check_time, merge_repeated, time_notes
 from workbench.logs.dropouts import drop_frozen, whole_part
-from workbench.logs.faults import Fault, fault_of
-from workbench.logs.gaps import fill_gaps
+from workbench.logs.faults import Fault, fault_of, seconds
+from workbench.logs.gaps import fill_gaps, whole_stretches
 from workbench.logs.plausible import check_plausible, driven_signals
 from workbench.logs.runs_file import Column, Entry
 from workbench.logs.scales import check_sizes, drop_wrong_scale
@@ -35,8 +36,10 @@ def read_run(
     runs_yaml: Path,
     *,
     uploaded: bool = False,
-) -> tuple[Run, tuple[str, ...]]:
-    """The run, and the columns of its file that were not used.
+    whole: bool = False,
+) -> tuple[list[Run], tuple[str, ...]]:
+    """The run, and the columns of its file that were not used. A run with holes is several, one each stretch between
+    them; whole: then it is refused.
 
     InputError names file and run. A file that is not there is a fault of runs.yaml,
     so that file and line are named, with the path that was tried. uploaded: see `open_log`.
@@ -59,13 +62,48 @@ def read_run(
 
     # Numbers near the largest a float holds overflow to infinite here and are refused as such.
     with np.errstate(over="ignore", invalid="ignore"):
-        run = _checked(entry, file, machine, wanted, raw, fault)
-    return run, raw.ignored
+        time_s, values, notes = _risen(raw, fault)
+        parts = [] if whole else whole_stretches(time_s, values, _needed(values, wanted))
+        if not parts:
+            return [_checked(entry, file, machine, wanted, raw, fault, time_s, values, notes)], raw.ignored
+        return _stretched(entry, file, machine, wanted, raw, fault, time_s, values, notes, parts), raw.ignored
 
 
-def _checked(entry: Entry, file: Path, machine: Hoist | Axis, wanted: SignalSet, raw: Raw, fault: Fault) -> Run:
+def _stretched(
+    entry: Entry, file: Path, machine: Hoist | Axis, wanted: SignalSet, raw: Raw, fault: Fault,
+    time_s: Array, values: dict[str, Array], notes: list[str], parts: list[tuple[int, int]],
+) -> list[Run]:  # fmt: skip
+    """Each stretch between holes as a run of its own, which begins where the motion has taken the machine."""
+    logged = {name: ~np.isnan(column) for name, column in values.items()}
+    known = {
+        name: np.interp(time_s, time_s[there], values[name][there]) for name, there in logged.items() if there.any()
+    }
+    holes = [seconds(time_s[b]) + " to " + seconds(time_s[a - 1]) for (_, b), (a, _) in pairwise(parts)]
+    holes = ([f"the start to {seconds(time_s[parts[0][0] - 1])}"] if parts[0][0] else []) + holes
+    holes += [f"{seconds(time_s[parts[-1][1]])} to the end"] if parts[-1][1] < len(time_s) else []
+    said = f"samples are missing from {', '.join(holes)}; the stretches before and behind are used, each as a run"
+    runs: list[Run] = []
+    refused: list[InputError] = []
+    for number, (first, end) in enumerate(parts, 1):
+        part = _entry_of(first, entry, kind_of(machine), machine, time_s, known)
+        part = part.model_copy(update={"name": entry.name if number == 1 else f"{entry.name}_{number}"})
+        cut = {name: column[first:end] for name, column in values.items()}
+        try:
+            runs.append(_checked(part, file, machine, wanted, raw, fault, time_s[first:end], cut, [said, *notes]))
+        except InputError as error:
+            refused.append(error)
+    if not runs:
+        raise refused[0]
+    return runs
+
+
+def _checked(
+    entry: Entry, file: Path, machine: Hoist | Axis, wanted: SignalSet, raw: Raw, fault: Fault,
+    time_s: Array, values: dict[str, Array], notes: list[str],
+) -> Run:  # fmt: skip
     kind = kind_of(machine)
-    time_s, values, notes = _repaired(raw, wanted, fault)
+    time_s, values, more = _repaired(time_s, values, raw, wanted, fault)
+    notes = [*notes, *more]
     values, more = _with_sum(kind, values, raw)
     notes += more
     part = whole_part(time_s, values, kind, machine, raw.label, fault)
@@ -121,15 +159,20 @@ def _can_freeze(kind: Kind, wanted: SignalSet) -> tuple[str, ...]:
     return tuple(name for name in wanted.optional if name != kind.reference[0])
 
 
-def _repaired(raw: Raw, wanted: SignalSet, fault: Fault) -> tuple[Array, dict[str, Array], list[str]]:
+def _risen(raw: Raw, fault: Fault) -> tuple[Array, dict[str, Array], list[str]]:
+    """The signals over a time that rises strictly."""
     time_s = raw.values[TIME]
     values = {name: column for name, column in raw.values.items() if name != TIME}
     check_time(time_s, raw.table.row_name, raw.label(TIME), fault)
     refuse_infinite(time_s, values, raw.label, fault)
-    time_s, values, notes = merge_repeated(time_s, values, fault)
+    return merge_repeated(time_s, values, fault)
+
+
+def _repaired(
+    time_s: Array, values: dict[str, Array], raw: Raw, wanted: SignalSet, fault: Fault
+) -> tuple[Array, dict[str, Array], list[str]]:
     needed = _needed(values, wanted)
-    time_s, values, more = fill_gaps(time_s, values, needed, raw.label, fault)
-    notes += more
+    time_s, values, notes = fill_gaps(time_s, values, needed, raw.label, fault)
     values, more = bridge_spikes(time_s, values, raw.label)
     notes += more
     values, more = check_sizes(values, tuple(needed), raw.label, fault)

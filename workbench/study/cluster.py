@@ -109,6 +109,28 @@ def spread_on(cluster: str, say: Say = lambda text: None) -> Iterator[Spread]:
         yield lambda study, numbers: _while_it_lives(_chunks(client, cluster, study, numbers, say), cluster)
 
 
+def each_on(
+    client: Any, cluster: str, items: Sequence[str], task: Callable[[str], tuple[Any, ...]]
+) -> Iterator[tuple[str, Any]]:
+    """Each item with its result, as they come; task: of an item, the function that a worker calls and its arguments."""
+    waiting, of = iter(items), dict[Any, str]()
+    try:
+        while True:
+            for item in islice(waiting, max(0, AHEAD * max(1, sum(client.nthreads().values())) - len(of))):
+                of[client.submit(*task(item), retries=RETRIES, pure=False)] = item
+            if not of:
+                return
+            future = _next_done(of, (), client)
+            if future is None:
+                continue
+            yield of.pop(future), future.result()
+            future.release()
+    except _distributed().KilledWorker as error:
+        raise InputError(f"a task took its workers down {RETRIES} times; what is done is kept", file=cluster) from error
+    except (CancelledError, OSError) as error:
+        raise InputError("the cluster is gone; what is done is kept", file=cluster) from error
+
+
 @contextmanager
 def client_on(cluster: str) -> Iterator[Any]:
     """A client of `cluster`, closed with the block; InputError as `spread_on`."""

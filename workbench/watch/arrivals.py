@@ -128,7 +128,7 @@ class Arrivals:
         assert arrived.entry is not None
         wanted = kind_of(self._machine).signals
         runs = self._folder / RUNS
-        run, _ = read_run(arrived.entry, arrived.file, self._machine, wanted, self.columns, None, runs)
+        (run,), _ = read_run(arrived.entry, arrived.file, self._machine, wanted, self.columns, None, runs, whole=True)
         return run
 
 

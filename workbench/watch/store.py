@@ -143,7 +143,7 @@ class Store:
 
     def _open(self) -> None:
         with self._said():
-            self._db = sqlite3.connect(self._now, isolation_level=None, timeout=5.0)
+            self._db = sqlite3.connect(self._now, isolation_level=None, timeout=5.0, check_same_thread=False)
             self._db.execute("PRAGMA journal_mode=WAL")
             # What a power cut takes away is read again from the logs.
             self._db.execute("PRAGMA synchronous=NORMAL")

@@ -62,14 +62,14 @@ def command(
     The truth is encrypted. manifest.json holds its hash and the hash of each file. The key is written beside the
     folder, so that the folder can be passed on without it.
     """
-    from workbench.blind.ask import Asked, make_asked
+    from workbench.blind.make import Asked, make
 
     asked = Asked(machine, runs, cases, seed, source, kind, family, effects, case, identified)
 
     def tell(line: str) -> None:
         click.echo(line, err=True)
 
-    made = make_asked(asked, out, key=key, processes=processes, tell=tell)
+    made = make(asked, out, key=key, processes=processes, tell=tell)
     click.echo(f"{made.cases} campaigns: {made.folder}")
     click.echo(f"Key: {made.key}")
     click.echo(f"Seal (SHA-256): {made.seal_sha256}")

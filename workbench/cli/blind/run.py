@@ -20,7 +20,8 @@ import click
     show_default=True,
     help="Largest number of effects that may be missing at once.",
 )
-def command(folder: Path, processes: int, count: int | None, max_effects: int) -> None:
+@click.option("--cluster", metavar="ADDRESS", help="Run on Dask: tcp://host:port, or local:N for N local processes.")
+def command(folder: Path, processes: int, count: int | None, max_effects: int, cluster: str | None) -> None:
     """Diagnose the campaigns of FOLDER, each in a process and a folder without label or seed.
 
     Campaigns that have an answer are skipped, so the same command continues after a stop. Ctrl-C discards the
@@ -31,6 +32,7 @@ def command(folder: Path, processes: int, count: int | None, max_effects: int) -
     def tell(line: str) -> None:
         click.echo(line, err=True)
 
-    ran = run(folder, processes=processes, count=count, most_effects=max_effects, tell=tell)
+    ran = run(folder, processes=processes, count=count, most_effects=max_effects, tell=tell, cluster=cluster)
     click.echo(f"{ran.done} of {ran.cases} campaigns have an answer, {ran.done - ran.kept} of them new.")
+    click.echo(f"Answers (SHA-256): {ran.head}")
     click.echo(f"Next: workbench blind score {folder}")

@@ -14,6 +14,11 @@ POWER = "The power of these runs"
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to make, for score.html, score.md and score.json.")
 @click.option("--key", type=click.Path(path_type=Path), help="The key of the seal. Default: beside the folder.")
 @click.option(
+    "--answers",
+    metavar="HEAD|FILE",
+    help="What `workbench blind run` printed as Answers, or a copy of answers.jsonl. Default: that beside the folder.",
+)
+@click.option(
     "--misses", type=click.IntRange(min=0), default=12, show_default=True, help="Number of wrong answers to print."
 )
 @click.option("--oracle", is_flag=True, help="Also fit the true effect, as the measure of the residual.")
@@ -29,6 +34,7 @@ def command(
     folders: tuple[Path, ...],
     out: Path | None,
     key: Path | None,
+    answers: str | None,
     misses: int,
     oracle: bool,
     next_runs: int,
@@ -51,7 +57,7 @@ def command(
 
     if out is not None:
         check_free(out)
-    scores = open_all(folders, key)
+    scores = open_all(folders, key, answers)
     if oracle:
         scores = [with_oracle(score, processes, tell) for score in scores]
     anew = with_next_runs(scores, next_runs, processes, tell) if next_runs else []

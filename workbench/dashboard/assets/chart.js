@@ -28,28 +28,110 @@ function keepZoom(layout) {
   return layout;
 }
 
+const NARROW = 620; // px: below it columns of panels stand one under the other, and the legend below the figure
+
+// The layout for a width: a narrow one has the panels in one column, and room for the legend's lines at the bottom.
+function fitting({data, layout}, width) {
+  if (width > NARROW) return layout;
+  const narrow = structuredClone(layout), {rows = 1, columns = 1} = layout.meta ?? {};
+  const height = (layout.height ?? HEIGHT) * (columns > 1 ? 0.95 * columns : 1);
+  if (columns > 1) {
+    const share = 1 / columns, part = share * 0.86; // of the paper, for a column with its title
+    const axis = (kind, row, column) => narrow[`${kind}axis${row + column ? row * columns + column + 1 : ""}`];
+    for (let column = 0; column < columns; column++) {
+      const bottom = 1 - (column + 1) * share + (share - part) / 2;
+      for (let row = 0; row < rows; row++) {
+        const y = axis("y", row, column), x = axis("x", row, column), first = axis("y", row, 0);
+        y.domain = y.domain.map(v => bottom + v * part);
+        y.title = {...first.title, font: {...first.title?.font, size: 11}};
+        y.showticklabels = true;
+        if (x) x.domain = [0, 1];
+      }
+    }
+    const heads = (narrow.annotations ?? []).filter(note => note.xref === "paper" && note.yref === "paper" && note.y === 1);
+    heads.forEach((note, column) => Object.assign(note, {x: 0.5, y: 1 - column * share - (share - part) / 2}));
+  }
+  const names = [...new Set(data.filter(t => t.name && t.showlegend !== false).map(t => t.legendgroup || t.name))];
+  if (layout.showlegend === false || names.length < 2) return {...narrow, height};
+  const across = Math.max(1, Math.floor(width / (60 + 7.5 * Math.max(...names.map(name => name.length)))));
+  const lines = 22 * Math.ceil(names.length / across) + 12;
+  narrow.legend = {...narrow.legend, x: 0, xref: "container", xanchor: "left", y: 0, yref: "container", yanchor: "bottom"};
+  narrow.margin = {...narrow.margin, l: Math.min(narrow.margin?.l ?? 80, 64), r: 12, b: (narrow.margin?.b ?? 52) + lines};
+  return {...narrow, height: height + lines};
+}
+
 function size(box) {
   return document.fullscreenElement === box
     ? {width: window.innerWidth, height: window.innerHeight}
-    : {width: box.clientWidth, height: box.wanted.figure.layout.height ?? HEIGHT};
+    : {width: box.clientWidth, height: fitting(box.wanted.figure, box.clientWidth).height ?? HEIGHT};
 }
 
 async function draw(box) {
   const {figure, config} = box.wanted;
   const Plotly = await library;
   if (!box.isConnected || box.wanted.figure !== figure) return; // a newer one waits its turn
-  const layout = {...keepZoom(figure.layout), ...size(box), autosize: false};
+  box.narrow = box.clientWidth <= NARROW;
+  const layout = {...keepZoom(fitting(figure, box.clientWidth)), ...size(box), autosize: false};
+  box.style.height = `${layout.height}px`;
   const buttons = [...(config.modeBarButtonsToAdd ?? []), FULL_SCREEN];
-  await Plotly.react(box, figure.data, layout, {...config, modeBarButtonsToAdd: buttons});
+  const quantities = layout.meta?.quantities;
+  const data = quantities ? figure.data.map(trace => ({...trace, hoverinfo: "none", hovertemplate: null})) : figure.data;
+  if (quantities) layout.hovermode = "x"; // the values stand in a table of their own
+  await Plotly.react(box, data, layout, {...config, modeBarButtonsToAdd: buttons});
+  if (quantities && !box.reads) readOut(box);
   box.removeAttribute("data-drawing");
 }
 
 function fit(box) {
   if (!box.layout || box.hasAttribute("data-drawing")) return; // not drawn yet: it will be in the right size
   const {width, height} = size(box);
-  if (width > 0 && (width !== box.layout.width || height !== box.layout.height)) {
-    window.Plotly.relayout(box, {width, height});
-  }
+  if (width <= 0 || (width === box.layout.width && height === box.layout.height)) return;
+  if (box.narrow || width <= NARROW) inTurn(() => draw(box));
+  else window.Plotly.relayout(box, {width, height});
+}
+
+// One cursor over all rows: a table of its values below the figure; a click sets a second cursor, another takes it away.
+function readOut(box) {
+  const frame = document.createElement("div"), table = document.createElement("table");
+  Object.assign(frame.style, {position: "sticky", bottom: 0, height: 0, zIndex: 5});
+  Object.assign(table.style, {position: "absolute", bottom: 0, right: 0, background: "var(--st-secondary-background-color)",
+    fontSize: "0.8rem", fontVariantNumeric: "tabular-nums", borderRadius: "6px", padding: "4px", pointerEvents: "none"});
+  frame.append(table);
+  box.after(frame);
+  box.reads = true;
+  const number = value => (value === undefined ? "" : Number(value.toPrecision(4)).toString().replace("-", "\u2212"));
+  const cell = (kind, text) => Object.assign(document.createElement(kind), {textContent: text});
+  const read = points => {
+    const {columns, quantities} = box.wanted.figure.layout.meta, values = {};
+    for (const point of points) {
+      const row = Math.floor((Number(point.yaxis._id.slice(1) || 1) - 1) / columns);
+      (values[point.data.name] ??= {})[row] = point.y;
+    }
+    return {x: points[0].x, values, quantities};
+  };
+  const show = now => {
+    const mark = box.mark, rows = [document.createElement("tr")];
+    const time = mark ? `${number(now.x)} s (${number(now.x - mark.x)} s)` : `${number(now.x)} s`;
+    rows[0].append(...[time, ...now.quantities].map(text => cell("th", text)));
+    for (const [name, values] of Object.entries(now.values)) {
+      const row = document.createElement("tr");
+      row.append(cell("th", name), ...now.quantities.map((_, k) => {
+        const by = mark?.values[name]?.[k] === undefined ? "" : ` (${number(values[k] - mark.values[name][k])})`;
+        return cell("td", values[k] === undefined ? "" : number(values[k]) + by);
+      }));
+      rows.push(row);
+    }
+    table.replaceChildren(...rows);
+    for (const each of table.querySelectorAll("th, td")) Object.assign(each.style, {padding: "1px 8px", textAlign: "right"});
+    table.hidden = false;
+  };
+  table.hidden = true;
+  box.on("plotly_hover", event => { box.now = read(event.points); show(box.now); });
+  box.on("plotly_unhover", () => { table.hidden = !box.mark; });
+  box.on("plotly_click", () => {
+    box.mark = box.mark ? null : box.now;
+    if (box.now) show(box.now);
+  });
 }
 
 function boxIn(parent) {

@@ -23,7 +23,7 @@ from workbench.references.time_optimal import shortest_move
     ramp=_equal_time_ramp,
     same_time_as="trapezoid",
     needs_load=True,
-    colour="#56B4E9",
+    colour="#3390C6",
     dash="8px,3px,2px,3px",
 )
 def ruckig_least_peak(move: Move) -> Shape:
@@ -94,7 +94,7 @@ def zv(move: Move) -> Shape:
     duration=lambda move: _shaped_s(move, ZVD),
     needs_jerk=False,
     needs_load=True,
-    colour="#E69F00",
+    colour="#C07F00",
 )
 def zvd(move: Move) -> Shape:
     """Zero vibration and derivative: three impulses."""
@@ -110,7 +110,7 @@ def zvd(move: Move) -> Shape:
     duration=lambda move: _shaped_s(move, EI),
     needs_jerk=False,
     needs_load=True,
-    colour="#B3A000",
+    colour="#978600",
 )
 def ei(move: Move) -> Shape:
     """Extra insensitive: three impulses that leave a little."""

@@ -7,12 +7,11 @@ from typing import Any
 
 from workbench.blind import criteria, measures
 from workbench.blind.baselines import baselines
-from workbench.blind.criteria import Row, right
+from workbench.blind.criteria import Row, Share, right
 from workbench.blind.later import WithNextRun
 from workbench.blind.measures import MEASURES, OF_A_METHOD, median, median_interval, numbers
 from workbench.blind.power import Power
 from workbench.blind.score import Score, Sheet
-from workbench.blind.share import Share
 from workbench.json_records import plain
 from workbench.reports.blind.tables import DIAGNOSIS, settled, why
 

@@ -10,11 +10,10 @@ from collections.abc import Callable, Sequence
 
 from workbench.blind import criteria, measures
 from workbench.blind.baselines import baselines
-from workbench.blind.criteria import Row, right, right_word
+from workbench.blind.criteria import Row, Share, right, right_word
 from workbench.blind.later import WithNextRun
 from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
 from workbench.blind.power import Power
-from workbench.blind.share import Share
 from workbench.diagnose.verdict.probability import calibration
 from workbench.names import unit_of, words_of
 from workbench.tables import Column, Table, words

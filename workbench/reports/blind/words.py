@@ -38,6 +38,10 @@ def _of_folder(score: Score, begin: str) -> list[str]:
         f"{begin}Seal (SHA-256) {score.manifest.seal_sha256}: labels, manifest, campaigns and answers are as they "
         f"were. Seed {score.truth.seed}.",
     ]
+    if score.compared:
+        said.append(f"{begin}{score.compared}")
+    if score.again:
+        said.append(f"{begin}Answered more than once, the last answer counts: {', '.join(score.again)}.")
     if score.partial:
         said.append(f"{begin}This is a part of the test: `workbench blind run` goes on with the rest.")
     if score.after_opening:

@@ -13,6 +13,7 @@ from workbench.figures.watch import parameters, statistic
 from workbench.names import unit_of, words_of
 from workbench.tables import Column, Table
 from workbench.tables.table import words as word_column
+from workbench.watch.fleet import STATES, Row
 from workbench.watch.store import KeptAlarm
 from workbench.watch.watch import Told, Watch
 
@@ -88,3 +89,19 @@ def alarm_table(told: Sequence[Told], kept: Sequence[KeptAlarm]) -> Table:
     repeated = sum(alarm.again for alarm in kept)
     note = f"The test alarmed again {repeated} times for the same change." if repeated else ""
     return Table(columns, rows, note)
+
+
+def fleet_table(rows: Sequence[Row]) -> Table:
+    """The machines by state, the worst first."""
+    columns = [
+        word_column("machine"), word_column("state"), Column("cycles"), Column("alarms"), word_column("since"),
+        word_column("likeliest change"), Column("cycles to\nthe limit"), word_column("trouble"),
+    ]  # fmt: skip
+    made = []
+    for row in sorted(rows, key=lambda row: (STATES.index(row.state), row.machine)):
+        change = "" if row.amount is None else f"{row.cause} {row.amount:+.3g} {row.unit}"
+        left = "–" if row.cycles_left is None else f"{row.cycles_left:.0f}"
+        cells = [row.machine, row.state, str(row.cycles), str(row.alarms), row.since, change, left, row.trouble]
+        made.append(cells)
+    counts = (f"{sum(row.state == state for row in rows)} {state}" for state in STATES)
+    return Table(columns, made, f"{len(rows)} machines: {', '.join(counts)}.")

@@ -1,1 +1,0 @@
-"""Hoists: their nominal machines, what can ail them, and their motion."""

@@ -1,0 +1,263 @@
+"""The page Batches: a scenario of many runs, run in a process of its own, watched, opened."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import streamlit as st
+
+from workbench.dashboard import session
+from workbench.dashboard.job_cards import cards
+from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, start
+from workbench.dashboard.machines import chosen_machine
+from workbench.dashboard.widgets import Number, chart, numbers, plain, problem, table
+from workbench.dashboard.work import CSV, REPORT
+from workbench.errors import InputError
+from workbench.figures.style import label
+from workbench.machine import save_machine
+from workbench.study.labels import run_in_words, swept_axes
+from workbench.study.load import Study, load_study, read_standalone
+from workbench.study.rows import INDEX, Row, metrics_of, read_table, rows_of
+from workbench.study.store import Finished, read_finished
+from workbench.yaml_strict import Document, dumps, load
+
+if TYPE_CHECKING:
+    from workbench.reports.study import Noted
+
+KIND, OPEN = "batch", "batches open"
+UPLOAD = "upload a scenario"
+MOST_RUNS = 100_000
+MOST_RUNS_WITH_SIGNALS = 1_000  # some hundred kilobytes each
+MOST_LINES = 1_000  # of the index, on the page
+SCENARIO, MACHINE, ON_MACHINE = "scenario.yaml", "machine.yaml", "on_machine.yaml"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A study that can be run. file: its scenario as the page sees it: one that ships, or one of the inputs, files that
+    the worker gets copies of."""
+
+    study: Study
+    file: Path
+    inputs: Mapping[str, Path] = field(default_factory=dict)
+
+
+def show() -> None:
+    """Draws the page."""
+    with st.sidebar:
+        try:
+            _new()
+        except InputError as error:  # the batches that run are shown all the same
+            problem(error)
+    jobs = jobs_of(session.work_folder(), KIND)
+    opened = next((job for job in jobs if job.id == st.session_state.get(OPEN)), None)
+    if opened is None:  # after a reload: the newest that is done
+        opened = next((job for job in jobs if poll(job).state == "done"), None)
+        session.put(OPEN, opened.id if opened else None)
+    if jobs:
+        cards(jobs, OPEN, "runs")
+    else:
+        st.info(
+            "No batch yet. Choose a scenario and start it: it runs in a process of its own and goes on while you "
+            "look at other pages."
+        )
+    if opened is not None:
+        try:
+            _results(opened)
+        except InputError as error:
+            problem(error)
+
+
+def shipped() -> dict[str, Path]:
+    """The scenarios that come with the program, or lie in the folder where it was started, by name."""
+    for folder in (Path(__file__).resolve().parents[3] / "scenarios", Path.cwd() / "scenarios"):
+        if files := {file.stem: file for file in sorted(folder.glob("*.yaml"))}:
+            return files
+    return {}
+
+
+def _new() -> None:
+    """The side bar: a scenario, what it would run, the button that starts it."""
+    choice = _chosen()
+    if choice is None:
+        st.info("Choose a scenario file.", icon=":material/upload:")
+        return
+    study = choice.study
+    if study.scenario.description:
+        st.markdown(plain(study.scenario.description))
+    payloads = len({spec.payload_kg for spec in study.specs[:2000]})
+    kinds = ", ".join(label(kind) for kind in study.scenario.kinds)
+    st.markdown(
+        f"**{len(study.specs):,} runs** of {study.duration_s:.0f} s each: {payloads} "
+        f"payload{'s' if payloads != 1 else ''}, {plain(kinds)}, on {plain(study.machine.name)}."
+    )
+    with st.expander("The scenario's file"):
+        st.code(choice.file.read_text(encoding="utf-8"), language="yaml")
+    if st.button("Start", key="batches start", type="primary", icon=":material/play_arrow:"):
+        file = f"{INPUTS}/{choice.file.name}" if choice.file.name in choice.inputs else str(choice.file)
+        call, folder = "workbench.dashboard.work:batch", session.new_work_folder()
+        job = start(KIND, call, {"scenario": file}, folder, study.scenario.name, choice.inputs)
+        session.put(OPEN, job.id)
+        st.rerun()
+
+
+def _chosen() -> Choice | None:
+    """The study that the controls name; None as long as a file is to be uploaded. InputError for a bad one."""
+    ships = shipped()
+    usual = "payloads" if "payloads" in ships else next(iter([*ships, UPLOAD]))
+    name = st.selectbox("Scenario", [*ships, UPLOAD], key=session.held("batches scenario", usual))
+    inputs: dict[str, Path] = {}
+    file = ships.get(name)
+    if file is None:
+        upload = st.file_uploader("scenario.yaml", type=["yaml", "yml"], key="batches upload", max_upload_size=1)
+        if upload is None:
+            return None
+        file = inputs[SCENARIO] = session.stored(upload, SCENARIO)
+    own = st.toggle("On another machine", key="batches other machine", help="Than the one that the scenario names.")
+    machine = chosen_machine("batches machine") if own else None
+    if name == UPLOAD:
+        document, known = load(file), {batch.name: batch for batch in ships.values()}
+        read_standalone(document, machine, known)  # what other files it names are not sought among the server's
+        inputs |= extended(document, known)
+    if machine is not None:
+        save_machine(machine, inputs.setdefault(MACHINE, session.file_in_workspace(MACHINE)))
+        over = session.file_in_workspace(ON_MACHINE)
+        # Beside its copy where the scenario is uploaded, in its own place where it ships.
+        base = SCENARIO if name == UPLOAD else str(file)
+        over.write_text(dumps({"extends": base, "machine": MACHINE}), encoding="utf-8")
+        file = inputs[ON_MACHINE] = over
+    # A large study takes a second to be checked: it is read anew only when a file has changed.
+    state = [(str(path), path.read_bytes()) for path in (file, *inputs.values())]
+    last = session.get("batches study", tuple, ())
+    if not last or last[0] != state:
+        session.put("batches study", last := (state, load_study(file)))
+    check_size(last[1])
+    return Choice(last[1], file, inputs)
+
+
+def extended(document: Document, known: Mapping[str, Path]) -> dict[str, Path]:
+    """Copies in the session's folder, beside the upload, of the scenarios that ship and that a document extends."""
+    copies: dict[str, Path] = {}
+    while isinstance(document.data, dict) and (name := str(document.data.get("extends", "")).rpartition("/")[2]):
+        copies[name] = session.file_in_workspace(name)
+        copies[name].write_bytes(known[name].read_bytes())
+        document = load(copies[name])
+    return copies
+
+
+def check_size(study: Study) -> None:
+    """InputError for a study too large for the page."""
+    runs, signals = len(study.specs), study.scenario.outputs.signals
+    if runs > MOST_RUNS:
+        raise InputError(f"{runs} runs, expected at most {MOST_RUNS} here; `workbench study` takes more", place="sweep")
+    if signals != "none" and runs > MOST_RUNS_WITH_SIGNALS:
+        said = f"{runs} runs that keep their signals, expected at most {MOST_RUNS_WITH_SIGNALS} here"
+        raise InputError(f"{said}; write `outputs: {{signals: none}}`", place="outputs")
+
+
+def _results(job: Job) -> None:
+    """Everything about a batch that is done. InputError where its result is damaged."""
+    from workbench.reports.study import conclusions, figures_of, what_was_run
+
+    folder = result_folder(job)
+    if folder is None:
+        return
+    last = session.get("batches result", tuple, ())
+    if not last or last[0] != job.id:  # read and drawn once for as long as it is the one that is open
+        result = read_finished(folder)
+        session.put("batches result", last := (job.id, result, figures_of(result)))
+    _, result, figures = last
+    count = len(result.rows)
+    st.subheader(f"{result.name} · {count:,} run{'s' if count != 1 else ''}")
+    _numbers(result)
+    _downloads(job, folder, result.name)
+    said, drawn, runs, how = st.tabs(["Conclusions", "Figures", "Runs", "What was run"])
+    with said:
+        if description := str(result.scenario.get("description") or ""):
+            st.markdown(plain(description))
+        st.markdown("\n".join(f"- {plain(sentence)}" for sentence in conclusions(result)))
+    with drawn:
+        _figures(job, figures)
+    with runs:
+        _runs(folder, count)
+    with how:
+        table(what_was_run(result))
+        st.code((folder / "scenario.yaml").read_text(encoding="utf-8"), language="yaml")
+
+
+def _numbers(result: Finished) -> None:
+    """The extremes over all runs, each with the run that it is of."""
+    good = [row for row in result.rows if row.ok]
+    if not good:
+        return
+    axes, judged = swept_axes(good), metrics_of(good)
+    tracking = next((m for name, m in judged.by_name.items() if name.startswith("tracking_error_max")), None)
+    ends: list[tuple[str, Row, str, float, str]]
+    if tracking is None:
+        ends = [
+            ("Largest torque peak", _most(good, "peak_torque_percent"), "peak_torque_percent", 1.0, "%"),
+            ("Largest speed error", _most(good, "speed_error_max_rad_s"), "speed_error_max_rad_s", 1.0, "rad/s"),
+            ("Least wire tension", _least(good, "min_wire_tension_n"), "min_wire_tension_n", 1e-3, "kN"),
+        ]
+    else:
+        ends = [
+            (f"Largest {judged.input_words} peak", _most(good, judged.peak), judged.peak, 1.0, judged.input_unit),
+            (tracking.title, _most(good, tracking.name), tracking.name, tracking.scale, tracking.shown_unit),
+        ]
+    ends.append(("Shortest move time", _least(good, "move_time_s"), "move_time_s", 1.0, "s"))
+    help_ = {"%": "% of nominal torque"}
+    numbers([Number(what, scale * row[name], unit, help=help_.get(unit)) for what, row, name, scale, unit in ends])
+    runs = {what: run_in_words(row, axes) for what, row, *_ in ends}
+    sentence = "; ".join(f"{what.lower()} in {run}" for what, run in runs.items())
+    said = f"{sentence[0].upper()}{sentence[1:]}." if len(set(runs.values())) > 1 else f"All in {runs[ends[0][0]]}."
+    st.caption(plain(said))
+
+
+def _most(rows: Sequence[Row], name: str) -> Row:
+    return max(rows, key=lambda row: row[name])
+
+
+def _least(rows: Sequence[Row], name: str) -> Row:
+    return min(rows, key=lambda row: row[name])
+
+
+def _downloads(job: Job, folder: Path, name: str) -> None:
+    files = [
+        ("Report", job.file(REPORT), f"{name}.html", "text/html"),
+        ("Index (CSV)", job.file(CSV), f"{name}.csv", "text/csv"),
+        ("Index (Parquet)", folder / INDEX, f"{name}.parquet", "application/vnd.apache.parquet"),
+        ("Scenario", folder / "scenario.yaml", f"{name}.yaml", "application/yaml"),
+    ]
+    with st.container(horizontal=True):
+        for words, path, called, kind in files:
+            st.download_button(
+                words, path.read_bytes, called, kind, key=f"batches download {words}", icon=":material/download:",
+                on_click="ignore",
+            )  # fmt: skip
+
+
+def _figures(job: Job, figures: Sequence[Noted]) -> None:
+    if not figures:
+        st.info("No run succeeded, so there is nothing to draw.")
+    for number, (figure, note) in enumerate(figures):
+        chart(figure, key=f"batch-{job.id}-{number}", alt=note or None)
+        if note:
+            st.caption(plain(note))
+
+
+def _runs(folder: Path, count: int) -> None:
+    from workbench.reports.study import run_tables
+
+    index = read_table(folder / INDEX)
+    for run_table in run_tables(rows_of(index)):
+        table(run_table)
+    st.markdown("**Index**")
+    shown = index.drop_columns(["scenario"]).slice(0, MOST_LINES)
+    numeric = [column.name for column in shown.schema if str(column.type) == "double"]
+    config = {name: st.column_config.NumberColumn(format="%.5g") for name in numeric}
+    st.dataframe(shown, hide_index=True, lazy=False, column_config=config)
+    if count > MOST_LINES:
+        st.caption(f"The first {MOST_LINES} of {count} runs; the downloads hold all.")

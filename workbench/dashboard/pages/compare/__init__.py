@@ -1,1 +1,0 @@
-"""The page Compare: kept runs side by side."""

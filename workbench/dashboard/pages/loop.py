@@ -1,0 +1,319 @@
+"""The page Loop: margins of the sampled speed loop over payloads and heights; gains by slider or by tuning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import streamlit as st
+
+from workbench.analysis.family import Member, family, operating_points, weakest
+from workbench.analysis.linearise import Motion
+from workbench.analysis.tune import STEPS, Goal, Tuned, TuneProgress, Weights, tune
+from workbench.analysis.usual import usual_settings
+from workbench.control import Cascade, Settings
+from workbench.dashboard import session
+from workbench.dashboard.machines import controller, session_machine, set_controller, taken_over
+from workbench.dashboard.pages.study_desk import Desk, with_gains
+from workbench.dashboard.widgets import Number, beside, chart, guarded, numbers, plain, problem, table
+from workbench.errors import InputError
+from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
+from workbench.kinds import kind_of
+from workbench.machine import Axis, Hoist
+from workbench.machine.files import machine_text
+from workbench.reports.loop import report
+from workbench.reports.loop import tuning as tuning_report
+from workbench.reports.loop.case import MOST, LoopCaseFile, usual_heights
+from workbench.reports.loop.case import numbers as numbers_in
+
+MOTIONS: dict[str, Motion] = {"hoisting": "hoisting", "lowering": "lowering", "at rest": "at_rest"}
+STEP = 1.04  # from one step of a gain's slider to the next
+REACH = {"kp": (0.1, 100.0), "ki": (0.03, 3000.0), "kv": (0.1, 30.0)}  # of a slider, times the gain by rule
+BANDWIDTH, REJECTION = "bandwidth", "best rejection of load steps"
+TUNED = "loop tuned"
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the side bar asks, beside the gains."""
+
+    machine: Hoist | Axis
+    payloads_kg: tuple[float, ...]
+    heights_m: tuple[float, ...]
+    motion: Motion
+    ms_limit: float
+    rad_s: bool
+    goal: Goal | None
+
+
+@dataclass(frozen=True, eq=False)
+class TunedCase:
+    """A tuning, with the case that it was asked for and the machine's text."""
+
+    case: LoopCaseFile
+    tuned: Tuned
+    machine: str
+
+
+def show() -> None:
+    """Draws the page."""
+    bad: list[InputError] = []
+    with st.sidebar:
+        asked, settings = _side_bar(bad)
+    st.markdown(f"#### {_loop_words(asked.machine)} · {plain(asked.machine.name)}")
+    if bad:  # after every control is drawn: each shows what the session keeps
+        problem(bad[0])
+        return
+    case = LoopCaseFile(asked.machine, settings, "on this page", asked.payloads_kg, asked.heights_m, None)
+    top = st.container()
+    _tune(case, asked)
+    with guarded():
+        members = loops(case, asked.motion)
+        before = loops(_by_rule(case), asked.motion)
+    with top:
+        _numbers(case, members, before)
+    unit = RAD_S if asked.rad_s else HZ
+    left, right = beside("loop")
+    with left:  # the colours are Nyquist's, whose legend stands for both
+        figure = bode(members, height=600, unit=unit).update_layout(showlegend=False, margin={"t": 50})
+        chart(figure, "loop bode", "Bode diagram of the open loop")
+    with right:
+        figure = nyquist(members, asked.ms_limit, height=600)
+        below = {"orientation": "h", "x": 0.0, "y": -0.14, "yanchor": "top", "yref": "paper", "font": {"size": 12}}
+        figure.update_layout(legend=below, margin={"l": 60, "r": 10, "t": 50})
+        chart(figure, "loop nyquist", "Nyquist diagram with the circle of Ms")
+    _tuned_before(case)
+    st.markdown(plain(" ".join(report.sentences(case, members))))
+    if _on_rigid_bodies() and kind_of(case.machine).payload:
+        st.caption("Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised.")
+    chart(steps(members, height=760), "loop steps", "Step responses of the closed loop")
+    chart(gang_of_four(members, asked.ms_limit, height=640, unit=unit), "loop gang", "Gang of four")
+    st.markdown("##### Margins")
+    table(report.table(members))
+
+
+def _loop_words(machine: Hoist | Axis) -> str:
+    return "Position and speed loop" if kind_of(machine).looped.position_loop else "Speed loop"
+
+
+def _on_rigid_bodies() -> bool:
+    """Whether the session's study runs on the multi-body machine."""
+    desk = st.session_state.get("study desk")
+    return isinstance(desk, Desk) and desk.values.get("plant") == "multibody"
+
+
+def _side_bar(bad: list[InputError]) -> tuple[Question, Settings]:
+    """Draws every control. bad: takes what was entered and cannot be used."""
+
+    def typed(words: str, usual: str, key: str, what: str) -> tuple[float, ...]:
+        try:
+            return numbers_in(st.text_input(words, key=session.held(key, usual)), what)
+        except InputError as error:
+            bad.append(error)
+            return numbers_in(usual, what)
+
+    machine = session_machine("loop machine")
+    kind = kind_of(machine)
+    usual, payloads = ", ".join(f"{height:g}" for height in usual_heights(machine)), (0.0,)
+    if kind.payload:
+        payloads = typed("Payloads (kg)", "0, 4500, 9000", "loop payloads", "payloads")
+        heights = typed("Carriage heights (m)", usual, "loop heights", "heights")
+    else:
+        heights = typed(f"Positions ({kind.moved.unit})", usual, f"loop positions {kind.name}", "positions")
+    if len(payloads) * len(heights) > MOST:
+        said = f"{len(payloads)} payloads at {len(heights)} heights, expected at most {MOST} loops in all"
+        bad.append(InputError(said))
+    left, right = st.columns(2)
+    called = {way: kind.looped.motion_words[motion].replace("_", " ") for way, motion in MOTIONS.items()}
+    motion = left.selectbox(
+        "Motion", list(MOTIONS), key=session.held("loop motion", "hoisting"), format_func=called.__getitem__,
+        help=f"At rest the {'guide' if kind.payload else 'friction'} damps: it flatters.",
+    )  # fmt: skip
+    unit = right.selectbox("Frequency", ["Hz", "rad/s"], key=session.held("loop unit", "Hz"))
+    ms = st.slider("Limit of Ms", 1.1, 2.5, step=0.05, key=session.held("loop ms", 1.4),
+                   help="The circle that L must stay out of.")  # fmt: skip
+    settings = _gains(machine, bad)
+    goal = st.radio("Tune for", [BANDWIDTH, REJECTION], key=session.held("loop goal", BANDWIDTH))
+    # A position loop under its kv needs a speed loop that is wider than it: an axis begins with a wider one.
+    start, own = (8.0, f" {kind.name}") if kind.looped.position_loop else (4.0, "")
+    hertz = st.number_input("Bandwidth (Hz)", 0.2, 500.0, step=0.5, key=session.held(f"loop hertz{own}", start),
+                            disabled=goal != BANDWIDTH)  # fmt: skip
+    pressed = st.button("Tune", type="primary", width="stretch", icon=":material/tune:", key="loop tune")
+    wanted = Goal(hertz if goal == BANDWIDTH else None, ms) if pressed else None
+    return Question(machine, payloads, heights, MOTIONS[motion], ms, unit == "rad/s", wanted), settings
+
+
+def _gains(machine: Hoist | Axis, bad: list[InputError]) -> Settings:
+    """The session's one controller. The sliders stand at it, also where another page or a tuning has set it; what they
+    are moved to is it from then on."""
+    rule = rule_settings(machine)
+    now = controller(machine) or rule
+    of = f"{kind_of(machine).name} {machine.name if not kind_of(machine).payload else ''}"
+    anew = taken_over("loop", machine) is not None or session.get("loop gains of", str, of) != of
+    session.put("loop gains of", of)
+    shown = {"kp": now.kp, "ki": now.ki, "weight": now.set_point_weight, "sample": 1e3 * now.sample_time_s}
+    by_rule, names = {"kp": rule.kp, "ki": rule.ki}, {"kp": rule.GAINS[0], "ki": rule.GAINS[1]}
+    units = dict(zip(names, rule.UNITS, strict=True))
+    if isinstance(now, Cascade) and isinstance(rule, Cascade):
+        shown, by_rule = {"kv": now.kv_per_s, **shown}, {"kv": rule.kv_per_s, **by_rule}
+        names, units = {"kv": "kv_per_s", **names}, {"kv": "1/s", **units}
+    for name, value in shown.items():
+        st.session_state[f"loop {name}"] = value if anew else st.session_state.get(f"loop {name}", value)
+    values: dict[str, Any] = {
+        names[name]: _slider(f"{name} ({units[name]})", f"loop {name}", gain_steps(name, gain), 1e-6 * (name == "kp"))
+        for name, gain in by_rule.items()
+    }
+    values["set_point_weight"] = st.slider("Set-point weight", 0.0, 1.0, step=0.01, key="loop weight")
+    values["sample_time_s"] = 1e-3 * st.number_input(
+        "Sample time (ms)", 0.1, 50.0, step=0.5, key="loop sample", format="%g"
+    )
+    try:
+        settings = with_gains(now, values)
+    except InputError as error:
+        bad.append(error)
+        return now
+    set_controller("loop", settings, machine)
+    if also := _also(settings):
+        st.caption(f"Also in this loop, as set on Study: {also}.")
+    return settings
+
+
+def rule_settings(machine: Hoist | Axis) -> Settings:
+    """The controller that a rule of thumb gives."""
+    return usual_settings(machine)[0]
+
+
+def _also(settings: Settings) -> str:
+    """What of the controller no slider of this page shows."""
+    said = []
+    if settings.notch is not None:
+        said.append(f"a notch at {settings.notch.frequency_hz:g} Hz")
+    if settings.low_pass_hz is not None:
+        said.append(f"a low-pass at {settings.low_pass_hz:g} Hz")
+    if settings.feed_forward != type(settings.feed_forward)():
+        said.append("feed-forward")
+    return ", ".join(said)
+
+
+def gain_steps(name: str, rule: float) -> list[float]:
+    """Even in the logarithm, from the gain by rule, itself a step, down and up; kv = 0 is a speed loop alone."""
+    down, up = (math.log(reach) / math.log(STEP) for reach in REACH[name])
+    by_rule = [float(f"{rule * STEP**k:.4g}") for k in range(math.floor(down), math.ceil(up) + 1)]
+    return [0.0, *by_rule] if name == "kv" else by_rule
+
+
+def _slider(label: str, key: str, options: Sequence[float], least: float) -> float:
+    """A slider with a field beside it, in which any value may be typed; it is then a step of its own."""
+    now = st.session_state[key] = float(st.session_state[key])
+    typed = f"{key} typed"
+    st.session_state[typed] = now
+
+    def take() -> None:
+        st.session_state[key] = float(st.session_state[typed])
+
+    left, right = st.columns([1.5, 1.0], vertical_alignment="bottom")
+    right.number_input(
+        f"{label}, typed", least, 1e9, key=typed, step=None, format="%.4g", on_change=take,
+        label_visibility="collapsed",
+    )  # fmt: skip
+    # As the field beside it shows it: 121300, not 1.213e+05.
+    form = lambda value: f"{float(f'{value:.4g}'):.10g}"  # noqa: E731
+    return float(left.select_slider(label, sorted({*options, now}), key=key, format_func=form))
+
+
+def loops(case: LoopCaseFile, motion: Motion) -> list[Member]:
+    """Every payload at every height. InputError for a height off the rail."""
+    said = machine_text(case.machine), case.settings.model_dump_json()
+    return _loops(said, case.payloads_kg, case.heights_m, motion, case)
+
+
+# A resource rather than data: the records are frozen, so that nobody need have a copy.
+@st.cache_resource(max_entries=60, show_spinner=False)
+def _loops(
+    said: tuple[str, str], payloads_kg: tuple[float, ...], heights_m: tuple[float, ...], motion: Motion,
+    _case: LoopCaseFile,
+) -> list[Member]:  # fmt: skip
+    points = operating_points(_case.machine, payloads_kg, heights_m, motion)
+    return family(_case.machine, _case.settings, points)
+
+
+def _by_rule(case: LoopCaseFile) -> LoopCaseFile:
+    """The same loop under the gains that a rule of thumb gives: the baseline of the numbers."""
+    rule = rule_settings(case.machine)
+    gains = {name: getattr(rule, name) for name in (*rule.GAINS, *(["kv_per_s"] if isinstance(rule, Cascade) else []))}
+    settings = case.settings.model_copy(update=gains)
+    return LoopCaseFile(case.machine, settings, "by rule", case.payloads_kg, case.heights_m, None)
+
+
+def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Member]) -> None:
+    """The least of each margin over all loops, against that under the gains by rule."""
+    now, then = weakest(members).margins, weakest(before).margins
+    if not now.stable:
+        st.error("Unstable with these gains: no margin means anything.", icon=":material/warning:")
+        return
+    same = case.settings == _by_rule(case).settings
+
+    def number(what: str, new: float | None, old: float | None, unit: str, better: Any) -> Number:
+        compared = then.stable and not same and new is not None and old is not None
+        return Number(what, new, unit, new - old if compared else None, better)  # type: ignore[operator]
+
+    def decibels(said: str) -> float | None:
+        first = said.partition("/")[0]
+        return float(first) if first[:1].isdigit() else None
+
+    slow, slow_before = (min(m.margins.bandwidth_hz for m in members_) for members_ in (members, before))
+    up, up_before = (decibels(report.gain_text(m)) for m in (now, then))
+    numbers(
+        [
+            number("Largest Ms", now.ms, then.ms, "", "lower"),
+            number("Phase margin", now.phase_deg, then.phase_deg, "°", "higher"),
+            number("Gain margin", up, up_before, "dB", "higher"),
+            number("Delay margin", 1e3 * now.delay_s, 1e3 * then.delay_s, "ms", "higher"),
+            number("Slowest bandwidth", slow, slow_before, "Hz", "higher"),
+        ]
+    )
+    rule = "" if same else f"; below, the difference to gains {usual_settings(case.machine)[1].replace(': ', ', ')}"
+    over = "Of the one loop" if len(members) == 1 else f"The least of each over the {len(members)} loops"
+    st.caption(f"{over}{rule}.")
+
+
+def _tune(case: LoopCaseFile, asked: Question) -> None:
+    """Tunes for a goal, which sets the session's controller, and draws the page anew."""
+    if asked.goal is None:
+        return
+    bar, stop = st.empty(), st.empty()
+    stop.button("Cancel", icon=":material/cancel:", key="loop cancel")
+
+    def told(progress: TuneProgress) -> None:
+        # A press of any widget ends the run of the page at the next word to the bar, and the tuning with it.
+        bar.progress(progress.step / STEPS, text=f"Tuning: {progress.doing}")
+
+    try:
+        points = operating_points(case.machine, case.payloads_kg, case.heights_m)
+        tuned = tune(case.machine, case.settings, points, case.trial(), asked.goal, Weights(), tell=told)
+    except InputError as error:  # the loop under the present gains is still worth seeing
+        bar.empty()
+        stop.empty()
+        problem(error)
+        return
+    session.put(TUNED, TunedCase(case, tuned, machine_text(case.machine)))
+    set_controller("tuning", tuned.winner.settings, case.machine)
+    st.rerun()
+
+
+def _tuned_before(case: LoopCaseFile) -> None:
+    """What the last tuning found."""
+    last = st.session_state.get(TUNED)
+    if not isinstance(last, TunedCase):
+        return
+    with st.expander("What the tuning found", expanded=True, icon=":material/tune:"):
+        if last.machine != machine_text(case.machine):
+            st.caption("Found for another machine or drive:")
+        st.markdown(plain(" ".join(tuning_report.sentences(last.case, last.tuned, Weights()))))
+        table(tuning_report.table(last.tuned))
+        st.download_button(
+            "Controller block for scenarios", tuning_report.controller_text(last.tuned.winner.settings),
+            file_name="controller.yaml", mime="application/yaml", icon=":material/download:", on_click="ignore",
+        )  # fmt: skip

@@ -1,1 +1,0 @@
-"""The page Loop: margins and tuning."""

@@ -1,1 +1,0 @@
-"""The page Machine: a run as a moving drawing."""

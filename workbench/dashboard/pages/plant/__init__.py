@@ -1,1 +1,0 @@
-"""The page Plant: a served plant live, faults at a click."""

@@ -1,0 +1,121 @@
+"""The page Signals: runs and signals of a campaign as they were logged, under one cursor and one zoom."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import streamlit as st
+
+from workbench.dashboard import session
+from workbench.dashboard.campaigns import chosen_campaign
+from workbench.dashboard.widgets import chart, guarded, notes, plain, table, text
+from workbench.figures.signals import Stretch, browser, start_of_move
+from workbench.logs import Campaign
+from workbench.logs.signal_files import FORMS, Labelled
+from workbench.run import Run
+from workbench.tables import Column, Table
+
+WHOLE, RAMP = "whole runs", "start of the first move"
+FEW_RUNS, MOST_SIGNALS = 3, 10
+FIRST = ("speed", "torque", "force", "current", "tension")  # what a log is looked at for first, by name's beginning
+
+
+def show() -> None:
+    """Draws the page."""
+    with st.sidebar, guarded():
+        campaign = chosen_campaign("signals campaign")
+        runs, signals = _chosen(campaign)
+        stretches = _stretches(runs)
+    st.markdown(f"#### Campaign {plain(campaign.name)} · {plain(campaign.machine.name)}")
+    # A zoom stays while other runs and signals are chosen, and goes with the stretch that it was made in.
+    within = sorted({(part.zero_s != 0.0, part.start_s if part.zero_s == 0.0 else 0.0) for part in stretches})
+    key = f"signals {campaign.name} {within}"
+    chart(browser(stretches, signals), key, "The chosen signals of the chosen runs over time")
+    st.caption(
+        "As logged, in SI, unfiltered. Of a long stretch the least and the largest of each part are drawn, so that no "
+        "peak is lost; a shorter stretch shows every sample. Drag for a zoom, double click to come back."
+    )
+    _take_away(campaign, stretches, signals)
+    table(runs_table(runs))
+    notes(campaign.all_notes)
+
+
+def _chosen(campaign: Campaign) -> tuple[list[Run], list[str]]:
+    """The side bar's runs and signals; ends the page where there are none."""
+    names = [run.name for run in campaign.runs]
+    which = f"{campaign.path} {campaign.name}"
+    chosen = st.multiselect("Runs", names, key=session.held(f"signals runs {which}", names[:FEW_RUNS]))
+    known = list(dict.fromkeys(name for run in campaign.runs for name in run.signals))
+    usual = [name for name in known if name.startswith(FIRST)][:4] or known[:3]
+    signals = st.multiselect(
+        "Signals", known, key=session.held(f"signals names {which}", usual), max_selections=MOST_SIGNALS,
+        help="A row for each, in this order.",
+    )  # fmt: skip
+    if not chosen or not signals:
+        st.info("Choose at least one run and one signal.", icon=":material/info:")
+        st.stop()
+    return [run for run in campaign.runs if run.name in chosen], signals
+
+
+def _stretches(runs: Sequence[Run]) -> list[Stretch]:
+    """The stretch of time that is asked for, of each run."""
+    what = st.segmented_control("Stretch", (WHOLE, RAMP), key=session.held("signals stretch", WHOLE), required=True,
+                                label_visibility="collapsed", width="stretch")  # fmt: skip
+    if what == RAMP:
+        starts = [(run, start_of_move(run)) for run in runs]
+        still = [run.name for run, start in starts if start is None]
+        if still:
+            st.caption(plain(f"Not shown, for nothing moves in them: {', '.join(still)}."))
+        return [start for _, start in starts if start is not None]
+    end = max(float(run.time_s[-1]) for run in runs)
+    begin = min(float(run.time_s[0]) for run in runs)
+    low, high = (
+        column.number_input(
+            words, begin, end, step=1.0, key=session.held(f"signals {words} {begin:g} {end:g}", value), format="%.4g"
+        )
+        for column, words, value in zip(st.columns(2), ("From (s)", "To (s)"), (begin, end), strict=True)
+    )
+    if high <= low:
+        st.error("The end lies before the beginning; all is shown.", icon=":material/error:")
+        low, high = begin, end
+    return [Stretch(run, low, high) for run in runs]
+
+
+def _take_away(campaign: Campaign, stretches: Sequence[Stretch], signals: Sequence[str]) -> None:
+    """The chosen signals of the chosen runs, every sample of the stretch; written when it is asked for."""
+
+    def labelled() -> list[Labelled]:
+        return [
+            Labelled(part.run.name, {"run": part.run.name, "payload_kg": part.run.payload_kg}, part_of(part, signals))
+            for part in stretches
+        ]
+
+    with st.container(horizontal=True):
+        for ending, (write, kind) in FORMS.items():
+            st.download_button(
+                f"Signals ({ending})", lambda write=write: write(labelled()), f"{campaign.name}.{ending}", kind,  # type: ignore[misc]
+                key=f"signals file {ending}", on_click="ignore", icon=":material/download:",
+            )  # fmt: skip
+
+
+def part_of(stretch: Stretch, signals: Sequence[str]) -> Run:
+    """The stretch of a run, in the run's own time."""
+    run = stretch.run
+    inside = (run.time_s >= stretch.start_s) & (run.time_s <= stretch.end_s)
+    kept = {name: run[name][inside] for name in signals if name in run}
+    return replace(run, time_s=run.time_s[inside], signals=kept)
+
+
+def runs_table(runs: Sequence[Run]) -> Table:
+    """What each log is: samples, time, payload, how much of it is missing."""
+    rows = []
+    for run in runs:
+        missing = max((int(np.count_nonzero(~np.isfinite(values))) for values in run.signals.values()), default=0)
+        rows.append((
+            run.name, f"{len(run.time_s)}", text(1e3 * run.sample_time_s), text(run.duration_s, 4),
+            f"{run.payload_kg:g}", f"{missing}", ", ".join(run.signals),
+        ))  # fmt: skip
+    heads = ("run", "samples", "step (ms)", "length (s)", "payload (kg)", "samples missing", "signals")
+    return Table(tuple(Column(head, align="left" if head in ("run", "signals") else "right") for head in heads), rows)

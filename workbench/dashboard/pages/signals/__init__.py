@@ -1,1 +1,0 @@
-"""The page Signals: the raw logs of a campaign."""

@@ -1,1 +1,0 @@
-"""The page Study: one what-if by slider."""

@@ -1,1 +1,0 @@
-"""The page Study for an axis: a cascade, no payload, no wire."""

@@ -1,0 +1,244 @@
+"""The page Validate: a campaign's replay against its measurement, the machine identified from it, both models of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import streamlit as st
+
+from workbench.dashboard import session
+from workbench.dashboard.campaigns import chosen_campaign, is_own
+from workbench.dashboard.job_cards import cards
+from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, start
+from workbench.dashboard.machines import keep_machine, kept_machines
+from workbench.dashboard.widgets import Number, beside, chart, guarded, notes, numbers, plain, problem, table
+from workbench.dashboard.work import VIEW, read_view, shown
+from workbench.errors import InputError
+from workbench.figures.identify import Estimate, correlation_matrix, estimates
+from workbench.figures.save import Section
+from workbench.identify.identify import Identification, identify
+from workbench.kinds import studied
+from workbench.logs import Campaign
+from workbench.machine.files import machine_text
+from workbench.reports.identify import report as identify_report
+from workbench.reports.identify.page import friction
+from workbench.reports.numbers import with_error
+from workbench.reports.replay import report
+from workbench.reports.replay.page import RESIDUAL_NOTE, inputs, residuals, speeds
+from workbench.reports.words import words_of
+from workbench.simulate.multibody_loop import check_multibody
+from workbench.simulate.replay import ReplayResult, replay_runs
+from workbench.study.labels import field_label
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+OWN = "the campaign's own"
+GAP = "The page Gap names what the model lacks."
+REPLAYED, FOUND, MODELS = "validate replayed", "validate identified", "models"
+MODEL_FILES = (("Report", "models.html", "text/html"), ("models.json", "models.json", "application/json"))
+
+
+def show() -> None:
+    """Draws the page."""
+    with st.sidebar, guarded():
+        campaign = _chosen(chosen_campaign("validate campaign"))
+    head, button = st.columns([5.0, 1.4], vertical_alignment="center")
+    head.markdown(f"#### Campaign {plain(campaign.name)} · {plain(campaign.machine.name)}")
+    wanted = button.button("Identify", type="primary", width="stretch", key="validate identify")
+    with guarded():
+        with st.spinner("Replaying the measured input"):
+            result = replayed(campaign)
+        if wanted:
+            with st.spinner("Fitting friction, masses and sensors to the runs"):
+                found = identify(campaign, date=datetime.now(UTC).isoformat(timespec="seconds"))
+                session.put(FOUND, (_question(campaign), found))
+    known = session.get(FOUND, tuple, ())
+    identified: Identification | None = known[1] if known and known[0] == _question(campaign) else None
+    after = None if identified is None else identified.after
+    _numbers(campaign, result, after)
+    remedy = GAP if identified is not None else f"Identify fits the values. {GAP}"
+    st.markdown(plain(" ".join(report.sentences(campaign.machine, after or result, remedy))))
+    notes(campaign.all_notes)
+    if identified is not None:
+        with guarded():
+            _identified(identified)
+    st.markdown("##### Replay" if after is None else "##### Replay of the identified machine")
+    machine, now, before = campaign.machine, after or result, None if after is None else result
+    chart(speeds(machine, now), "validate speeds", "Measured and simulated speed of every run")
+    chart(residuals(machine, now, before), "validate residuals", "Residual of every run over time")
+    st.caption(plain(RESIDUAL_NOTE))
+    chart(inputs(machine, now), "validate inputs", "Measured input of every run")
+    table(report.table(machine, now))
+    if studied(campaign.machine) is not None:
+        _both_models(campaign)
+
+
+def _chosen(campaign: Campaign) -> Campaign:
+    """The campaign with the runs and the machine that are chosen."""
+    names = [run.name for run in campaign.runs]
+    chosen = st.multiselect("Runs", names, key=session.held(f"validate runs {campaign.path.name}", names))
+    same_kind = {n: m for n, m in kept_machines().items() if type(m) is type(campaign.machine)}
+    machine = st.selectbox("Machine", [OWN, *same_kind], key="validate machine")
+    if not chosen:
+        st.info("Choose at least one run.", icon=":material/info:")
+        st.stop()
+    runs = tuple(run for run in campaign.runs if run.name in chosen)
+    return replace(campaign, runs=runs, machine=same_kind.get(machine, campaign.machine))
+
+
+def _question(campaign: Campaign) -> tuple[object, ...]:
+    """What decides a replay's and an identification's numbers: the samples by identity, the machine by value."""
+    return (tuple(id(run) for run in campaign.runs), machine_text(campaign.machine))
+
+
+def replayed(campaign: Campaign) -> ReplayResult:
+    """The replay, kept while neither campaign nor machine changes. InputError for runs that cannot be replayed."""
+    known = session.get(REPLAYED, tuple, ())
+    if not known or known[0] != _question(campaign):
+        # The campaign is kept with it, so that no other run can come to have the identity of one of these.
+        known = (_question(campaign), replay_runs(campaign.machine, campaign.runs), campaign)
+        session.put(REPLAYED, known)
+    result: ReplayResult = known[1]
+    return result
+
+
+def _numbers(campaign: Campaign, result: ReplayResult, after: ReplayResult | None) -> None:
+    w, now = words_of(campaign.machine), after or result
+
+    def number(what: str, name: str, unit: str, help_: str | None = None) -> Number:
+        by = None if after is None else getattr(now, name) - getattr(result, name)
+        return Number(what, getattr(now, name), unit, by, "lower", help=help_)
+
+    open_loop = f"rms, in % of {w.scale}; adds up every bias from the first sample on"
+    residual = f"rms of measured minus predicted {w.quantity}, below {now.band_hz:.3g} Hz, without rests"
+    numbers(
+        [
+            number("Speed error, open loop", "speed_rmse_percent", "%", open_loop),
+            number("The same, restarted every 2 s", "speed_rmse_percent_restarted_2s", "%", f"in % of {w.scale}"),
+            number(f"{w.quantity.capitalize()} residual, moving", "residual_rms_moving", w.unit, residual),
+            Number("Sensor noise in this band", now.noise_rms, w.unit),
+        ]
+    )
+
+
+def _identified(identified: Identification) -> None:
+    """What was found: error bars, the law of friction, the machine to keep or download."""
+    head, keep, download = st.columns([3.0, 1.4, 1.4], vertical_alignment="center")
+    head.markdown("##### Identified machine")
+
+    def keep_it() -> None:  # runs before the page, whose lists of machines then hold it
+        name = keep_machine(f"identified from {identified.campaign.name}", identified.machine)
+        st.toast(f"Kept as {plain(name)}", icon=":material/check:")
+
+    keep.button("Keep the machine", icon=":material/save:", width="stretch", key="validate keep", on_click=keep_it)
+    download.download_button(
+        "machine.yaml", machine_text(identified.machine), file_name="machine.yaml", mime="application/yaml",
+        icon=":material/download:", on_click="ignore", width="stretch", key="validate download",
+    )  # fmt: skip
+    left, right = beside("identified")
+    with left:
+        chart(_estimates(identified), "validate estimates", "Fitted values with error bars and tolerances")
+    with right:
+        law = friction(identified).update_layout(height=470, title_text="")
+        chart(law, "validate friction", "Law of friction, nominal and identified, with the log's points")
+    sentences = identify_report.sentences(identified, "the page Gap names what")
+    st.markdown("\n".join(f"- {plain(sentence)}" for sentence in sentences))
+    with st.expander("Values, standard errors, correlations"):
+        table(identify_report.table(identified.fit))
+        names = [free.key for free in identified.fit.free]
+        chart(correlation_matrix(names, identified.fit.correlation), "validate correlation", "Correlations of the fit")
+
+
+def _estimates(identified: Identification) -> Figure:
+    """In tolerances where every value has one, as a hoist's usual fit does; else in per cent of the nominal value."""
+    fit = identified.fit
+    held = all(free.prior_std is not None for free in fit.free)
+    drawn = []
+    for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True):
+        if held:
+            unit = free.scale * (free.prior_std or 1.0)
+            # A logarithmic value moves by factors: its distance is that of the logarithms.
+            shift = math.log(value / free.nominal) if free.logarithmic else value - free.nominal
+            spread = error / value if free.logarithmic else error
+        elif free.nominal:
+            unit, shift, spread = 0.01 * abs(free.nominal), value - free.nominal, error
+        else:
+            continue
+        name, said = in_words(free.key, value, error)
+        drawn.append(Estimate(name, shift / unit, spread / unit, said))
+    return estimates(drawn, "tolerances" if held else "% of nominal", 1.0 if held else None)
+
+
+def in_words(key: str, value: float, error: float) -> tuple[str, str]:
+    """What a value is called, and it with its error and unit."""
+    label = field_label(f"machine.{key}")
+    prefix, scale = ("G", 1e-9) if label.unit == "Pa" else ("", 1.0)
+    words = label.words.replace("coulomb", "Coulomb").replace("youngs", "Young's")
+    return words, f"{' ± '.join(with_error(scale * value, scale * error))} {prefix}{label.unit}".strip()
+
+
+def _both_models(campaign: Campaign) -> None:
+    """The lumped and the multi-body machine under the campaign's input: a button, how far it is, or what it found."""
+    head, button = st.columns([5.0, 1.4], vertical_alignment="center")
+    head.markdown("##### Lumped and multi-body model")
+    # What decides the result: the campaign, its chosen runs, the machine.
+    asked = {
+        "name": campaign.name,
+        "source": str(campaign.path.resolve()),
+        "runs": [run.name for run in campaign.runs],
+        "machine": machine_text(campaign.machine),
+    }
+    jobs = jobs_of(session.work_folder(), MODELS)
+    job = next((job for job in jobs if asked.items() <= job.arguments.items()), None)
+    running = job is not None and not poll(job).ended
+    if button.button("Compare models", width="stretch", key="validate models", disabled=running):
+        try:
+            job = _begin_models(campaign, asked)
+        except InputError as error:
+            problem(error)
+            return
+    if job is None:
+        st.caption(
+            "Replays the torque of these runs on the multi-body machine too: rigid bodies, joints, rollers and wire. "
+            "It takes some seconds a run, in a process of its own."
+        )
+    elif poll(job).state == "done":
+        _models(job)
+    else:
+        cards([job])
+
+
+def _begin_models(campaign: Campaign, asked: dict[str, object]) -> Job:
+    """InputError where the extra is missing, the machine is not taken, or too much is running."""
+    hoist, own = studied(campaign.machine), is_own(campaign)
+    assert hoist is not None
+    check_multibody(hoist)
+    asked = {"folder": f"{INPUTS}/campaign" if own else str(campaign.path.resolve()), **asked}
+    copied = {"campaign": campaign.path} if own else {}
+    return start(MODELS, "workbench.dashboard.work:models", asked, session.new_work_folder(), campaign.name, copied)
+
+
+def _models(job: Job) -> None:
+    """Sentences, table and figures of the report, and its files."""
+    try:
+        section = read_view(Section, job.file(VIEW))
+    except InputError as error:
+        problem(error)
+        return
+    st.markdown("\n".join(f"- {plain(sentence)}" for sentence in section.sentences))
+    for shown_table in section.tables:
+        table(shown_table)
+    for number, (figure, note) in enumerate(section.figures):
+        chart(shown(figure), f"validate models {job.id} {number}", note)
+        st.caption(plain(note))
+    folder = result_folder(job)
+    name = "".join(c if c.isalnum() or c in "-_" else "_" for c in job.title)
+    with st.container(horizontal=True):
+        for label, file, kind in MODEL_FILES if folder is not None else ():
+            assert folder is not None
+            st.download_button(label, (folder / file).read_bytes(), f"{name}-{file}", kind, on_click="ignore",
+                               key=f"validate models download {file}", icon=":material/download:")  # fmt: skip

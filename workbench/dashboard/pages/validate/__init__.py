@@ -1,1 +1,0 @@
-"""The page Validate: replay and identification."""

@@ -1,0 +1,351 @@
+"""The speed controller as a short program of named assignments, which is printed as C99 and as structured text.
+
+Each line is Python; `where`, `min`, `max`, `abs`, comparisons, `and` and `or` are all that it takes. The program does
+what `workbench.control.pi` does, without what belongs to the drive (encoder, speed filter, delay) and without what is
+switched off. Before a step its inputs and its memory are checked; where a check fails, the last torque is held and
+`fault` is set with the check's number, until a reset. Every check is a range, and NaN lies in none. `checked` runs the
+program beside the compiled step of the studies before anything is printed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from workbench.control import PiSettings, feed_forward, full_pi, loop_values
+from workbench.control.pi import load_inertia, swing_of
+from workbench.control.settings import low_pass_gain, notch_coefficients
+from workbench.engine.stepped import Step
+from workbench.machine import Hoist
+from workbench.plants import HOIST
+from workbench.run import Array
+from workbench.simulate.loop import torque_limits
+
+AGREES = 1e-9  # of the torque limit
+RECORD_SAMPLES = 400
+SPEED_MARGIN = 1.5  # of the largest speed: what is still taken as one
+SPEED_NOISE = 0.02  # of the largest speed: what a measured speed may jump beside its motion
+STATE_TORQUES = 1e6  # of the torque limit: what a memory or a wanted torque may come to
+BRAKE_TORQUES = 2.0  # of all motors' nominal torque: what a brake may add to the motors' torque
+LOADS = 4.0  # of the load's weight: what a wire may pull whose breaking load is not stated
+
+
+@dataclass(frozen=True)
+class Number:
+    """A constant of the program."""
+
+    name: str
+    value: float
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Check:
+    """What has to hold; `reason` is told where it does not."""
+
+    reason: int
+    holds: str
+    meaning: str
+
+
+HOLD = Check(1, "abs(torque_hold_nm) <= torque_limit_nm", "the holding torque of a reset is beyond the torque limit")
+REFERENCE = Check(2, "abs(reference) <= speed_limit_rad_s", "the speed reference is no number or implausible")
+SPEED = Check(3, "abs(speed) <= speed_limit_rad_s", "the measured speed is no number or implausible")
+SLOPE = Check(4, "fresh or abs(speed - speed_before) <= speed_step_rad_s",
+              "the measured speed changed faster than the inertia allows")  # fmt: skip
+STATE = Check(5, "abs({}) <= state_limit", "the memory is no number or implausible")
+RESULT = Check(6, "abs(wanted) <= state_limit", "the computed torque is no number or implausible")
+CHECKS = (HOLD, REFERENCE, SPEED, SLOPE, STATE, RESULT)
+
+
+@dataclass(frozen=True)
+class Program:
+    """numbers: constants. memory: names of what is kept from sample to sample. reset: lines that set the memory from
+    `torque_hold_nm`. step: (comment, lines) in blocks, from the inputs to `command` and the memory.
+
+    `fresh`, a truth, and `speed_before` are kept beside the memory: the check of the slope needs them."""
+
+    numbers: tuple[Number, ...]
+    memory: tuple[str, ...]
+    reset: tuple[str, ...]
+    step: tuple[tuple[str, tuple[str, ...]], ...]
+    sample_time_s: float
+
+    @property
+    def before(self) -> tuple[Check, ...]:
+        """The checks before a step."""
+        state = " and ".join(STATE.holds.format(name) for name in self.memory)
+        return REFERENCE, SPEED, SLOPE, Check(STATE.reason, state, STATE.meaning)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        return tuple(line for _, block in self.step for line in block)
+
+    @property
+    def locals(self) -> tuple[str, ...]:
+        """What is assigned on the way and is no memory, in order."""
+        assigned = (line.partition(" = ")[0] for line in self.lines)
+        return tuple(dict.fromkeys(name for name in assigned if name not in self.memory))
+
+
+@dataclass(frozen=True)
+class Record:
+    """A test record: inputs at samples, and the torque that the compiled step of the studies gives, all (n,). top: the
+    largest speed; fastest: what the speed changes at most from sample to sample."""
+
+    hold_nm: float
+    reference_rad_s: Array
+    speed_rad_s: Array
+    motor_failed: Array
+    torque_nm: Array
+    largest_nm: float
+    top_rad_s: float
+    fastest_rad_s: float
+
+
+def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) -> Program:
+    """The controller on a machine, with the machine's torque limits and feed-forward."""
+    dt, limits, ff = settings.sample_time_s, torque_limits(machine), settings.feed_forward
+    numbers = [
+        Number("sample_time_s", dt, "time from call to call"),
+        Number("kp", settings.kp_nm_s_per_rad, "proportional gain, N m s/rad"),
+        Number("ki", settings.ki_nm_per_rad, "integral gain, N m/rad"),
+        Number("set_point_weight", settings.set_point_weight, "of the reference in the proportional part"),
+        Number("torque_limit_nm", limits["u_all"], "largest torque of all motors together"),
+        Number("torque_limit_one_failed_nm", limits["u_one"], "largest torque after one motor failed"),
+    ]
+    numbers += _plausible(machine, payload_kg, dt)
+    memory, reset = ["integral_nm"], ["integral_nm = torque_hold_nm"]
+    limit = ["largest = where(motor_failed, torque_limit_one_failed_nm, torque_limit_nm)"]
+    if machine.drive.field_weakening:
+        numbers.append(Number("weakening_speed_rad_s", limits["w_weak"], "above it the limit falls as 1/speed"))
+        # No division by zero on either branch: SEL and where compute both.
+        limit.append("largest = largest * min(weakening_speed_rad_s / max(abs(speed), 1e-9), 1.0)")
+    steps: list[tuple[str, tuple[str, ...]]] = [
+        ("largest torque at this speed", tuple(limit)),
+        ("PI", ("wanted = kp * (set_point_weight * reference - speed) + integral_nm",)),
+    ]
+    if ff.weight > 0.0:
+        numbers.append(Number("weight_share", ff.weight, "of the holding torque that is fed forward"))
+        reset = ["hold_nm = torque_hold_nm", "integral_nm = torque_hold_nm * (1.0 - weight_share)"]
+        memory.append("hold_nm")
+    if settings.notch is not None:
+        b0, b1, b2, a1, a2 = notch_coefficients(settings.notch, dt)
+        for name, value in zip(("b0", "b1", "b2", "a1", "a2"), (b0, b1, b2, a1, a2), strict=True):
+            numbers.append(Number(name, value, f"notch at {settings.notch.frequency_hz:g} Hz"))
+        memory += ["z1", "z2"]
+        reset += ["z2 = (b2 - a2) * integral_nm", "z1 = (b1 - a1) * integral_nm + z2"]
+        lines = (
+            "cut = b0 * wanted + z1",
+            "z1 = b1 * wanted - a1 * cut + z2",
+            "z2 = b2 * wanted - a2 * cut",
+            "wanted = cut",
+        )
+        steps.append(("notch, direct form II transposed", lines))
+    if settings.low_pass_hz is not None:
+        numbers.append(
+            Number("low_pass_gain", low_pass_gain(settings.low_pass_hz, dt), f"low-pass at {settings.low_pass_hz:g} Hz")
+        )
+        memory.append("smooth")
+        reset.append("smooth = integral_nm")
+        steps.append(("low-pass", ("smooth = smooth + low_pass_gain * (wanted - smooth)", "wanted = smooth")))
+    steps += _fed_forward(settings, machine, payload_kg, numbers, memory, reset)
+    torque = ["torque = min(max(wanted, -largest), largest)"]
+    if settings.torque_rate_limit_nm_per_s is not None:
+        numbers.append(
+            Number("torque_step_nm", settings.torque_rate_limit_nm_per_s * dt, "largest change from call to call")
+        )
+        memory.append("torque_before")
+        reset.append("torque_before = torque_hold_nm")
+        torque += [
+            "torque = min(max(torque, torque_before - torque_step_nm), torque_before + torque_step_nm)",
+            "torque_before = torque",
+            "command = min(max(torque, -largest), largest)",  # a motor that fails lowers the limit at once
+        ]
+    else:
+        torque.append("command = torque")
+    steps.append(("limits", tuple(torque)))
+    steps.append(("integral and anti-windup", _integral(settings, numbers)))
+    return Program(tuple(numbers), tuple(memory), tuple(reset), tuple(steps), dt)
+
+
+def _plausible(machine: Hoist, payload_kg: float, dt: float) -> list[Number]:
+    """The ranges of the checks. The slope: motors at their limit, brake and a wire at its breaking load together, on
+    what turns with the motors alone: |dw/dt| <= (T_u + T_b + F r/i)/J."""
+    motor, top = machine.motor, machine.motor.nominal_speed_rad_s
+    most = torque_limits(machine)["u_all"]
+    load_kg = machine.carriage.mass_kg + payload_kg
+    wire_n = machine.wire.breaking_load_n or LOADS * load_kg * machine.gravity_m_s2
+    at_motor = wire_n * 0.5 * machine.winch.drum_diameter_m / machine.gearbox.ratio
+    turning = motor.count * motor.rotor_inertia_kg_m2 + machine.winch.inertia_kg_m2 / machine.gearbox.ratio**2
+    slope = (most + BRAKE_TORQUES * motor.count * motor.nominal_torque_nm + at_motor) / turning
+    counts = machine.drive.encoder_counts_per_turn
+    counted = 4.0 * math.pi / (counts * dt) if counts else 0.0
+    return [
+        Number("speed_limit_rad_s", SPEED_MARGIN * top, "what is taken as a speed: 1.5 of the largest"),
+        Number("speed_step_rad_s", slope * dt + SPEED_NOISE * top + counted, "most that it changes from call to call"),
+        Number("state_limit", STATE_TORQUES * max(most, top), "what a memory may come to"),
+    ]
+
+
+def _fed_forward(
+    settings: PiSettings, machine: Hoist, payload_kg: float, numbers: list[Number], memory: list[str], reset: list[str]
+) -> list[tuple[str, tuple[str, ...]]]:
+    """The lines of the feed-forward; its numbers are those of `control.feed_forward` for unit inputs."""
+    ff = settings.feed_forward
+
+    def torque(inertia: float, friction: float, reference: float, acceleration: float) -> float:
+        p = {**vars(HOIST.values(machine, payload_kg)), "ff_J": inertia, "ff_w": 0.0, "ff_F": friction, "T_hold": 0.0}
+        return float(feed_forward(SimpleNamespace(**p), reference, acceleration))
+
+    parts: list[str] = []
+    if ff.inertia > 0.0:
+        numbers.append(Number("inertia_kg_m2", torque(ff.inertia, 0.0, 0.0, 1.0), "fed forward, at the motor shaft"))
+        memory.append("reference_before")
+        reset.append("reference_before = 0.0")
+        parts += [
+            "acceleration = (reference - reference_before) / sample_time_s",
+            "wanted = wanted + inertia_kg_m2 * acceleration",
+            "reference_before = reference",
+        ]
+        if ff.through_the_wire:
+            parts += _behind_the_wire(settings, machine, payload_kg, numbers, memory, reset)
+    if ff.weight > 0.0:
+        parts.append("wanted = wanted + weight_share * hold_nm")
+    if ff.friction > 0.0:
+        up, down = torque(0.0, ff.friction, 1.0, 0.0), -torque(0.0, ff.friction, -1.0, 0.0)
+        numbers.append(Number("friction_hoisting_nm", up, "fed forward while the reference hoists"))
+        numbers.append(Number("friction_lowering_nm", down, "fed forward while the reference lowers"))
+        parts.append(
+            "wanted = wanted + where(reference > 0.0, friction_hoisting_nm, "
+            "where(reference < 0.0, -friction_lowering_nm, 0.0))"
+        )
+    return [("feed-forward", tuple(parts))] if parts else []
+
+
+def _behind_the_wire(
+    settings: PiSettings, machine: Hoist, payload_kg: float, numbers: list[Number], memory: list[str], reset: list[str]
+) -> list[str]:
+    """The lines of `control.pi.behind_the_wire`, which takes off what the load's swing leaves to later."""
+    p = SimpleNamespace(**vars(HOIST.values(machine, payload_kg)))
+    dt, ff, (squared, damping) = settings.sample_time_s, settings.feed_forward, swing_of(p)
+    swinging = ff.inertia * ff.wire * float(load_inertia(p))
+    numbers += [
+        Number("swinging_kg_m2", swinging, "carriage and payload as the wire passes them on, at the motor shaft"),
+        Number("swing_per_s2", float(squared), "stiffness of the wire over the load's mass"),
+        Number("swing_damping_per_s", float(damping), "damping of the wire over the load's mass"),
+        Number("swing_slow", float(1.0 + dt * damping / 2.0 + dt * dt * squared / 4.0), "of the midpoint rule"),
+    ]
+    memory += ["stretch", "stretch_rate"]
+    reset += ["stretch = 0.0", "stretch_rate = 0.0"]
+    return [
+        "push = acceleration - swing_per_s2 * stretch",
+        "mean_rate = (stretch_rate + sample_time_s * push / 2.0) / swing_slow",
+        "mean_stretch = stretch + sample_time_s * mean_rate / 2.0",
+        "carried = swing_per_s2 * mean_stretch + swing_damping_per_s * mean_rate",
+        "wanted = wanted - swinging_kg_m2 * (acceleration - carried)",
+        "stretch = stretch + sample_time_s * mean_rate",
+        "stretch_rate = 2.0 * mean_rate - stretch_rate",
+    ]
+
+
+def _integral(settings: PiSettings, numbers: list[Number]) -> tuple[str, ...]:
+    if settings.anti_windup == "conditional":
+        return (
+            "push = where((wanted - torque) * (reference - speed) > 0.0, 0.0, reference - speed)",
+            "integral_nm = integral_nm + sample_time_s * ki * push",
+        )
+    if settings.anti_windup == "none":
+        return ("integral_nm = integral_nm + sample_time_s * ki * (reference - speed)",)
+    numbers.append(
+        Number("tracking_rate_per_s", settings.tracking_rate_per_s, "how fast the integral runs back at a limit")
+    )
+    return (
+        "push = ki * (reference - speed) + tracking_rate_per_s * (torque - wanted)",
+        "integral_nm = integral_nm + sample_time_s * push",
+    )
+
+
+# The reference of a record, of the largest speed: until which part of it, level, slope from 0.05 on.
+PROFILE = (
+    (0.05, 0.0, 0.0), (0.3, 0.0, 2.0), (0.5, 0.5, 0.0), (0.6, -0.3, 0.0), (0.8, 1.2, 0.0), (1.0, -0.1, 0.0),
+)  # fmt: skip
+FOLLOWS, RIPPLE, RIPPLES, FAILS_FROM = 0.03, 0.01, 7.0, 0.7
+
+
+def record_of(
+    settings: PiSettings,
+    machine: Hoist,
+    payload_kg: float = 0.0,
+    hold_nm: float | None = None,
+    samples: int = RECORD_SAMPLES,
+) -> Record:
+    """What the compiled step gives for a reference with steps, ramps and rests, a speed that follows it late with a
+    ripple, and a motor that fails; long enough to reach the limits and come back."""
+    dt, n = settings.sample_time_s, samples
+    t, top = dt * np.arange(n), machine.motor.nominal_speed_rad_s
+    part = np.arange(n) / n
+    shapes = [level + slope * (part - 0.05) for _, level, slope in PROFILE]
+    reference = top * np.select([part < until for until, _, _ in PROFILE], shapes)
+    fastest = 0.5 * next(x.value for x in _plausible(machine, payload_kg, dt) if x.name == "speed_step_rad_s")
+    follows = np.zeros(n)
+    for k in range(1, n):
+        follows[k] = follows[k - 1] + min(max(FOLLOWS * (reference[k - 1] - follows[k - 1]), -fastest), fastest)
+    speed = follows + RIPPLE * top * np.sin(2.0 * math.pi * RIPPLES * part)
+    limits = torque_limits(machine)
+    hold = 0.3 * limits["u_all"] if hold_nm is None else hold_nm
+    values: dict[str, Any] = {
+        **vars(HOIST.values(machine, payload_kg)),
+        **loop_values(settings, _ideal(machine), hold),
+        **limits,
+        "t_fail": t[round(FAILS_FROM * n)] - 0.5 * dt,
+    }
+    p = SimpleNamespace(**values)
+    controller = full_pi(False, settings.feed_forward.through_the_wire)
+    step = Step(controller, p, controller.start(p, hold, 0.0), dt)
+    torque = np.array([step(float(r), float(at), float(w), 0.0) for r, at, w in zip(reference, t, speed, strict=True)])
+    failed = t >= values["t_fail"]
+    # A limited slope leaves the torque beyond one motor's limit for a while; the drive gives no more than the limit.
+    largest = np.where(failed, limits["u_one"], limits["u_all"])
+    largest = largest * np.minimum(limits["w_weak"] / np.maximum(np.abs(speed), 1e-9), 1.0)
+    torque = np.clip(torque, -largest, largest)
+    return Record(hold, reference, speed, failed.astype(float), torque, limits["u_all"], top, fastest)
+
+
+def _ideal(machine: Hoist) -> Any:
+    """The drive without what it does to the speed before the controller sees it."""
+    ideal = {"encoder_counts_per_turn": 0, "speed_filter_s": 0.0, "speed_delay_s": 0.0}
+    return machine.drive.model_copy(update=ideal)
+
+
+def run(program: Program, record: Record) -> Array:
+    """The program's torque for the inputs of a record, (n,). AssertionError where a check fails on the way."""
+    scope: dict[str, Any] = {"where": lambda c, a, b: a if c else b, "min": min, "max": max, "abs": abs}
+    scope |= {number.name: number.value for number in program.numbers}
+    scope |= {"torque_hold_nm": record.hold_nm, "fresh": True, "speed_before": 0.0}
+    checks = [(check, compile(check.holds, "<check>", "eval")) for check in program.before]
+    code = compile("\n".join(program.lines), "<program>", "exec")
+    assert eval(HOLD.holds, scope), HOLD.meaning
+    exec("\n".join(program.reset), scope)
+    out = np.empty(len(record.torque_nm))
+    for k in range(len(out)):
+        scope |= {"reference": float(record.reference_rad_s[k]), "speed": float(record.speed_rad_s[k])}
+        scope["motor_failed"] = record.motor_failed[k] > 0.5
+        for check, holds in checks:
+            assert eval(holds, scope), f"sample {k}: {check.meaning}"
+        exec(code, scope)
+        scope |= {"fresh": False, "speed_before": scope["speed"]}
+        out[k] = scope["command"]
+    return out
+
+
+def checked(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) -> tuple[Program, Record]:
+    """The program and its test record. AssertionError where the two differ: then one of them is wrong."""
+    program, record = program_of(settings, machine, payload_kg), record_of(settings, machine, payload_kg)
+    worst = float(np.max(np.abs(run(program, record) - record.torque_nm)))
+    assert worst <= AGREES * record.largest_nm, f"the program is {worst:g} N m off the controller of the studies"
+    return program, record
