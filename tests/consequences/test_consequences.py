@@ -320,8 +320,9 @@ def test_the_effects_own_consequence_leaves_out_what_the_refit_moved():
     heavier = with_values(default_hoist(), {"carriage.mass_kg": 1.05 * default_hoist().carriage.mass_kg})
     refitted = with_values(default_hoist(), {"guide.coulomb_hoisting_n": 4000.0})
     corrected = heavier.model_copy(update={"effects": {"friction_viscous": {"viscous_n_s_per_m": 4000.0}}})
-    changes = consequences_for(corrected, refitted=refitted)
-    alone = consequences_for(corrected, nominal=heavier)
+    controller = small_study(default_hoist()).controller  # by rule it would follow the given machine's mass
+    changes = consequences_for(corrected, refitted=refitted, controller=controller)
+    alone = consequences_for(corrected, nominal=heavier, controller=controller)
     assert [row.before for row in changes.rows] == [row.given for row in alone.rows]
     for row, own in zip(changes.rows, alone.rows, strict=True):
         assert row.percent("peak_torque_motor_nm") == own.percent("peak_torque_motor_nm")

@@ -179,7 +179,7 @@ def test_the_verdict_of_an_axis_is_that_of_its_front(study):
     """What beats a choice under other limits is said in the verdict and drawn as the front."""
     scenario = scenario_of(shipped_axis_desk(), EMPS)
     rows = run_study(plan_study(scenario, EMPS)).rows
-    said = verdict(rows, beside_ramps(scenario, EMPS))
+    said = verdict(rows, beside_ramps(scenario, EMPS), machine=EMPS)
     assert said is not None and study.info[0].value.replace("\\", "").startswith(said)
     (front,) = (drawn for drawn in figures(study) if "against force peak" in drawn["layout"]["title"]["text"])
     names = {line["name"] for line in front["data"]}

@@ -229,7 +229,7 @@ def test_a_result_of_an_older_version_without_the_newer_metrics_still_has_a_repo
         (lambda f: (f / "manifest.json").unlink(), "is no finished result of a study"),
         (lambda f: (f / "manifest.json").write_text('{"for'), "is no finished result of a study"),
         (lambda f: ((f / "manifest.json").unlink(), (f / "chunks").mkdir()), "is not finished"),
-        (lambda f: (f / "index.parquet").unlink(), "index.parquet: is no readable index"),
+        (lambda f: (f / "index.parquet").unlink(), "index.parquet: no such file"),
         (lambda f: (f / "index.parquet").write_bytes(b"PAR1"), "index.parquet: is not what was written"),
         (lambda f: (f / "machine.yaml").unlink(), "machine.yaml"),
         (lambda f: (f / "scenario.yaml").unlink(), "scenario.yaml: no such file"),

@@ -20,6 +20,7 @@ from workbench.study.bound import from_the_bound
 from workbench.study.decide import (
     ALIKE,
     BEST,
+    Candidate,
     Decision,
     choices,
     criteria_for,
@@ -276,6 +277,21 @@ def test_a_result_keeps_its_answer_and_reads_it_back(tmp_path):
     assert kept == answer_of(of.study, list(of.rows)) and isinstance(kept, Answer)
     (tmp_path / "answer.json").write_text("{}", encoding="utf-8")
     assert read_answer(tmp_path) is None
+
+
+def test_who_is_said_to_be_beaten_in_every_criterion_is():
+    rows = list(run_study(study("jerk_pareto")).rows)
+    made = decided(study("jerk_pareto"), rows)
+
+    def beats(a: Candidate, b: Candidate) -> bool:
+        """By the metrics themselves: in none worse, in one better by a thousandth."""
+        worse = [c.metric.worse_by(b.values[c.name], a.values[c.name]) / abs(b.values[c.name]) for c in made.criteria]
+        return max(worse) <= 0.0 and min(worse) < -1.0e-3
+
+    beaten = {a.setting for a in made.left if any(beats(b, a) for b in made.left)}
+    assert beaten == {c.setting for c in made.dominated} and made.taken is not None
+    assert made.taken.setting not in beaten and 0 < len(beaten) < len(made.left)
+    assert f"Beaten in every criterion: {made.dominated[0].words}" in take_sentences([made])[0]
 
 
 def test_two_that_are_alike_are_said_to_be():

@@ -273,10 +273,9 @@ def test_swept_values_stand_in_the_table_and_the_extremes_in_the_conclusions() -
 
 def test_many_failures_are_counted_and_not_all_listed() -> None:
     lost = [replace(row(k, "ruckig"), run_id=f"r{k}", status="failed", reason="ran away") for k in range(9)]
-    said = sentences(lost, 768.0)
-    assert said[0] == "r0 failed: ran away."
-    assert said[-1] == "6 more of 9 runs failed; the index says why."
-    assert len(said) == 4
+    (said,) = sentences(lost, 768.0)
+    assert said.startswith("r0 failed: ran away. r1 failed: ran away.") and said.count("ran away") == 3
+    assert said.endswith("6 more of 9 runs failed; the index says why.")
 
 
 def test_command_prints_table_conclusion_and_where_things_lie_within_100_columns(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,8 +56,16 @@ def pareto(
     return figure
 
 
-def curves_over_time(good: Sequence[Row], beside: Sequence[Row], names: Sequence[str], height: int = 760) -> Figure:
-    """Metrics over move time, a row a metric and a column a payload: each family's best limits at each time."""
+Taken = Mapping[float, Mapping[str, float]]
+
+
+def curves_over_time(
+    good: Sequence[Row], beside: Sequence[Row], names: Sequence[str], taken: Taken, height: int = 760
+) -> Figure:
+    """Metrics over move time, a row a metric and a column a payload: each family's best limits at each time.
+
+    taken: payload -> the metrics of what is recommended there, a star.
+    """
     payloads = sorted({row.payload_kg for row in beside})
     labels = [drawn_in(name)[0] for name in names]
     panels = Panels(
@@ -82,6 +90,21 @@ def curves_over_time(good: Sequence[Row], beside: Sequence[Row], names: Sequence
                     at, column, _costs(best, "move_time_s"), _costs(best, name), label(kind), look,
                     mode="lines+markers", marker=fill, text=hover, hovertemplate=_HOVER,
                 )  # fmt: skip
+    star = {"symbol": "star", "size": 13, "color": SPARE[0][0], "line": {"color": BLACK, "width": 1.0}}
+    for column, payload in enumerate(payloads):
+        for at, name in enumerate(names) if payload in taken else ():
+            x, y = (drawn_in(of)[1] * np.array([taken[payload][of]]) for of in ("move_time_s", name))
+            panels.line(
+                at,
+                column,
+                x,
+                y,
+                "taken",
+                {},
+                mode="markers",
+                marker=star,
+                hovertemplate="taken<br>%{x:.4~g}, %{y:.4~g}",
+            )
     figure = panels.figure(height)
     figure.update_layout(hovermode="closest")
     return figure

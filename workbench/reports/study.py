@@ -23,7 +23,7 @@ from workbench.metrics import View, shown_in
 from workbench.run import Run
 from workbench.study import tables
 from workbench.study.answer import answer, read_answer
-from workbench.study.decide import criteria_table, decision_table, decisions
+from workbench.study.decide import Decision, criteria_table, decision_table, decisions
 from workbench.study.findings import sentences, utilisation, utilisation_table
 from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
 from workbench.study.load import plan_study
@@ -162,10 +162,14 @@ def decision(result: Finished) -> list[Table]:
     """What decides: a row a reference, the criteria at the heaviest payload, the use of what the machine bears."""
     uses = utilisation(result.rows, result.machine)
     first = decision_table(result.rows)
-    given = Scenario.model_validate(dict(result.scenario)).decide
-    made = [one for one in decisions(result.rows, result.machine, given, _beside(result)) if one.taken is not None]
+    made = [one for one in _decisions(result) if one.taken is not None]
     criteria = [criteria_table(made[-1])] if made and len(made[-1].candidates) > 1 else []
     return [*([first] if first is not None else []), *criteria, *([utilisation_table(uses)] if uses else [])]
+
+
+def _decisions(result: Finished) -> list[Decision]:
+    given = Scenario.model_validate(dict(result.scenario)).decide
+    return decisions(result.rows, result.machine, given, _beside(result))
 
 
 def run_tables(rows: Sequence[Row]) -> list[Table]:
@@ -296,7 +300,8 @@ def figures_of(result: Finished) -> list[Noted]:
     if any(".limits." in column for axis in axes for column in axis.columns):
         figures += _paretos(good, axes)
     elif beside := [row for row in _beside(result) if row.ok]:
-        figures += _over_time(good, beside)
+        taken = {d.payload_kg: d.taken.values for d in _decisions(result) if d.taken is not None}
+        figures += _over_time(good, beside, taken)
     if drawn:
         figures += _scatter(good, drawn)
     figures += [_over(result, good, axis) for axis in axes if changing(good, axis)]
@@ -321,15 +326,15 @@ def _beside(result: Finished) -> Sequence[Row]:
     return kept.beside if kept is not None else ()
 
 
-def _over_time(good: Sequence[Row], beside: Sequence[Row]) -> list[Noted]:
+def _over_time(good: Sequence[Row], beside: Sequence[Row], taken: Mapping[float, Mapping[str, float]]) -> list[Noted]:
     """For each payload and family of references peak, error and tension swing over move time."""
     judged = metrics_of(good)
     names = [name for name in (judged.peak, judged.rms_error, SWING) if name in good[0].metrics]
     note = (
         "Each line is a family of references, slowed down by its limits; of each time its best limits. Filled: runs of "
-        "the study; open: run beside it."
+        "the study; open: run beside it; star: taken."
     )
-    return [(curves_over_time(good, beside, names), note)]
+    return [(curves_over_time(good, beside, names, taken), note)]
 
 
 def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:

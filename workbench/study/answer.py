@@ -40,13 +40,11 @@ def answer_of(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> An
     taken = take_sentences(decisions(rows, study.machine, study.scenario.decide, rivals))
     alarmed = alarm(utilisation(rows, study.machine))
     first = [*asked_sentences(study, asked), *taken, *([alarmed] if alarmed else [])]
-    damping = on_another_damping(study) if simulate else None
-    found = [
-        *troubles(rows, peak_limit(study.machine)),
-        *variations(rows, told=bool(taken)),
-        *([damping] if damping else []),
-        *from_the_bound(study)[:1],
-    ]
+    found = [*troubles(rows, peak_limit(study.machine)), *variations(rows, told=bool(taken))]
+    if simulate and len(found) < MOST_FINDINGS and (damping := on_another_damping(study)) is not None:
+        found.append(damping)
+    if len(found) < MOST_FINDINGS and not study.scenario.sweep and not study.scenario.sample:
+        found += from_the_bound(study)[:1]  # of the base values: a sweep has others
     return Answer((*first, *found[:MOST_FINDINGS]), tuple(rivals), tuple(asked))
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of, load_of
@@ -27,6 +28,8 @@ TIME = "move_time_s"
 RESERVE = "torque_reserve_percent"  # of the largest torque or force, what the peak leaves
 BEST = "★"
 SAME_TIME_S = 5e-3  # a smaller difference decides nothing
+NEAR = 1e-3  # relative: a difference that counts
+MOST_COMPARED = 256
 ALIKE = 0.01  # relative difference of two sums that are alike
 CHOSEN = ("sweep.limits.", "sweep.controller.", "sweep.drive.")  # a sweep of anything else is a condition to bear
 FALLS = 2.0  # of wire that carry a hoist's load
@@ -43,7 +46,7 @@ class Criterion:
     least: float | None = None
     scale: float | None = None
 
-    @property
+    @cached_property
     def metric(self) -> Metric:
         return find(self.name)
 
@@ -145,6 +148,18 @@ class Decision:
     @property
     def left(self) -> tuple[Candidate, ...]:
         return tuple(candidate for candidate in self.candidates if not candidate.broken)
+
+    @property
+    def dominated(self) -> list[Candidate]:
+        """Of the study's own those that another one is better than, or as good as, in every criterion."""
+        own = [candidate for candidate in self.left[:MOST_COMPARED] if not candidate.beside]
+        names = [criterion.name for criterion in self.criteria]
+
+        def beats(a: Candidate, b: Candidate) -> bool:
+            no_worse = all(a.shares[name] <= b.shares[name] for name in names)
+            return no_worse and any(a.shares[name] < b.shares[name] * (1.0 - NEAR) for name in names)
+
+        return [one for one in own if any(beats(other, one) for other in self.left[:MOST_COMPARED])]
 
     @property
     def taken(self) -> Candidate | None:
@@ -258,11 +273,17 @@ def _take(alike: Sequence[Decision], always: bool) -> str:
     said = f"Take {taken.words}{where}{beside}: {heaviest}{', '.join(figures)}{runs}"
     if rival is not None:
         said += f". {_against(decision, taken, rival)}"
+    if beaten := decision.dominated:
+        said += f". Beaten in every criterion: {listed(some([c.words for c in beaten]))}"
     out = [candidate for candidate in decision.candidates if candidate.broken]
     if out:
-        said += f". Out: {'; '.join(f'{c.words} ({c.broken[0]})' for c in out[:3])}"
-        said += f" and {len(out) - 3} more" if len(out) > 3 else ""
+        said += f". Out: {listed(some([f'{c.words} ({c.broken[0]})' for c in out]))}"
     return f"{said}."
+
+
+def some(names: Sequence[str]) -> list[str]:
+    """The first three, and how many more."""
+    return [*names[:3], *([f"{len(names) - 3} more"] if len(names) > 3 else [])]
 
 
 def _against(decision: Decision, taken: Candidate, rival: Candidate) -> str:

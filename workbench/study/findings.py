@@ -31,7 +31,8 @@ def sentences(rows: Sequence[Row], limit: float) -> list[str]:
 def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     """Runs that failed, are at a limit, hunt, go slack or end elsewhere: each can turn the decision round."""
     good, axes = [row for row in rows if row.ok], swept_axes(rows)
-    said = list(_failures(rows))
+    failures = " ".join(_failures(rows))
+    said = [failures] if failures else []
     if not good:
         return said
     judged = metrics_of(good)
