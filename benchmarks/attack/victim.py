@@ -22,7 +22,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from workbench.study.results.index import read_rows
 
 from benchmarks.attack import watch_states
 from benchmarks.attack.edits import EDITS, edited, sound_runs
@@ -46,6 +45,7 @@ from workbench.log_formats.opening import open_log
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.doubts import doubts_of
 from workbench.machine import default_hoist
+from workbench.study.rows import read_rows
 
 LONGEST = 3000  # characters of an error
 SECRET = b"root:x:0:0:what no log may show:" * 100
