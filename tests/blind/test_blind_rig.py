@@ -23,10 +23,10 @@ from benchmarks.validation.rig import Rig, rig_from
 from benchmarks.validation.rig_files import rig_of
 from workbench.blind import later
 from workbench.blind.answer import Answer
-from workbench.blind.case import Order
 from workbench.blind.criteria import Share, of_the_oracle
 from workbench.blind.make import Asked
 from workbench.blind.power import LEAST, power_of, thresholds
+from workbench.blind.seal import Order
 from workbench.effects import find
 from workbench.errors import InputError
 from workbench.figures import blind as figures

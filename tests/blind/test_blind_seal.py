@@ -19,10 +19,10 @@ import pytest
 from workbench.blind import make as making
 from workbench.blind import run, seal
 from workbench.blind.answer import Answer, text_of
-from workbench.blind.case import Label, Order
 from workbench.blind.ledger import Entry, copy_of, entries
 from workbench.blind.make import Asked, Made, Maker, make
 from workbench.blind.score import OPENED, open_all, open_and_score, sheet_of
+from workbench.blind.seal import Label, Order
 from workbench.cli import main
 from workbench.errors import InputError
 from workbench.reports.blind.words import sentences

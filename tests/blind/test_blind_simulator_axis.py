@@ -41,7 +41,7 @@ from benchmarks.validation.families import FAMILIES
 from benchmarks.validation.orders import families_of, orders
 from benchmarks.validation.sensors import Sensors, Window, encoder_speed, sampled, shown_input
 from workbench import effects
-from workbench.blind.case import CASES
+from workbench.blind.seal import CASES
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 

@@ -44,7 +44,7 @@ from benchmarks.validation.sensors import Sensors, Window, shown_input
 from benchmarks.validation.standstill import LAWS as STANDSTILL_LAWS
 from benchmarks.validation.standstill import bend, drawn_standstill
 from workbench import effects
-from workbench.blind.case import CASES, MIXED
+from workbench.blind.seal import CASES, MIXED
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 
