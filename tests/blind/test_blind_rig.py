@@ -61,10 +61,6 @@ def test_a_campaign_gives_its_speeds_payloads_heights_rate_and_noise(rig: Rig):
     assert np.interp(one.time_s, t, reference) == pytest.approx(one["speed_reference_rad_s"], abs=0.02)
 
 
-def test_what_is_sealed_of_a_rig_gives_it_back(rig: Rig):
-    assert rig_from(json.loads(json.dumps(rig.said()))) == rig
-
-
 def test_a_case_of_a_rig_repeats_its_runs_on_another_true_machine(rig: Rig, tmp_path: Path):
     short = replace(rig, runs=rig.runs[1:2])
     (order,) = ordered(Asked(runs=DEMO, cases=1, case="singles", effects="friction_viscous"), 7)[0]
