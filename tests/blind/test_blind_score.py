@@ -374,3 +374,15 @@ def test_a_family_is_judged_by_what_the_others_give(monkeypatch: pytest.MonkeyPa
     for row in anew:
         assert row["word"] == row["ranking"][0][0]
         assert sum(probability for _, _, probability in row["ranking"]) == pytest.approx(1.0)
+
+
+def test_recorded_machines_come_first_each_a_column_and_names_that_say_the_same_count_as_one():
+    recorded = {"source": "recorded", "family": "emps", "alike": ["friction_viscous+inertia_error"]}
+    row = made(["torque_scale"], "named", ["friction_viscous", "inertia_error"])
+    row = {**row, "label": {**row["label"], **recorded}}
+    first, *_ = measures.groups([*ANSWERS, row])
+    assert first == "recorded, emps"
+    assert tables.sheets([*ANSWERS, row])[0].columns[1].head == "recorded,\nasked"
+    assert criteria.right_or_alike(row) and not criteria.right(row) and not criteria.wrong(row)
+    assert not criteria.right_or_alike({**row, "names": ["inertia_error"]})
+    assert criteria.wrong({**row, "names": ["inertia_error"]})
