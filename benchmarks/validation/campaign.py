@@ -17,7 +17,7 @@ import yaml
 from benchmarks.validation.content import Content
 from benchmarks.validation.kind import Kind, RunPlan
 from benchmarks.validation.sensors import Columns, Sensors, Window, sampled, shown_input
-from workbench.blind.case import Label
+from workbench.blind.seal import Label
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 from workbench.machine import save_machine

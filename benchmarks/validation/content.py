@@ -12,7 +12,7 @@ from benchmarks.validation.axis import AXIS
 from benchmarks.validation.families import FAMILIES, Family
 from benchmarks.validation.hoist import HOIST
 from benchmarks.validation.kind import Cause, Kind, Logging, RunPlan
-from workbench.blind.case import CASES, MIXED
+from workbench.blind.seal import CASES, MIXED
 from workbench.effects import find
 
 KINDS: Mapping[str, Kind] = {kind.name: kind for kind in (HOIST, AXIS)}

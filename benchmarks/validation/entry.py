@@ -15,8 +15,8 @@ from benchmarks.validation.orders import families_of, orders
 from benchmarks.validation.rig import Rig
 from benchmarks.validation.rig_files import rig_of
 from benchmarks.validation.sources import source_of
-from workbench.blind.case import Label, Order
 from workbench.blind.make import Asked, Maker
+from workbench.blind.seal import Label, Order
 from workbench.errors import InputError, nearest
 from workbench.plants import plant_of
 

@@ -18,9 +18,9 @@ from benchmarks.validation.entry import content_of
 from benchmarks.validation.kind import RunPlan
 from benchmarks.validation.rig import Rig, rig_from
 from workbench.blind.answer import Answer, answer
-from workbench.blind.case import Order
 from workbench.blind.criteria import Row, single
 from workbench.blind.score import Score
+from workbench.blind.seal import Order
 from workbench.diagnose.diagnose import chosen_effects
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import atoms

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.validation.families import FAMILIES, Family
 from benchmarks.validation.kind import Kind
 from benchmarks.validation.sources import source_of
-from workbench.blind.case import CASES, MIXED, Order
+from workbench.blind.seal import CASES, MIXED, Order
 
 EVENTS_EVERY = 3  # unlisted causes: one of them is a brief event
 IDENTIFIED = ("no", "half", "yes")  # campaigns whose machine.yaml was identified first; half: every second of each case

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.validation.content import Content, kind_of
 from benchmarks.validation.families import FAMILIES, Family
 from benchmarks.validation.kind import Logging, RunPlan
-from workbench.blind.case import Order
+from workbench.blind.seal import Order
 
 YOURS = "yours"  # the family's name
 _BASED_ON = {"hoist": "hoist_middle", "axis": "axis_std"}  # its nuisances

@@ -12,7 +12,7 @@ from benchmarks.validation import entry, multibody
 from benchmarks.validation.campaign import built, input_change
 from benchmarks.validation.content import Content, draw
 from benchmarks.validation.orders import families_of, orders
-from workbench.blind.case import Order
+from workbench.blind.seal import Order
 from workbench.errors import InputError
 from workbench.logs import read_campaign
 from workbench.machine import Hoist
@@ -48,15 +48,6 @@ def test_causes_that_this_machine_does_not_have_are_not_ordered():
     assert len(wanted) == 40
     assert {order.names[0] for order in wanted} == set(multibody.UNLISTED)
     assert np.all(np.diff([order.number for order in wanted]) == 1)
-
-
-def test_half_of_each_case_gets_a_machine_that_was_identified_first():
-    wanted = orders(3, {"multibody": families_of(multibody.USUAL)}, count=24, identified="half")
-    for case in ("singles", "none"):
-        of_case = [order.identified for order in wanted if order.case == case]
-        assert sum(of_case) == len(of_case) // 2
-    plain = orders(3, {"multibody": families_of(multibody.USUAL)}, count=24)
-    assert [replace(order, identified=False) for order in wanted] == plain
 
 
 def test_an_identified_machine_is_that_of_the_well_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

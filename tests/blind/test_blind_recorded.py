@@ -11,7 +11,8 @@ import pytest
 
 from tests.support.commands import Commands
 from tests.support.emps_campaign import RUNS
-from workbench.blind.recorded import SINGLES, UNLISTED, Recording, bent, cases, cut, recording, rms
+from workbench.blind.recorded import SINGLES, UNLISTED, bent, cases
+from workbench.blind.recording import Recording, cut, recording, rms
 from workbench.blind.seal import key_of, read_manifest, unseal
 from workbench.logs import read_campaign
 from workbench.machine import LinearAxis

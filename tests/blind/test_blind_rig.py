@@ -23,10 +23,10 @@ from benchmarks.validation.rig import Rig, rig_from
 from benchmarks.validation.rig_files import rig_of
 from workbench.blind import later
 from workbench.blind.answer import Answer
-from workbench.blind.case import Order
 from workbench.blind.criteria import Share, of_the_oracle
 from workbench.blind.make import Asked
 from workbench.blind.power import LEAST, power_of, thresholds
+from workbench.blind.seal import Order
 from workbench.effects import find
 from workbench.errors import InputError
 from workbench.figures import blind as figures
@@ -59,10 +59,6 @@ def test_a_campaign_gives_its_speeds_payloads_heights_rate_and_noise(rig: Rig):
     reference = np.array(rig.runs[0].reference)
     t = np.arange(len(reference)) * 1e-3
     assert np.interp(one.time_s, t, reference) == pytest.approx(one["speed_reference_rad_s"], abs=0.02)
-
-
-def test_what_is_sealed_of_a_rig_gives_it_back(rig: Rig):
-    assert rig_from(json.loads(json.dumps(rig.said()))) == rig
 
 
 def test_a_case_of_a_rig_repeats_its_runs_on_another_true_machine(rig: Rig, tmp_path: Path):

@@ -19,10 +19,10 @@ import pytest
 from workbench.blind import make as making
 from workbench.blind import run, seal
 from workbench.blind.answer import Answer, text_of
-from workbench.blind.case import Label, Order
 from workbench.blind.ledger import Entry, copy_of, entries
 from workbench.blind.make import Asked, Made, Maker, make
 from workbench.blind.score import OPENED, open_all, open_and_score, sheet_of
+from workbench.blind.seal import Label, Order
 from workbench.cli import main
 from workbench.errors import InputError
 from workbench.reports.blind.words import sentences
@@ -293,12 +293,6 @@ def test_without_the_right_key_nothing_is_opened(made: Made, tmp_path: Path, key
     assert not (made.folder / OPENED).exists()
 
 
-def test_a_campaign_that_was_changed_is_not_diagnosed(made: Made):
-    altered(made.folder / "campaigns" / "003" / "runs.yaml", "runs", "races")
-    with pytest.raises(InputError, match="campaign 003: the file was changed after sealing"):
-        answered(made)
-
-
 def test_each_diagnosis_is_given_a_folder_of_its_own_away_from_the_seal(made: Made):
     seen: list[Path] = []
 
@@ -481,11 +475,6 @@ def test_what_does_not_fit_is_one_line_and_writes_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_scoring_what_is_not_answered_says_what_comes_first(made: Made, capsys):
-    assert exit_of("blind", "score", made.folder) == 2
-    assert "no campaign is answered yet; first: workbench blind run" in capsys.readouterr().err
-
-
 def test_a_key_that_is_there_is_not_overwritten(tmp_path: Path):
     (tmp_path / "test.key").write_text("mine")
     with pytest.raises(InputError, match="nothing is overwritten"):
@@ -509,13 +498,13 @@ def test_a_seed_that_nobody_names_is_the_systems_own(tmp_path: Path):
     assert seeds[0] != seeds[1]
 
 
-def test_every_option_of_the_parts_has_help():
-    import click
-
-    from workbench.cli.blind import PARTS, command
-
-    context = click.Context(command)
-    for name in PARTS:
-        part = command.get_command(context, name)
-        assert part is not None and part.help
-        assert [p.name for p in part.params if isinstance(p, click.Option) and not p.help] == []
+def test_where_only_the_package_is_installed_the_simulators_are_named_as_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    for name in [name for name in sys.modules if name.startswith("benchmarks.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "benchmarks", None)  # as where there is none
+    assert exit_of("blind", "make", "--out", tmp_path / "x", "--cases", 1) == 2
+    said_there = capsys.readouterr().err
+    assert "--source: simulator, multibody, plant are in benchmarks/validation of a checkout" in said_there
+    assert list(tmp_path.iterdir()) == []

@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 
 from benchmarks.validation.axis_causes import (
-    ALIKE,
     EVENTS,
     IN_THE_LIBRARY,
     LISTED,
     UNLISTED,
-    drawn_pair,
     scales_of,
     usual,
 )
@@ -34,14 +32,11 @@ from benchmarks.validation.axis_motion import (
     nominal_truth,
     simulate,
 )
-from benchmarks.validation.campaign import built, input_change, log_columns, make_campaign, simulated
+from benchmarks.validation.campaign import built, input_change, make_campaign, simulated
 from benchmarks.validation.content import draw
-from benchmarks.validation.entry import made
 from benchmarks.validation.families import FAMILIES
-from benchmarks.validation.orders import families_of, orders
-from benchmarks.validation.sensors import Sensors, Window, encoder_speed, sampled, shown_input
+from benchmarks.validation.sensors import Sensors, Window, sampled, shown_input
 from workbench import effects
-from workbench.blind.case import CASES
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 
@@ -168,21 +163,6 @@ def test_an_effect_takes_the_force_of_its_law(name):
     assert rms(extra_force - expected) < 0.01 * axis.force
 
 
-def test_friction_before_sliding_comes_back_over_its_distance():
-    """Dahl's law while it moves one way: 1 − z falls with exp(−x/d)."""
-    d = 0.01 * L
-    _, p, record, speed = plain_run("shuttle", bristles=1.0, bristle=d, bristle_tau=0.0, B=0.0)
-    begins = np.flatnonzero((speed[:-1] == 0.0) & (speed[1:] > 0.0))
-    start = begins[1]  # the first move back has bent the bristles the other way
-    ahead = slice(start, start + np.argmax(speed[start + 1 :] == 0.0))
-    assert record[start, FRICTION] < 0.0
-    way = record[ahead, POSITION] - record[start, POSITION]
-    slid = record[ahead, FRICTION] / p.F_f
-    one, two, five = np.searchsorted(np.maximum.accumulate(way), d * np.array([1.0, 2.0, 5.0]))
-    assert 1.0 - slid[two] == pytest.approx((1.0 - slid[one]) * math.exp(-1.0), rel=0.1)
-    assert slid[five] > 0.95
-
-
 def test_a_load_beyond_play_lags_by_half_of_it_each_way():
     axis, play = axis_of(loaded=False), 0.01 * L
     p = coupled(nominal_truth(axis), 0.5, 150.0, 0.05, 0.3)._replace(play=play, x_0=axis.low)
@@ -246,68 +226,6 @@ def test_the_logged_force_is_what_its_sensor_makes_of_the_true_one(changed, law)
     assert shown == pytest.approx(law(record[:, FORCE], record[:, SPEED]), rel=1e-12)
 
 
-def test_a_filtered_force_lags_by_its_time_constant():
-    _, _, record, _ = plain_run()
-    sensors = Sensors(input_noise=0.0, speed_noise=0.0, count=1e-6, speed_turn=1.0, filter_s=0.03)
-    shown, _ = shown_input(record[:, FORCE], record[:, SPEED], RECORD_S, sensors, np.random.default_rng(1), 0.0)
-    undone = shown + 0.03 * np.gradient(shown, RECORD_S)
-    assert rms(undone - record[:, FORCE]) < 0.2 * rms(shown - record[:, FORCE])
-
-
-@pytest.mark.parametrize("uneven", [False, True])
-def test_the_log_has_the_encoders_steps_at_its_own_times(uneven):
-    content = draw(4, "axis_std", "none")
-    logging = dataclasses.replace(content.logging, rate_hz=200.0, uneven=uneven)
-    content = dataclasses.replace(content, logging=logging)
-    machine = built(content, (4,))
-    travel = content.drawn.travel
-    count = 1e-4 * travel
-    sensors = dataclasses.replace(machine.sensors, count=count, late_s=0.0, delay_s=0.02)
-    run = simulated(content, machine, 0, (4,))
-    columns, _ = log_columns(content, sensors, run, np.random.default_rng(1), np.random.default_rng(2), 0.0)
-    place, speed = ("position_m", "velocity_m_s") if content.drawn.linear else ("angle_rad", "speed_rad_s")
-    assert len(columns) == 5
-    time, position = columns["time_s"][0], columns[place][0]
-    steps = np.diff(time)
-    assert np.all(steps > 0.0)
-    assert (np.ptp(steps) > 1e-3) == uneven
-    assert position / count == pytest.approx(np.round(position / count), abs=1e-6)
-    true = np.interp(time - 0.02, np.arange(len(run.record)) * RECORD_S, run.record[:, POSITION])
-    assert np.all((true - position >= -1e-9 * travel) & (true - position <= count * (1.0 + 1e-9)))
-    assert np.std(columns[speed][0] - np.gradient(true, time)) < 0.02 * content.drawn.speed
-
-
-def test_an_encoders_speed_is_its_counts_over_time_and_as_coarse_as_they_are():
-    _, _, record, _ = plain_run()
-    count, window_s = 2e-5 * L, 0.004
-    coarse = encoder_speed(record[:, POSITION], RECORD_S, count, window_s)
-    steps = coarse * window_s / count
-    assert steps == pytest.approx(np.round(steps), abs=1e-5)
-    time = np.arange(len(record)) * RECORD_S
-    late = np.interp(time - 0.5 * window_s, time, record[:, SPEED])
-    assert np.max(np.abs(coarse - late)) < 1.2 * count / window_s
-    assert abs(np.sum(coarse) * RECORD_S - (record[-1, POSITION] - record[0, POSITION])) < 2.0 * count + 0.01 * L
-
-
-def test_jitter_takes_samples_beside_their_stamps():
-    _, _, record, _ = plain_run()
-    logs = []
-    for jitter_s in (0.0, 2e-4):
-        sensors = Sensors(input_noise=0.0, speed_noise=0.0, speed_turn=1.0, count=1e-6, jitter_s=jitter_s)
-        streams = np.random.default_rng(1), np.random.default_rng(2)
-        logs.append(
-            sampled(
-                record[:, FORCE], record[:, SPEED], record[:, POSITION], RECORD_S, sensors, *streams, rate_hz=500.0
-            )[0]
-        )
-    assert np.array_equal(logs[0].time_s, logs[1].time_s)
-    speed = logs[0].speed
-    fast = np.abs(speed) > 0.2 * np.max(np.abs(speed))
-    beside = ((logs[1].position - logs[0].position) / speed)[fast]
-    assert np.std(beside) == pytest.approx(2e-4, rel=0.1)
-    assert abs(np.mean(beside)) < 3e-5
-
-
 def test_an_encoder_that_slips_loses_way_while_its_event_lasts():
     _, _, record, _ = plain_run()
     logs = []
@@ -363,12 +281,6 @@ def test_a_cause_shows_in_the_force(name):
     assert 0.004 * force < change.rms_nm < 0.3 * force
 
 
-def test_effects_that_want_a_load_or_none_have_their_axis():
-    for seed in range(6):
-        for name, loaded in (("gearbox_efficiency", True), ("friction_load_dependent", True), ("backlash", False)):
-            assert draw(seed, "axis_std", "singles", [name]).drawn.loaded == loaded
-
-
 def test_what_tolerances_could_take_up_is_far_beyond_them():
     for seed in range(30):
         axis, rng = drawn_axis(np.random.default_rng(seed), MOTIONS[seed % 2]), np.random.default_rng(seed)
@@ -385,22 +297,6 @@ def test_what_tolerances_could_take_up_is_far_beyond_them():
         assert inertia < 0.0 or inertia > 5.0 * tol.inertia
 
 
-def test_pairs_are_not_alike_by_nature():
-    rng = np.random.default_rng(2)
-    for first in usual("linear"):
-        pair = drawn_pair(rng, "linear", first)
-        assert pair[0] == first != pair[1]
-        assert not any(set(pair) <= group for group in ALIKE)
-
-
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_axes_are_drawn_from_gram_to_tonne_with_and_without_a_load(motion):
-    axes = [drawn_axis(np.random.default_rng(seed), motion) for seed in range(60)]
-    inertias = [axis.machine.role("inertia") for axis in axes]
-    assert max(inertias) > 1e4 * min(inertias)
-    assert 0.2 < np.mean([axis.loaded for axis in axes]) < 0.6
-
-
 @pytest.mark.parametrize("family", FAMILY_NAMES)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_drawn_axis_follows_its_reference_within_its_travel(seed, family):
@@ -412,24 +308,6 @@ def test_a_drawn_axis_follows_its_reference_within_its_travel(seed, family):
         assert np.max(np.abs(run.record[:, FORCE])) < 1.5 * axis.force
         low, high = np.min(run.record[:, POSITION]), np.max(run.record[:, POSITION])
         assert axis.low - 0.05 * axis.travel < low < high < axis.low + 1.15 * axis.travel
-
-
-@pytest.mark.parametrize("seed", [11, 32, 47])
-def test_a_load_on_a_soft_support_swings_and_stays_within_reason(seed):
-    """A soft part larger than what carries it once made the simulation run away."""
-    content = draw(seed, "axis_rates", "unknown", ["soft_load"])
-    machine = built(content, (seed,))
-    for number in range(len(content.runs)):
-        record = simulated(content, machine, number, (seed,)).record
-        assert np.max(np.abs(record[:, POSITION] - content.drawn.low)) < 2.0 * content.drawn.travel
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_a_seeds_axis_and_runs_do_not_depend_on_what_ails_it(case):
-    names = {"singles": ["presliding"], "pairs": ["inertia_error", "torque_offset"], "unknown": ["force_walk"]}
-    content, well = draw(21, "axis_std", case, names.get(case, ())), draw(21, "axis_std", "none")
-    assert (content.drawn, content.runs, content.logging) == (well.drawn, well.runs, well.logging)
-    assert len(content.causes) == {"none": 0, "pairs": 2}.get(case, 1)
 
 
 def test_play_is_between_two_inertias_and_its_flanks_meet_hard():
@@ -444,11 +322,6 @@ def test_play_is_between_two_inertias_and_its_flanks_meet_hard():
     assert np.sum(crossing > 0) >= 2
     bent = np.max(stretch) - 0.5 * p.play
     assert 0.0 < bent < 0.3 * p.play
-
-
-def test_every_second_single_of_a_family_is_one_that_it_favours():
-    wanted = orders(3, {"simulator": families_of(["axis_two_inertias"])}, counts={"singles": 8})
-    assert sum(order.names == ("backlash",) for order in wanted) >= 4
 
 
 def test_a_campaign_of_an_axis_is_read_without_a_remark_and_its_label_says_what_is_in_it(tmp_path):
@@ -466,18 +339,6 @@ def test_a_campaign_of_an_axis_is_read_without_a_remark_and_its_label_says_what_
     assert value == said["truth"]["B_f"] == said["truth"]["B_b"]
 
 
-def test_a_seed_makes_the_same_axis_campaign_to_the_byte_and_another_seed_another(tmp_path):
-    content = draw(9, "axis_std", "pairs")
-    content = dataclasses.replace(content, runs=content.runs[:1])
-    for name, seed in (("a", 9), ("b", 9), ("c", 10)):
-        make_campaign(tmp_path / name, seed, content)
-    a, b, c = (
-        {p.relative_to(tmp_path / n): p.read_bytes() for p in (tmp_path / n).rglob("*.*") if p.is_file()} for n in "abc"
-    )
-    assert a == b
-    assert a != c
-
-
 @pytest.mark.parametrize("seed", [2, 3])
 def test_an_axis_without_a_gap_is_identified_down_to_its_ripple_and_noise_and_an_ailing_one_is_not(tmp_path, seed):
     """The workbench's plant and this simulator share no code: that they agree says both are right."""
@@ -488,11 +349,3 @@ def test_an_axis_without_a_gap_is_identified_down_to_its_ripple_and_noise_and_an
         residual[name] = identify(read_campaign(tmp_path / "-".join(("made", *name)))).fit.residual_rms
     assert residual[()] < 0.02 * content.drawn.force
     assert residual[("friction_wave",)] > 1.4 * residual[()]
-
-
-def test_an_ordered_axis_is_made_with_its_size_in_the_label(tmp_path):
-    order = orders(2, {"simulator": families_of(["axis_std"])}, counts={"singles": 1})[0]
-    _, label = made(None, tmp_path, order)
-    assert label.effects == order.names
-    assert label.torque_change_rms_nm > 0.0
-    assert len(label.torque_change_by_second_nm) == len(read_campaign(tmp_path / order.name).runs)

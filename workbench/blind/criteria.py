@@ -28,9 +28,7 @@ def recorded(row: Row) -> bool:
 
 
 def source_of(row: Row) -> str:
-    """What played the machine, and whether machine.yaml was identified first; of a recorded machine also which one."""
-    if recorded(row):
-        return f"recorded {family_of(row)}"
+    """What played the machine, and whether machine.yaml was identified first; of recorded campaigns "recorded"."""
     source = str(row["label"].get("source") or "recorded")
     return f"{source}, identified first" if row["label"].get("identified") else source
 
@@ -95,6 +93,11 @@ def right_or_alike(row: Row) -> bool:
     if len(row["names"]) == 1 and told <= {*row["names"], *row["alike"]}:
         return True
     return any(set(row["names"]) == set(known.split("+")) for known in row["label"].get("alike") or ())
+
+
+def wrong(row: Row) -> bool:
+    """A cause is named, and it is not that of the label."""
+    return row["word"] == "named" and not right_or_alike(row)
 
 
 def among_first_three(row: Row) -> bool:

@@ -21,8 +21,8 @@ from typing import Any
 
 from workbench import __version__
 from workbench.blind import recorded
-from workbench.blind.case import Label, Order
-from workbench.blind.seal import CAMPAIGNS, Truth, fernet, hashes, key_of, read_manifest, seal, write_key
+from workbench.blind.recording import recording
+from workbench.blind.seal import CAMPAIGNS, Label, Order, Truth, fernet, hashes, key_of, read_manifest, seal, write_key
 from workbench.errors import InputError, nearest
 from workbench.whole_folder import check_free, whole_folder
 
@@ -135,7 +135,7 @@ def maker_of(asked: Asked, seed: int, tell: Tell) -> Maker:
     if asked.identified != "no" or asked.case == "pairs":
         place = "case" if asked.case == "pairs" else "identified"
         raise InputError("does not go with recorded: one piece is bent of a machine that is identified", place=place)
-    known = recorded.recording(asked.runs)
+    known = recording(asked.runs)
     if asked.kind not in (None, known.machine.kind):
         raise InputError(f"{asked.kind}, but the machine is of kind {known.machine.kind}", place="kind")
     share = 100.0 * known.remainder_rms / known.input_rms

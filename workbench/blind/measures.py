@@ -72,15 +72,19 @@ def _corrected(row: Row) -> bool:
 
 
 _BOTH = {"hoist": 2.0, "axis": 2.0}
+_UNKNOWN = {"recorded": 80.0, "hoist": 90.0, "axis": 90.0}
 MEASURES = (
     Measure("named", "single effect\nnamed", criteria.single, right, {"hoist": 95.0, "axis": 90.0}),
-    Measure("named_or_alike", "named, or\nsaid to be alike", criteria.single, criteria.right_or_alike),
+    Measure(
+        "named_or_alike", "named, or\nsaid to be alike", criteria.single, criteria.right_or_alike, {"recorded": 85.0}
+    ),
+    Measure("wrong", "single effect:\nwrong one named", criteria.single, criteria.wrong, {"recorded": 3.0}, True),
     Measure("first_three", "among the\nfirst three", criteria.single, criteria.among_first_three),
     Measure("pair_both", "pair:\nboth named", criteria.pair, right, {"hoist": 80.0, "axis": 80.0}),
     Measure("pair_one", "pair:\none or both", criteria.pair, criteria.one_of_them, {"hoist": 97.0, "axis": 97.0}),
-    Measure("false_alarm", "no gap,\nbut named", _no_gap, _is("named"), _BOTH, True),
+    Measure("false_alarm", "no gap,\nbut named", _no_gap, _is("named"), {**_BOTH, "recorded": 5.0}, True),
     Measure("false_unknown", "no gap,\nbut unknown", _no_gap, _is("unknown"), {"hoist": 5.0, "axis": 5.0}, True),
-    Measure("unknown_caught", "unlisted cause:\nunknown", _unlisted, _is("unknown"), {"hoist": 90.0, "axis": 90.0}),
+    Measure("unknown_caught", "unlisted cause:\nunknown", _unlisted, _is("unknown"), _UNKNOWN),
     Measure("unknown_place", "unlisted cause:\nplace right", _unlisted, criteria.place_right),
     Measure("place", "place right,\nall causes", _cause, criteria.place_right, {"hoist": 95.0, "axis": 95.0}),
     Measure("event", "brief event\nfound", criteria.has_event, criteria.event_found),
@@ -94,22 +98,30 @@ def measure(key: str) -> Measure:
     return next(known for known in MEASURES if known.key == key)
 
 
+def kind_of(row: Row) -> str:
+    """Kind of machine, and "recorded" of a real one, whatever its kind."""
+    return "recorded" if criteria.recorded(row) else criteria.kind_of(row)
+
+
 def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """ "kind, source" -> its rows, recorded machines first; then each kind's all where it has more than one source."""
+    """ "kind, source" -> its rows, of recorded machines "recorded, family"; then each kind's all where it has more
+    than one."""
     grouped: dict[str, list[Row]] = {}
-    for row in sorted(rows, key=lambda r: (not criteria.recorded(r), criteria.kind_of(r), criteria.source_of(r))):
-        grouped.setdefault(f"{criteria.kind_of(row)}, {criteria.source_of(row)}", []).append(row)
-    for kind in sorted({criteria.kind_of(row) for row in rows}):
-        of_kind = [row for row in rows if criteria.kind_of(row) == kind]
-        if len({criteria.source_of(row) for row in of_kind}) > 1:
+    for kind, of_kind in by_kind(rows).items():
+        of_source: dict[str, list[Row]] = {}
+        name = criteria.family_of if kind == "recorded" else criteria.source_of
+        for row in sorted(of_kind, key=name):
+            of_source.setdefault(f"{kind}, {name(row)}", []).append(row)
+        grouped |= of_source
+        if len(of_source) > 1:
             grouped[f"{kind}, all"] = of_kind
     return grouped
 
 
 def by_kind(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Kind of machine -> its rows."""
-    kinds = sorted({criteria.kind_of(row) for row in rows})
-    return {kind: [row for row in rows if criteria.kind_of(row) == kind] for kind in kinds}
+    """Kind of machine -> its rows, recorded machines first."""
+    kinds = sorted({kind_of(row) for row in rows}, key=lambda kind: (kind != "recorded", kind))
+    return {kind: [row for row in rows if kind_of(row) == kind] for kind in kinds}
 
 
 def by_size(rows: Sequence[Row]) -> dict[str, list[Row]]:
