@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -161,6 +162,21 @@ def test_uploaded_files_are_found_by_their_names(nothing_offered, simulated):
     app.run()
     assert not app.exception and errors(app) == []
     assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full", "all runs"]
+
+
+def test_the_servers_copy_of_an_upload_is_let_go(nothing_offered, simulated, monkeypatch):
+    let_go: list[tuple[str, str]] = []
+
+    class Files:
+        def remove_file(self, session_id: str, file_id: str) -> None:
+            let_go.append((session_id, file_id))
+
+    context = SimpleNamespace(uploaded_file_mgr=Files(), session_id="one")
+    monkeypatch.setattr(campaigns, "get_script_run_ctx", lambda: context)
+    app = page("Validate").run()
+    app.file_uploader(key=f"{BOX} files 0").upload("mine.zip", zipped(simulated), "application/zip")
+    app.run()
+    assert [session_id for session_id, _ in let_go] == ["one"] and not app.exception
 
 
 def test_two_sessions_do_not_see_each_others_uploads(nothing_offered, simulated):
