@@ -11,12 +11,11 @@ from streamlit.testing.v1 import AppTest
 
 from tests.support.batches import SCENARIO
 from tests.support.dashboard_app import errors, figures, page
-from tests.support.scenario_text import GOOD, write
+from tests.support.scenario_text import GOOD
 from workbench.dashboard import jobs, session
 from workbench.dashboard.job_cards import counts
 from workbench.dashboard.jobs import Progress
 from workbench.dashboard.pages import batches
-from workbench.study.load import load_study
 
 
 @pytest.fixture(autouse=True)
@@ -163,15 +162,6 @@ def test_after_a_reload_the_batches_are_there_again_and_only_for_the_one_who_kno
         assert not guesser.exception
 
 
-def test_another_page_drops_the_address_and_the_batches_page_puts_it_back(server: Path):
-    app = begun()
-    number = address(app)
-    app.query_params.clear()
-    app.run()
-    assert address(app) == number
-    assert "jog" in words(app)
-
-
 def test_a_batch_that_is_removed_leaves_nothing(server: Path):
     app = begun()
     job = the_job(server)
@@ -223,11 +213,6 @@ def test_an_uploaded_scenario_may_extend_one_that_ships(server: Path):
     assert "24 runs" in words(app)  # eight references, three kinds of feed-forward
 
 
-def test_an_upload_that_is_too_large_is_refused():
-    app = uploaded(GOOD + "# " + "x" * 1_000_000)
-    assert "1.0 MB, expected at most 1 MB" in errors(app)[0]
-
-
 MACHINE = (Path(batches.__file__).parents[2] / "machine" / "default_hoist.yaml").read_text()
 
 
@@ -250,11 +235,6 @@ def test_a_batch_can_run_on_another_machine_than_the_scenario_names(server: Path
     folder = jobs.result_folder(job)
     assert folder is not None
     assert "another, once" in (folder / "machine.yaml").read_text()
-
-
-def test_the_limits_hold_for_the_runs_and_let_a_study_of_that_size_pass(tmp_path: Path):
-    many = GOOD.replace("payloads_kg: [0, 9000]", "sweep: {payload_kg: {from: 0, to: 9000, steps: 500}}")
-    batches.check_size(load_study(write(tmp_path, many)))
 
 
 @pytest.mark.parametrize(

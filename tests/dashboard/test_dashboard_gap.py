@@ -27,7 +27,6 @@ from workbench.dashboard.pages.gap import TAB
 from workbench.dashboard.server import SCRIPT
 from workbench.dashboard.work import VIEW, View, read_view, write_view
 from workbench.diagnose import diagnose as orchestration
-from workbench.diagnose.progress import Stage
 from workbench.diagnose.records import Diagnosis
 from workbench.effects import check
 from workbench.errors import InputError
@@ -141,11 +140,6 @@ def test_a_campaign_is_shown_before_it_is_diagnosed(server):
     assert [button.proto.label for button in app.get("download_button")] == []
 
 
-def test_the_campaign_that_ships_is_offered(monkeypatch):
-    monkeypatch.undo()
-    assert campaigns.offered()["demo_campaign"].parent.name == "scenarios"
-
-
 def test_a_diagnosis_is_run_in_a_process_of_its_own_and_its_answer_shown(server, spring):
     app = one_candidate(page("Gap").run())
     effect = app.multiselect[0].value[0]
@@ -235,24 +229,6 @@ def test_what_is_alike_and_the_next_run_are_said(server, monkeypatch, spring):
     assert "The next run.** A slow run tells friction_viscous from carriage_mass_error." in words(app)
     assert app.dataframe[0].value["signals to log too"].tolist() == ["tension_dead_line_n"]
     assert [warning.value for warning in app.warning] == ["No run logs the dead line's tension."]
-
-
-def test_no_gap_has_nothing_to_shrink_and_no_place(server, monkeypatch, spring):
-    number, job = finished(server, monkeypatch, spring, "no_gap")
-    app = shown(number)
-    assert [metric.label for metric in app.metric] == ["Torque residual", "Noise floor", "Speed error"]
-    assert not any(metric.delta for metric in app.metric)
-    assert titles(app) == ["Probability"]
-    assert "there is no place of it" in words(turned(app, job, "Where it lies"))
-    assert "not asked for" in words(turned(app, job, "Control study"))
-
-
-def test_an_axis_is_shown_in_newtons(server, monkeypatch, spring):
-    number, job = finished(server, monkeypatch, spring, "axis")
-    app = shown(number)
-    assert app.metric[0].label == "Force residual" and app.metric[0].value.endswith(" N")
-    for tab in TABS[1:]:
-        turned(app, job, tab)
 
 
 def test_the_three_files_are_offered_and_the_corrected_machine_can_be_kept_for_study(server, monkeypatch, spring):
@@ -369,19 +345,6 @@ def test_a_damaged_result_says_so(server, monkeypatch, spring):
     number, job = finished(server, monkeypatch, spring, "named")
     job.file(VIEW).write_text('{"campaign": "spring"}')
     assert errors(shown(number)) == [f"{VIEW}: this result is damaged; compute it again"]
-
-
-def test_all_candidates_are_those_of_the_library(server):
-    app = page("Gap").run()
-    app.selectbox(key="gap candidates").set_value(gap.ALL).run()
-    begun(app)
-    asked = the_job(server).arguments
-    assert "friction_viscous" in asked["candidates"] and len(asked["candidates"]) > 25
-    assert (asked["most_effects"], asked["name"]) == (2, "spring")
-
-
-def test_each_stage_of_a_diagnosis_has_its_words():
-    assert len(gap.STAGES) == len(Stage)
 
 
 def test_a_view_is_read_as_it_was_written(tmp_path):

@@ -195,11 +195,6 @@ def test_an_id_that_is_none_is_no_path(workspace: Path, number: str):
     assert jobs.read_job(workspace, number) is None
 
 
-def test_a_job_is_private_to_the_user(workspace: Path):
-    job = begin(workspace, "counted", to=1)
-    assert job.folder.stat().st_mode & 0o777 == 0o700
-
-
 def test_two_at_a_time_and_no_more(workspace: Path, tmp_path: Path):
     for _ in range(2):
         begin(workspace, "counted", to=10_000, each_s=0.01)

@@ -30,8 +30,6 @@ from workbench.dashboard.plant_worker import (
     Recorder,
     UdpLine,
     Wanted,
-    wanted_of,
-    wish_of,
 )
 from workbench.errors import InputError
 from workbench.figures.served import last_seconds, late_starts
@@ -159,14 +157,6 @@ def test_rows_are_handed_out_once_and_begin_anew_after_a_reset():
     assert anew["generation"] != first["generation"] and len(anew["rows"]) == 1 and anew["events"] == []
 
 
-def test_what_an_onlooker_reads_is_what_the_points_say():
-    session = new_session(Hand())
-    session.command(session.plant.hold_nm)
-    session.step()
-    numbers = OwnLine(session).numbers()
-    assert numbers == session.order({"get": list(numbers)})["get"]
-
-
 def test_figures_of_a_plant_hold_its_last_seconds_its_events_and_every_step():
     session = new_session(Hand())
     numbers = OwnLine(session).numbers()
@@ -224,17 +214,6 @@ def test_a_port_without_a_plant_is_one_clear_error():
         line = UdpLine(taken.getsockname()[1])
         with pytest.raises(InputError, match="no plant answers over UDP on port"):
             line.order({"status": True})
-
-
-def test_a_wish_and_a_clients_wish_come_back_from_json():
-    wish = Wish(port=0, payload_kg=4500.0, ready=("motor_fan",))
-    assert wish_of(asdict(wish)) == wish
-    with pytest.raises(InputError, match="rate_hz"):
-        wish_of(asdict(Wish(rate_hz=1e9)))
-    settings = PI.model_dump()
-    assert wanted_of({"settings": settings, "heights_m": None}) == Wanted(PI)
-    moving = {"settings": settings, "heights_m": [8, 10], "reference": "trapezoid", "limits": [0.5, 0.6, 2.0]}
-    assert wanted_of(moving) == Wanted(PI, (8.0, 10.0), "trapezoid", LIMITS)
 
 
 def test_a_desk_answers_orders_and_rows_and_lets_its_client_go():

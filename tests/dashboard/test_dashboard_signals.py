@@ -15,8 +15,9 @@ from streamlit.testing.v1 import AppTest
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.dashboard import campaigns
-from workbench.dashboard.pages.signals import RAMP, part_of, runs_table
+from workbench.dashboard.pages.signals import RAMP, part_of, runs_table, with_computed
 from workbench.dashboard.pages.study import force_table, forces_of
+from workbench.errors import InputError
 from workbench.figures.signals import BEFORE_S, Stretch, browser, start_of_move
 from workbench.figures.style import line
 from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet
@@ -97,6 +98,32 @@ def test_what_is_taken_away_is_every_sample_of_the_stretch(tmp_path: Path):
     variables = loadmat(tmp_path / "signals.mat")
     assert (variables["run_1_up___down"]["time_s"][0, 0].ravel() == part.time_s).all()
     assert "run_1_up___down_2" in variables
+
+
+def test_a_computed_signal_is_arithmetic_of_signals():
+    one = run(20_000)
+    power = with_computed("power_w = torque_motor_nm * speed_motor_rad_s / 2", one)["power_w"]
+    assert power == pytest.approx(0.5 * one["torque_motor_nm"] * one["speed_motor_rad_s"])
+    slope = with_computed("a_m_s2 = ddt(time_squared_m_s)", with_computed("time_squared_m_s = 3", one))["a_m_s2"]
+    assert slope == pytest.approx(np.zeros(len(slope)), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [
+        ("x_nm = torque_moter_nm", "did you mean 'torque_motor_nm'"),
+        ("x = __import__('os').system('ls')", "is not arithmetic of signals"),
+        ("x = (1).__class__", "is not arithmetic of signals"),
+        ("x = 1 +", "is no expression"),
+        ("torque_motor_nm", "expected name = expression"),
+        ("torque_motor_nm = 1", "is a signal of the log"),
+        ("x = " + "(" * 5000, "is no expression"),
+    ],
+)
+def test_what_is_no_arithmetic_of_signals_is_one_clear_error(said: str, why: str):
+    with pytest.raises(InputError, match="Computed signal") as caught:
+        with_computed(said, run(20_000))
+    assert why in str(caught.value)
 
 
 def test_the_table_counts_missing_samples():

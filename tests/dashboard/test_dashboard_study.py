@@ -21,18 +21,15 @@ pytest.importorskip("streamlit")
 
 from tests.support.dashboard_app import errors, figures, page
 from workbench.cli import cli
-from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2
-from workbench.dashboard import machines, session, shell, widgets
+from workbench.dashboard import machines, session, widgets
 from workbench.dashboard.pages import compare as kept
 from workbench.dashboard.pages.compare import difference, machine_told_apart
 from workbench.dashboard.pages.study import OWN
 from workbench.dashboard.pages.study_desk import (
-    START,
     desk_of,
     from_address,
     in_address,
     scenario_of,
-    shipped_desk,
     shipped_files,
     usual_desk,
 )
@@ -40,13 +37,11 @@ from workbench.dashboard.server import OPTIONS, SCRIPT
 from workbench.errors import InputError
 from workbench.figures.study import peak_torque_over_payload
 from workbench.figures.style import GROUND, INK, for_dark
-from workbench.logs.signal_files import as_csv, as_mat, as_parquet
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.metrics import find
 from workbench.study.load import load_study, plan_study, read_standalone, standalone_text
-from workbench.study.run import StudyResult, labelled_runs, run_study
+from workbench.study.run import StudyResult, run_study
 from workbench.study.scenario import Scenario
-from workbench.study.side import over_payload, over_ramps
 from workbench.yaml_strict import loads
 
 KP, KI = "loop kp", "loop ki"
@@ -188,39 +183,12 @@ def test_gains_are_carried_from_loop_to_study_and_back():
     assert back.select_slider(key=KP).value == 150.0 and back.select_slider(key=KI).value == 918.0
 
 
-@pytest.mark.parametrize("name", ["references_at_their_best", "hoist_lower_limits", "jerk_pareto"])
-def test_scenarios_that_ship_stand_on_the_page_with_what_they_extend(name: str):
-    desk, other = shipped_desk(name, default_hoist())
-    assert other is None
-    result = plan_study(scenario_of(desk, default_hoist()), default_hoist())
-    assert result.specs and desk.values["name"] == name
-
-
 def test_an_uploaded_scenario_may_extend_one_that_ships_and_no_other():
     text = "extends: ../scenarios/payloads.yaml\nname: mine\npayloads_kg: [700]\n"
     scenario = read_standalone(loads(text, "s.yaml"), None, shipped_files())
     assert scenario.payloads_kg == (700.0,) and scenario.limits.jerk_m_s3 == 0.8
     with pytest.raises(InputError, match="another file, which is not here"):
         read_standalone(loads(text.replace("payloads.yaml", "secret.yaml"), "s.yaml"), None, shipped_files())
-
-
-def test_signals_are_the_runs_own_in_every_form(tmp_path: Path):
-    from pyarrow import BufferReader
-    from pyarrow.csv import read_csv
-    from pyarrow.parquet import read_table
-    from scipy.io import loadmat
-
-    scenario = usual_scenario(payloads=(700.0,), way=1.0)
-    result = run_study(plan_study(scenario, default_hoist()))
-    run = result.runs["700kg_ruckig"]
-    file = tmp_path / "signals.mat"
-    file.write_bytes(as_mat(labelled_runs(result)))
-    speed = loadmat(file)["run_ruckig_700kg"]["speed_motor_rad_s"][0, 0].ravel()
-    assert (speed == run["speed_motor_rad_s"]).all()
-    runs = labelled_runs(result)
-    for table in (read_table(BufferReader(as_parquet(runs))), read_csv(BufferReader(as_csv(runs)))):
-        mine = [kind == "ruckig" for kind in table["reference"].to_pylist()]
-        assert table["tension_drum_n"].to_numpy()[mine] == pytest.approx(run["tension_drum_n"], rel=1e-12)
 
 
 def test_one_cursor_goes_over_all_rows_of_a_column(drawn):
@@ -231,11 +199,6 @@ def test_one_cursor_goes_over_all_rows_of_a_column(drawn):
 
 def trapezoid_and_ruckig(app: Any) -> Any:
     return app.pills(key="study.references").set_value(["ruckig"]).run()
-
-
-def test_the_first_table_has_the_references_that_a_drive_engineer_weighs():
-    assert START.references == usual_scenario().references
-    assert START.references == ("trapezoid", "ruckig", "ruckig_equal_time", "optimal")
 
 
 def test_a_stretch_of_time_stays_while_sliders_move_and_a_bad_one_is_said():
@@ -302,13 +265,6 @@ def test_a_difference_of_rounding_is_neither_green_nor_red():
     assert widgets._delta(widgets.Number("time", 40.0, "s", float("nan"), "lower")) == (None, "off")
 
 
-def test_without_a_second_reference_the_trapezoid_stands_alone():
-    app = page("Study").run()
-    app.pills(key="study.references").set_value([]).run()
-    assert not app.exception
-    assert [delta for _, delta in metrics(app).values()] == ["", "", "", ""]
-
-
 def test_a_loaded_scenario_sets_the_controls():
     app = upload(page("Study").run(), SCENARIO)
     assert not app.exception and not app.error
@@ -317,14 +273,6 @@ def test_a_loaded_scenario_sets_the_controls():
     assert app.slider(key="study.kp").value == 25.0
     assert app.slider(key="study.way").value == 10.0
     assert app.text_input(key="study.name").value == "heavy"
-
-
-def test_the_plant_is_a_control_and_comes_from_a_loaded_scenario():
-    machine = default_hoist()
-    desk = desk_of(read_standalone(loads(SCENARIO + "plant: multibody\n", "s.yaml")), machine)
-    assert desk.values["plant"] == "multibody" and scenario_of(desk, machine).plant == "multibody"
-    lumped = desk.having(plant="lumped")
-    assert scenario_of(lumped, machine).plant == "lumped"
 
 
 def test_a_scenario_loaded_stays_under_the_sliders_that_move_on_from_it():
@@ -416,24 +364,6 @@ def test_a_machine_that_a_scenario_names_may_be_given_by_hand():
     assert isinstance(scenario, Scenario) and scenario.machine == "mine.yaml"
     with pytest.raises(InputError, match=r"s\.yaml:9: machine: 'mine\.yaml' is another file"):
         read_standalone(loads(SCENARIO + "machine: mine.yaml\n", "s.yaml"))
-
-
-def test_rigid_gains_go_to_bandwidth_and_damping_and_back():
-    inertia = shaft_inertia_kg_m2(default_hoist())
-    kp, ki = rigid_gains(inertia, 2.5, 0.8)
-    bandwidth, damping = bandwidth_and_damping(inertia, kp, ki)
-    assert bandwidth == pytest.approx(2.5, rel=1e-3) and damping == pytest.approx(0.8, rel=1e-3)
-    # J s^2 + kp s + ki has the damping that was asked for.
-    assert kp / (2.0 * (inertia * ki) ** 0.5) == pytest.approx(0.8, rel=1e-3)
-
-
-def test_beside_a_study_lie_its_payloads_and_its_ramps():
-    machine = default_hoist()
-    payloads = run_study(over_payload(START, machine, [0.0, 3000.0]))
-    assert sorted({row.payload_kg for row in payloads.rows}) == [0.0, 3000.0, 4500.0, 9000.0]
-    assert not payloads.runs
-    ramps = run_study(over_ramps(START, machine, [0.3, 0.6], [0.8, 1.6]))
-    assert len(ramps.rows) == 4 * len(START.references) and {row.payload_kg for row in ramps.rows} == {9000.0}
 
 
 def test_kept_runs_stand_side_by_side_in_compare():
@@ -563,34 +493,6 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read():
 
     with pytest.raises(InputError, match=r"machine.yaml: 2.0 MB, expected at most 1 MB"):
         session.stored(Large(), "machine.yaml")
-
-
-def test_a_machine_is_kept_under_a_free_name(monkeypatch):
-    state: dict[str, Any] = {}
-    monkeypatch.setattr(session.st, "session_state", state)
-    machine = default_hoist()
-    other = with_values(machine, {"carriage.mass_kg": 9000.0})
-    assert machines.keep_machine("identified", machine) == "identified"
-    assert machines.keep_machine("identified", other) == "identified (2)"
-    assert machines.keep_machine("identified", machine) == "identified"
-    assert machines.keep_machine(machines.DEFAULT, other) == f"{machines.DEFAULT} (2)"
-    assert machines.kept_machines()["identified (2)"] == other
-
-
-def test_only_the_last_kept_runs_stay(monkeypatch):
-    monkeypatch.setattr(session.st, "session_state", {})
-    machine = default_hoist()
-    result: Any = None
-    for number in range(kept.MOST + 2):
-        kept.keep(f"run{number}", START, machine, result)
-    assert list(kept.kept()) == [f"run{number}" for number in range(2, kept.MOST + 2)]
-
-
-def test_every_page_that_is_there_can_be_imported():
-    assert {"Study", "Compare"} <= set(shell.present())
-    for title in shell.present():
-        module, _, name = shell.PAGES[title][0].partition(":")
-        assert callable(getattr(__import__(module, fromlist=[name]), name))
 
 
 def test_the_whole_app_runs_in_its_frame():

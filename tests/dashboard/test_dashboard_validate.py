@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,7 +20,7 @@ from workbench.dashboard.pages.validate import in_words
 from workbench.figures.identify import Estimate, estimates
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
-from workbench.machine import Hoist, load_machine
+from workbench.machine import Hoist
 from workbench.simulate.replay import replay_runs
 
 BOX = "validate campaign"
@@ -87,14 +88,6 @@ def test_the_replay_is_the_librarys_own(offered):
     assert "workbench" not in said
 
 
-def test_fewer_runs_can_be_chosen_and_none_asks_for_one(offered):
-    app = page("Validate").run()
-    app.multiselect[0].set_value(["half"]).run()
-    assert app.dataframe[0].value["run"].tolist() == ["half"]
-    app.multiselect[0].set_value([]).run()
-    assert [element.value for element in app.info] == ["Choose at least one run."]
-
-
 def test_identification_finds_the_friction_and_the_machine_can_be_kept_and_downloaded(offered, tmp_path):
     app = page("Validate").run()
     before = number(app, "Torque residual, moving")
@@ -114,14 +107,6 @@ def test_identification_finds_the_friction_and_the_machine_can_be_kept_and_downl
     assert kept["identified from spring"].guide == expected.guide
     assert [element.value for element in app.toast] == ["Kept as identified from spring"]
     assert len(app.get("download_button")) == 1
-
-
-def test_the_downloaded_machine_is_one_that_every_command_reads(offered, tmp_path):
-    from workbench.machine.files import machine_text
-
-    identified = identify(read_campaign(offered)).machine
-    (tmp_path / "machine.yaml").write_text(machine_text(identified))
-    assert load_machine(tmp_path / "machine.yaml") == identified
 
 
 def test_a_kept_machine_can_be_replayed_on_the_campaign(offered):
@@ -161,6 +146,21 @@ def test_uploaded_files_are_found_by_their_names(nothing_offered, simulated):
     app.run()
     assert not app.exception and errors(app) == []
     assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full", "all runs"]
+
+
+def test_the_servers_copy_of_an_upload_is_let_go(nothing_offered, simulated, monkeypatch):
+    let_go: list[tuple[str, str]] = []
+
+    class Files:
+        def remove_file(self, session_id: str, file_id: str) -> None:
+            let_go.append((session_id, file_id))
+
+    context = SimpleNamespace(uploaded_file_mgr=Files(), session_id="one")
+    monkeypatch.setattr(campaigns, "get_script_run_ctx", lambda: context)
+    app = page("Validate").run()
+    app.file_uploader(key=f"{BOX} files 0").upload("mine.zip", zipped(simulated), "application/zip")
+    app.run()
+    assert [session_id for session_id, _ in let_go] == ["one"] and not app.exception
 
 
 def test_two_sessions_do_not_see_each_others_uploads(nothing_offered, simulated):

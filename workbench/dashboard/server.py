@@ -116,7 +116,7 @@ class Guard:
 
         host = next((value.decode("latin-1") for name, value in scope["headers"] if name == b"host"), "")
         if not is_allowed(host, st.get_option("server.allowedHosts") or ["*"]):
-            answer = PlainTextResponse("This name is none of this server's; start it with --host NAME.", 400)
+            answer = PlainTextResponse("This server does not answer to that name; its owner can allow it.", 400)
             return await answer(scope, receive, guarded)
         if str(scope["path"]).endswith(METRICS):
             return await PlainTextResponse("Not found", 404)(scope, receive, guarded)

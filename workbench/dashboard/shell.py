@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 _STYLE = """<style>
 .stMainBlockContainer {padding-top: 4rem; padding-bottom: 2rem; padding-left: 2rem; padding-right: 2rem;}
 @media (max-width: 900px) {.stMainBlockContainer {padding-left: 1rem; padding-right: 1rem;}}
-[class*="st-key-cards"] > * {flex: 1 1 9.5rem; min-width: 9.5rem;}
+[class*="st-key-cards"] > * {flex: 1 1 10.5rem; min-width: 10.5rem;}
+@media (max-width: 500px) {[class*="st-key-cards"] > * {min-width: 100%;}}
 [class*="st-key-beside"] > * {flex: 1 1 26rem; min-width: min(26rem, 100%);}
 </style>"""
 

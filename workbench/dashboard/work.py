@@ -10,7 +10,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -57,20 +56,15 @@ class View:
     place: str = ""
 
 
-@cache
-def _adapter(kind: type[T]) -> TypeAdapter[T]:
-    return TypeAdapter(kind)
-
-
 def write_view(view: View | Section, path: Path) -> None:
     """As JSON; a figure is plotly's own JSON, which `widgets.chart` draws."""
-    path.write_bytes(_adapter(type(view)).dump_json(view, fallback=lambda figure: from_json(figure.to_json())))
+    path.write_bytes(TypeAdapter(type(view)).dump_json(view, fallback=lambda figure: from_json(figure.to_json())))
 
 
 def read_view(kind: type[T], path: Path) -> T:
     """InputError for a file that is gone or damaged."""
     try:
-        return _adapter(kind).validate_json(path.read_bytes())
+        return TypeAdapter(kind).validate_json(path.read_bytes())
     except (OSError, ValidationError) as error:
         raise InputError("this result is damaged; compute it again", file=path) from error
 

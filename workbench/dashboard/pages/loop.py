@@ -116,7 +116,8 @@ def _side_bar(bad: list[InputError]) -> tuple[Question, Settings]:
 
     machine = session_machine("loop machine")
     kind = kind_of(machine)
-    usual, payloads = ", ".join(f"{height:g}" for height in usual_heights(machine)), (0.0,)
+    usual = ", ".join(f"{height:g}" for height in usual_heights(machine))
+    payloads: tuple[float, ...] = (0.0,)
     if kind.payload:
         payloads = typed("Payloads (kg)", "0, 4500, 9000", "loop payloads", "payloads")
         heights = typed("Carriage heights (m)", usual, "loop heights", "heights")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,16 +12,24 @@ import streamlit as st
 
 from workbench.dashboard import session
 from workbench.dashboard.campaigns import chosen_campaign
-from workbench.dashboard.widgets import chart, guarded, notes, plain, table, text
+from workbench.dashboard.widgets import chart, guarded, notes, plain, problem, table, text
+from workbench.errors import InputError, nearest
 from workbench.figures.signals import Stretch, browser, start_of_move
 from workbench.logs import Campaign
 from workbench.logs.signal_files import FORMS, Labelled
-from workbench.run import Run
+from workbench.run import Array, Run
 from workbench.tables import Column, Table
 
 WHOLE, RAMP = "whole runs", "start of the first move"
 FEW_RUNS, MOST_SIGNALS = 3, 10
 FIRST = ("speed", "torque", "force", "current", "tension")  # what a log is looked at for first, by name's beginning
+
+
+OPERATORS = {
+    ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power,
+    ast.USub: np.negative, ast.UAdd: np.positive,
+}  # fmt: skip
+FUNCTIONS = {"abs": np.abs, "sqrt": np.sqrt, "sin": np.sin, "cos": np.cos, "exp": np.exp, "log": np.log}
 
 
 def show() -> None:
@@ -53,10 +63,59 @@ def _chosen(campaign: Campaign) -> tuple[list[Run], list[str]]:
         "Signals", known, key=session.held(f"signals names {which}", usual), max_selections=MOST_SIGNALS,
         help="A row for each, in this order.",
     )  # fmt: skip
+    said = st.text_input(
+        "Computed signal", key=session.held(f"signals computed {which}", ""), max_chars=200,
+        placeholder="power_w = torque_motor_nm * speed_motor_rad_s",
+        help=f"name = expression of signals, with + - * / **, ddt(…) for the slope and {', '.join(FUNCTIONS)}. "
+        "The name's end is its unit.",
+    )  # fmt: skip
+    runs = [run for run in campaign.runs if run.name in chosen]
+    if said.strip():
+        try:
+            runs = [with_computed(said, run) for run in runs]
+            signals = [*signals, said.partition("=")[0].strip()]
+        except InputError as error:
+            problem(error)
     if not chosen or not signals:
         st.info("Choose at least one run and one signal.", icon=":material/info:")
         st.stop()
-    return [run for run in campaign.runs if run.name in chosen], signals
+    return runs, signals
+
+
+def with_computed(said: str, run: Run) -> Run:
+    """The run with one signal more, `name = expression`. InputError for what is no expression of its signals."""
+    name, equals, expression = (part.strip() for part in said.partition("="))
+    if not equals or re.fullmatch(r"[A-Za-z]\w*", name) is None:
+        raise InputError(f"'{said}', expected name = expression", place="Computed signal")
+    if name in run.signals:
+        raise InputError(f"'{name}' is a signal of the log; choose another name", place="Computed signal")
+    try:
+        tree = ast.parse(expression, mode="eval").body
+    except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
+        raise InputError(f"'{expression}' is no expression", place="Computed signal") from error
+    with np.errstate(all="ignore"):
+        values = np.broadcast_to(np.asarray(_value(tree, run), dtype=float), run.time_s.shape)
+    return replace(run, signals={**run.signals, name: values})
+
+
+def _value(node: ast.expr, run: Run) -> Array | float:
+    """Walks the expression; nothing but numbers, signals, arithmetic and the functions above is evaluated."""
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            return float(number)
+        case ast.Name(id=name) if name in run:
+            return run[name]
+        case ast.Name(id=name):
+            raise InputError(f"'{name}' is no signal; {nearest(name, run.signals)}", place="Computed signal")
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS:
+            return OPERATORS[type(op)](_value(left, run), _value(right, run))
+        case ast.UnaryOp(op=op, operand=operand) if type(op) in OPERATORS:
+            return OPERATORS[type(op)](_value(operand, run))
+        case ast.Call(func=ast.Name(id="ddt"), args=[argument], keywords=[]):
+            return np.gradient(np.broadcast_to(_value(argument, run), run.time_s.shape), run.time_s)
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
+            return FUNCTIONS[name](_value(argument, run))
+    raise InputError(f"'{ast.unparse(node)}' is not arithmetic of signals", place="Computed signal")
 
 
 def _stretches(runs: Sequence[Run]) -> list[Stretch]:

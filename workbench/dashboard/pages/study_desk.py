@@ -98,10 +98,10 @@ def fields_of(machine: Hoist | Axis, desk: Desk) -> dict[str, Field]:
     """The numbers of this kind of machine, by name, with their ranges at the desk's other values."""
     v, kind = desk.values, kind_of(machine)
     settings, unit = desk.base.controller, kind.moved.unit
-    fraction = {"low": 0.0, "high": 1.0, "step": 0.05}
+    ahead = type(settings.feed_forward).model_fields
     fields = [
-        Field("weight", "Set-point weight (–)", "set_point_weight", **fraction),
-        *(Field(f"ff {name}", _fed_words(name), name, **fraction) for name in type(settings.feed_forward).model_fields),
+        Field("weight", "Set-point weight (–)", "set_point_weight", 0.0, 1.0, 0.05),
+        *(Field(f"ff {name}", _fed_words(name), name, 0.0, 1.0, 0.05) for name in ahead),
     ]
     if (hoist := studied(machine)) is not None and kind.payload:
         low, high, fastest = hoist.rail.lowest_position_m, hoist.highest_position_m, fastest_m_s(hoist)

@@ -186,7 +186,7 @@ def _both_models(campaign: Campaign) -> None:
     head, button = st.columns([5.0, 1.4], vertical_alignment="center")
     head.markdown("##### Lumped and multi-body model")
     # What decides the result: the campaign, its chosen runs, the machine.
-    asked = {
+    asked: dict[str, object] = {
         "name": campaign.name,
         "source": str(campaign.path.resolve()),
         "runs": [run.name for run in campaign.runs],
