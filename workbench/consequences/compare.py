@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.analysis.family import family, operating_points, weakest
-from workbench.analysis.search import Search, make_search
-from workbench.analysis.shape import best_rejection, for_bandwidth
+from workbench.analysis.search import Search, best_rejection, for_bandwidth, make_search
 from workbench.analysis.tune import Goal
 from workbench.consequences.motion import LEAD_S, REFERENCES, SmallStudy, small_study
 from workbench.consequences.phases import at_phases

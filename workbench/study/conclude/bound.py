@@ -11,9 +11,8 @@ from workbench.kinds import kind_of, load_of
 from workbench.kinds.load import Load
 from workbench.metrics import set_of
 from workbench.references import BASELINE, LimitPair, Shape, move_shape, planned_kind, planned_kinds
-from workbench.references.least_peak import least_peak
+from workbench.references.least_peak import least_peak, peak_force_n
 from workbench.references.limits import raised
-from workbench.references.response import peak_force_n
 from workbench.study.conclude.decide import words_of
 from workbench.study.conclude.side_studies import at_heaviest
 from workbench.study.conclude.variation_sentences import listed
