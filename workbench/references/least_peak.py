@@ -105,7 +105,7 @@ def _in_time(distance_m: float, limits: Limits, time_s: float, acceleration_m_s2
 
 GRIDS = ((48, 1.0), (96, 1.0), (192, 2.0), (384, 4.0))  # (steps in the window at either end, swings it is longer)
 TOWARDS_THE_END = (0.85, 0.1, 0.05)  # of the last window, with a third of its steps each: there the wire comes to rest
-GAP = 0.004  # of the bound: the grid is refined until primal and dual are that near
+GAP = 0.0048  # of the bound: the grid is refined until primal and dual are that near
 TAUT = 0.1  # of the weight: the wire carries at least that
 A_SWING = 60  # places in the swing after the end
 FINE_S = 5e-4  # longest step of the rule that rounds ∫|q| up
@@ -372,10 +372,10 @@ class MoveProblem:
             stiffness, damping = self.phi[2:]
             count = math.ceil(length / FINE_S)
             one = _exponential(np.array([[-damping, -1.0], [stiffness, 0.0]]) * (length / count))
-            track = [w[1:3]]
-            for _ in range(count):
-                track.append(one @ track[-1])
-            swing = np.array(track)
+            swing = w[None, 1:3]
+            while len(swing) <= count:  # what is known so far is carried on by its own length
+                swing, one = np.vstack([swing, swing @ one.T]), one @ one
+            swing = swing[: count + 1]
             density = w[0] + swing[:, 1] + damping * swing[:, 0]
             negative = float(np.maximum(-density, 0.0).sum()) * length / count
             cost += v * (swing[0, 0] - swing[-1, 0] + w[0] * length + negative)
