@@ -15,8 +15,7 @@ from typing import Any, cast
 import numpy as np
 
 from workbench.analysis.family import family, operating_points, weakest
-from workbench.analysis.search import Search, make_search
-from workbench.analysis.shape import best_rejection, for_bandwidth
+from workbench.analysis.search import Search, best_rejection, for_bandwidth, make_search
 from workbench.analysis.tune import Goal
 from workbench.analysis.usual import usual_controller, usual_settings
 from workbench.control import Cascade, Settings

@@ -12,14 +12,12 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.even_motion import EvenMotion
 from workbench.analysis.family import family, operating_points
-from workbench.analysis.linearise import MOTIONS, OUTPUTS, LinearPlant, OperatingPoint, linearise
+from workbench.analysis.linearise import MOTIONS, OUTPUTS, EvenMotion, LinearPlant, OperatingPoint, linearise
 from workbench.analysis.loop import linear_loop
 from workbench.analysis.margins import Margins, margins
-from workbench.analysis.search import make_search
-from workbench.analysis.shape import for_bandwidth
-from workbench.analysis.trial import try_out, usual_trial
+from workbench.analysis.search import for_bandwidth, make_search
+from workbench.analysis.tune import try_out, usual_trial
 from workbench.cli import cli
 from workbench.control import PiSettings
 from workbench.effects import effects_for, of, sizes_of

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.controller import linear_controller
-from workbench.analysis.discrete import Sampled, sampled_plant
 from workbench.analysis.linearise import (
     MOTIONS,
     OUTPUTS,
@@ -20,6 +18,7 @@ from workbench.analysis.linearise import (
     OperatingPoint,
     linearise,
 )
+from workbench.analysis.loop import Sampled, linear_controller, sampled_plant
 from workbench.control import FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
 from workbench.errors import InputError
 from workbench.machine import Hoist, with_values

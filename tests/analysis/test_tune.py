@@ -13,11 +13,9 @@ from workbench.analysis.family import family, operating_points
 from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import linear_loop
 from workbench.analysis.margins import margins
-from workbench.analysis.search import Search, make_search
-from workbench.analysis.shape import best_rejection, for_bandwidth
+from workbench.analysis.search import Search, best_rejection, for_bandwidth, make_search
 from workbench.analysis.step import load_step, step_response
-from workbench.analysis.trial import Score, Trial, try_out, usual_trial
-from workbench.analysis.tune import Goal, Tuned, Weights, tune
+from workbench.analysis.tune import Goal, Score, Trial, Tuned, Weights, try_out, tune, usual_trial
 from workbench.cli import cli
 from workbench.control import Notch, PiSettings
 from workbench.errors import InputError

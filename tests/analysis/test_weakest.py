@@ -11,9 +11,7 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.linearise import OperatingPoint, linearise
-from workbench.analysis.obstacle import anti_resonances
-from workbench.analysis.search import make_search
-from workbench.analysis.shape import for_bandwidth
+from workbench.analysis.search import anti_resonances, for_bandwidth, make_search
 from workbench.analysis.tune import Goal, TuneProgress, tune
 from workbench.analysis.usual import usual_controller
 from workbench.control import Events, PiSettings

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.discrete import sampled_plant
 from workbench.analysis.linearise import OperatingPoint, linearise
-from workbench.analysis.loop import linear_loop
+from workbench.analysis.loop import linear_loop, sampled_plant
 from workbench.analysis.margins import margins
 from workbench.control import PiSettings, lag_step, weight_before
 from workbench.machine import Hoist, with_values

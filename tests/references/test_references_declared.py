@@ -139,7 +139,7 @@ def test_a_scenario_with_it_is_another_study_where_it_is_declared_otherwise(
 ) -> None:
     texts = "", "[trapezoid, ruckig]", "[trapezoid, half_acceleration]"
     first = study_of(tmp_path, *texts).fingerprint
-    monkeypatch.setattr("workbench.references.registry._digest", lambda kind: "other")
+    monkeypatch.setattr("workbench.references.kind._digest", lambda kind: "other")
     assert study_of(tmp_path, *texts).fingerprint != first
 
 

@@ -24,9 +24,9 @@ from workbench.references import (
     planned_kinds,
     ramp_shape,
 )
+from workbench.references.least_peak import least_peak_limits, peak_force_n
+from workbench.references.library.wire import EI, ZV, ZVD, impulses
 from workbench.references.limits import raised
-from workbench.references.response import least_peak_limits, peak_force_n
-from workbench.references.shaper import EI, ZV, ZVD, impulses
 from workbench.references.time_optimal import shortest_move
 from workbench.study.load import plan_study
 from workbench.study.run import run_study

@@ -17,7 +17,7 @@ from workbench.engine.stepped import Step, observe
 from workbench.errors import InputError
 from workbench.machine import with_values
 from workbench.metrics import observer
-from workbench.metrics.measure import measure
+from workbench.metrics.registry import measure
 from workbench.multibody import motion
 from workbench.plants import HOIST
 from workbench.run import Run

@@ -6,18 +6,219 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from workbench.analysis.controller import linear_controller
-from workbench.analysis.discrete import Complex, Sampled, sampled_plant
-from workbench.analysis.linearise import OUTPUTS, OperatingPoint, linearise
-from workbench.control import Settings
+from workbench.analysis.linearise import OUTPUTS, LinearPlant, OperatingPoint, linearise
+from workbench.control import Controller, Settings, cascade, cascade_values, delay_weights, full_pi, loop_values
+from workbench.errors import InputError
 from workbench.kinds import HOIST, Kind, kind_of
 from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS, Effects
 from workbench.run import Array
+from workbench.trace.derive import jacobian
+from workbench.trace.expr import symbol
+
+Complex = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k] at every `dt` seconds."""
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    dt: float
+
+    def response(self, frequency_hz: Array) -> Complex:
+        """(frequencies, outputs, inputs), complex: C (zI - A)^-1 B + D at z = exp(2 pi i f dt)."""
+        z = np.exp(2j * math.pi * np.atleast_1d(frequency_hz).astype(np.complex128) * self.dt)
+        n = len(self.A)
+        if n == 0:
+            return np.broadcast_to(self.D.astype(complex), (len(z), *self.D.shape))
+        inner: Complex = (z[:, None, None] * np.eye(n) - self.A).astype(np.complex128)
+        right: Complex = np.broadcast_to(self.B.astype(complex), (len(z), *self.B.shape))
+        out: Complex = (self.C @ np.linalg.solve(inner, right) + self.D).astype(np.complex128)
+        return out
+
+    def poles(self) -> Complex:
+        eigenvalues: Complex = np.linalg.eigvals(self.A).astype(np.complex128)
+        return eigenvalues
+
+    def run(self, inputs: Array) -> Array:
+        """Outputs (n, outputs) from rest under inputs (n, inputs)."""
+        x = np.zeros(len(self.A))
+        out = np.empty((len(inputs), len(self.C)))
+        for k, u in enumerate(inputs):
+            out[k] = self.C @ x + self.D @ u
+            x = self.A @ x + self.B @ u
+        return out
+
+    def system(self, inputs: list[str], outputs: list[str]) -> Any:
+        """As a `control.StateSpace` with its sample time."""
+        import control
+
+        return control.ss(self.A, self.B, self.C, self.D, self.dt, inputs=inputs, outputs=outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class Late(Sampled):
+    """A system whose last output comes back `late` samples later as its last input, linear between two samples.
+
+    step: the system without the delay; what it gives back does not pass straight through it. As a Sampled it has a
+    state for each sample of the delay; over frequency the delay is a factor, at any length in the same time.
+    """
+
+    step: Sampled
+    late: float
+
+    @classmethod
+    def of(cls, step: Sampled, late: float) -> Late:
+        whole, near, far = delay_weights(late)
+        m, n, inputs = len(step.A), math.ceil(late), step.B.shape[1] - 1
+        sensed = np.zeros((n + 1, m + n + inputs))  # what was sensed j samples ago, by state and input
+        sensed[0, :m], sensed[0, m + n :] = step.C[-1], step.D[-1, :-1]
+        sensed[1:, m : m + n] = np.eye(n)
+        late_input = near * sensed[whole] + (far * sensed[whole + 1] if far else 0.0)
+        own = np.zeros((m + len(step.C) - 1, m + n + inputs))
+        own[:m, :m], own[:m, m + n :] = step.A, step.B[:, :-1]
+        own[m:, :m], own[m:, m + n :] = step.C[:-1], step.D[:-1, :-1]
+        own += np.outer(np.concatenate([step.B[:, -1], step.D[:-1, -1]]), late_input)
+        after = np.vstack([own[:m], sensed[:n]])
+        return cls(after[:, : m + n], after[:, m + n :], own[m:, : m + n], own[m:, m + n :], step.dt, step, late)
+
+    def response(self, frequency_hz: Array) -> Complex:
+        whole, near, far = delay_weights(self.late)
+        back = np.exp(-2j * math.pi * np.atleast_1d(frequency_hz) * self.dt)
+        factor = (near + far * back) * back**whole
+        G = self.step.response(frequency_hz)
+        out: Complex = G[:, :-1, :-1] + G[:, :-1, -1:] * G[:, -1:, :-1] * factor[:, None, None]
+        return out
+
+
+def sampled_plant(plant: LinearPlant, dt: float, drive: Any, position: str = "") -> Sampled:
+    """Inputs: torque wanted of the drive (held), and a torque on the shaft beside it (held). Outputs: the plant's, then
+    the speed as the drive measures it: the motor's own or, counted by an encoder, its mean since the last sample; then
+    the output named `position` once more, where the loop measures that, too.
+
+    Exact, through the matrix exponential: behind a lag the torque at work is a state of the plant, lag du/dt = wanted
+    - u. The compiled loop takes the same lag with the same impulse and first moment in each of its steps.
+    """
+    from scipy.linalg import expm
+
+    n, lag = len(plant.A), drive.torque_lag_s
+    if lag == 0.0:
+        A, B, C = plant.A, np.hstack([plant.B, plant.B]), plant.C
+    else:
+        A = np.block([[plant.A, plant.B], [np.zeros((1, n)), np.full((1, 1), -1.0 / lag)]])
+        B = np.block([[np.zeros((n, 1)), plant.B], [np.array([[1.0 / lag, 0.0]])]])
+        C = np.hstack([plant.C, np.zeros((len(plant.C), 1))])
+        n += 1
+    speed = C[[0]]
+    placed = C[[plant.outputs.index(position)]] if position else C[:0]
+    if drive.encoder_counts_per_turn:  # one more state: the way since the last sample, over the sample time
+        A, B = np.block([[A, np.zeros((n, 1))], [speed / dt, np.zeros((1, 1))]]), np.vstack([B, np.zeros((1, 2))])
+        C, placed = (np.hstack([rows, np.zeros((len(rows), 1))]) for rows in (C, placed))
+        speed = np.eye(n + 1)[[n]]
+        n += 1
+    whole = np.zeros((n + 2, n + 2))
+    whole[:n, :n], whole[:n, n:] = A * dt, B * dt
+    whole = expm(whole)
+    if drive.encoder_counts_per_turn:
+        whole[n - 1, n - 1] = 0.0  # each sample counts anew
+    C = np.vstack([C, speed, placed])
+    return Sampled(whole[:n, :n], whole[:n, n:], C, np.zeros((len(C), 2)), dt)
+
+
+FAR = 1e30
+HOIST_SPEED = HOIST.looped.speed
+MOST_LATE = 200  # samples, each a state: the poles of many more take tens of seconds
+
+
+def linear_controller(
+    settings: Settings,
+    machine: Hoist | Axis,
+    payload_kg: float = 0.0,
+    *,
+    gains: tuple[float, float] | None = None,
+    at: float = 0.0,
+) -> Sampled:
+    """Inputs: the references (speed; of an axis position and speed), then what is measured (speed; of an axis speed
+    and position); output: torque or force wanted of the drive. at: the axis' position, for the load's feed-forward.
+
+    Speed filter and delay of the drive are in it, for they are in the step. Limits and rate limit are away from it;
+    that the encoder counts over a sample is in the plant, its resolution is not. gains: (kp, ki) in place of the
+    settings' own; zero is allowed. InputError for a delay of too many samples.
+    """
+    dt, drive = settings.sample_time_s, machine.drive
+    if not drive.speed_delay_s <= MOST_LATE * dt:
+        raise InputError(
+            f"{drive.speed_delay_s:g} s are {drive.speed_delay_s / dt:.0f} samples of the controller; the design of "
+            f"a loop takes at most {MOST_LATE}", place="drive.speed_delay_s",
+        )  # fmt: skip
+    kind = kind_of(machine)
+    make = _axis if kind.looped.position_loop else _hoist
+    controller, numbers, references, measured = make(settings, machine, payload_kg, at)
+    assert controller.sensed is not None
+    numbers |= {"counts": 0.0, "rate": FAR, "track": 0.0}
+    if gains is not None:
+        numbers |= {"kp": gains[0], "ki": gains[1]}
+    p = SimpleNamespace(**{**vars(kind.plant.values(machine, payload_kg)), **numbers})
+    memory = [symbol(f"x{i}") for i in range(len(controller.memory))]
+    asked, seen = ([symbol(f"{what}{i}") for i in range(len(of))] for what, of in (("r", references), ("w", measured)))
+    late = symbol("late")
+    reference = SimpleNamespace(**dict(zip(references, asked, strict=True)))
+    signals = SimpleNamespace(**dict.fromkeys((kind.looped.position, kind.looped.speed), 0.0), t=0.0, late=late)
+    vars(signals).update(zip(measured, seen, strict=True))
+    torque, after = controller.step(p, memory, reference, signals, dt)
+    sensed = controller.sensed(p, memory, signals, dt)
+    by = [*memory, *asked, *seen, late]
+    around = {**dict.fromkeys((*references, *measured), 0.0), kind.looped.position: at, references[0]: at}
+    if not kind.looped.position_loop:
+        around = dict.fromkeys(around, 0.0)
+    values = [*np.zeros(len(memory)), *(around[name] for name in (*references, *measured)), 0.0]
+    J = jacobian([*after, torque, sensed], by, np.array(values))
+    n = len(memory)
+    kept = _in_use(J, n)
+    step = Sampled(J[np.ix_(kept, kept)], J[kept][:, n:], J[n:][:, kept], J[n:][:, n:], dt)
+    return Late.of(step, p.late)
+
+
+Made = tuple[Controller, dict[str, Any], tuple[str, ...], tuple[str, ...]]
+
+
+def _hoist(settings: Any, machine: Any, payload_kg: float, at: float) -> Made:
+    far = {"u_all": FAR, "u_one": FAR, "t_fail": FAR, "w_weak": FAR}
+    controller = full_pi(True, settings.feed_forward.through_the_wire)
+    return controller, {**loop_values(settings, machine.drive, 0.0), **far}, controller.references, (HOIST_SPEED,)
+
+
+def _axis(settings: Any, machine: Any, payload_kg: float, at: float) -> Made:
+    loop = kind_of(machine).looped
+    controller = cascade(loop, True)
+    numbers: dict[str, Any] = {**cascade_values(settings, machine.drive, at), "u_limit": FAR}
+    return controller, numbers, controller.references, (loop.speed, loop.position)
+
+
+def _in_use(J: Array, n: int) -> list[int]:
+    """Memory that something moves and that moves something; what is switched off drops out."""
+    kept = list(range(n))
+    outputs, inputs = range(n, J.shape[0]), range(n, J.shape[1])
+    while True:
+        rows = [*kept, *outputs]
+        used = [
+            i for i in kept
+            if np.any(J[[j for j in rows if j != i], i]) and np.any(J[i, [j for j in (*kept, *inputs) if j != i]])
+        ]  # fmt: skip
+        if used == kept:
+            return kept
+        kept = used
+
 
 LOWEST_HZ = 1e-3
 INPUTS = ["speed_reference", "load_torque", "speed_noise"]  # of a hoist
@@ -124,6 +325,16 @@ class LinearLoop:
         feedback = control.ss(K.A, -K.B[:, n:], K.C, -K.D[:, n:], self.dt)
         L = plant * feedback if m == 1 else feedback * plant
         return L, control.feedback(1, L), self.closed.system(self.inputs, self.shown)
+
+    def plant_system(self) -> Any:
+        """The sampled plant, the torque held between samples, as `control.StateSpace`: torque wanted and load torque to
+        the outputs and, named measured_*, to what the controller sees (drive, encoder and lag included)."""
+        import control
+
+        seen = [f"measured_{name}" for name in ("speed", "position")[: self.measured]]
+        names = ["torque_wanted", "load_torque"], [*self.outputs, *seen]
+        P = self.plant
+        return control.ss(P.A, P.B, P.C, P.D, P.dt, inputs=names[0], outputs=names[1])
 
     def poles(self) -> Complex:
         """Of the closed loop, in z."""

@@ -2,16 +2,18 @@
 
 from workbench.control.cascade import cascade, cascade_values
 from workbench.control.events import BRAKE, Events
-from workbench.control.lag import LagStep, lag_step, weight_before
 from workbench.control.pi import (
     NEVER,
     PI,
     Controller,
+    LagStep,
     delay_weights,
     feed_forward,
     full_pi,
+    lag_step,
     loop_values,
     losing_a_motor,
+    weight_before,
 )
 from workbench.control.settings import (
     FORMS,

@@ -33,6 +33,22 @@ class LoopAnalysis(Shown):
         """The smallest of each margin, with its loop; an unstable loop if there is any."""
         return weakest(self.members)
 
+    @property
+    def plant(self) -> Any:
+        """Of the loop with the largest Ms: the sampled plant as a `control.StateSpace`; see `LinearLoop.plant_system`.
+        Those of another loop: `members[0].loop.plant_system()` and `.systems()`."""
+        return self.weakest.member["ms"].loop.plant_system()
+
+    @property
+    def open(self) -> Any:
+        """Of the same loop: L as a `control.StateSpace`."""
+        return self.weakest.member["ms"].loop.systems()[0]
+
+    @property
+    def closed(self) -> Any:
+        """Of the same loop: references, load torque and noise to the outputs and the torque wanted."""
+        return self.weakest.member["ms"].loop.systems()[2]
+
 
 def loop(
     machine: Hoist | Axis | None = None,

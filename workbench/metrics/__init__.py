@@ -1,6 +1,5 @@
 """The metrics of a run, each declared once: add one to `workbench/metrics/hoist.py` and it is shown everywhere."""
 
-from workbench.metrics.measure import measure
 from workbench.metrics.metric import (
     EVERYWHERE,
     HUGE,
@@ -8,13 +7,13 @@ from workbench.metrics.metric import (
     Better,
     LoopMetric,
     Metric,
+    MetricSet,
     Observer,
     RunFacts,
     RunMetric,
     Sums,
     View,
 )
-from workbench.metrics.metric_set import MetricSet
 from workbench.metrics.registry import (
     add,
     added,
@@ -23,6 +22,7 @@ from workbench.metrics.registry import (
     find,
     fixed_columns,
     forget_added,
+    measure,
     metrics,
     observer,
     run_metrics,

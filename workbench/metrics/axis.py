@@ -17,6 +17,7 @@ from workbench.metrics.metric import (
     INDEX_ONLY,
     LoopMetric,
     Metric,
+    MetricSet,
     RunMetric,
     Signals,
     Sums,
@@ -25,7 +26,6 @@ from workbench.metrics.metric import (
     integral,
     largest,
 )
-from workbench.metrics.metric_set import MetricSet
 from workbench.trace.expr import Scalar, absolute, maximum, minimum, where
 
 SETTLED = 1e-3  # of the reference's way: a position error that counts as none

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
 from workbench.errors import InputError, nearest
 from workbench.kinds import HOIST
 from workbench.metrics import axis, hoist
-from workbench.metrics.metric import Metric, Observer, RunMetric, View
-from workbench.metrics.metric_set import MetricSet
+from workbench.metrics.metric import Metric, MetricSet, Observer, RunMetric, View
+from workbench.run import Run
 
 _added: list[Metric] = []
 
@@ -113,3 +114,17 @@ def _hoist_set(metrics: tuple[Metric, ...]) -> MetricSet:
         sides=("above", "below"),
         payload=True,
     )
+
+
+def measure(run: Run, p: Any, observer: Observer | None = None) -> dict[str, float]:
+    """The compiled loop's metrics from a run's signals: a log, or a trace made by hand.
+
+    p: the observer's parameters by symbol. observer: the hoist's without one. Each sample counts until the next one.
+    """
+    observer = observer or set_of(HOIST.name).observer
+    sums: Sequence[float] = observer.start
+    steps = [*(run.time_s[1:] - run.time_s[:-1]), run.sample_time_s]
+    for k, dt in enumerate(steps):
+        signals = {name: values[k] for name, values in run.signals.items()} | {"time_s": run.time_s[k]}
+        sums = observer.update(sums, signals, p, dt)
+    return observer.finish(sums, p, float(sum(steps)))

@@ -3,12 +3,29 @@
 Each kind is declared once, in `workbench/references/library`.
 """
 
-from workbench.references.kind import Move, PlannedKind, Ramp, RecordedKind, ReferenceKind, planned
-from workbench.references.limits import LimitPair, Limits, Step
+from workbench.references.kind import (
+    BASELINE,
+    Move,
+    PlannedKind,
+    Ramp,
+    RecordedKind,
+    ReferenceKind,
+    add,
+    by_name,
+    digests_of,
+    forget_added,
+    planned,
+    planned_kind,
+    planned_kinds,
+    recorded_kinds,
+    usual_kinds,
+)
+from workbench.references.limits import LimitPair, Limits, Step, allowed_carriage_speed_m_s, motor_speed_rad_s
 from workbench.references.plan import (
     MotionPlan,
     Plan,
     Profile,
+    StoppedPlan,
     motion_time_s,
     move_shape,
     move_time_s,
@@ -16,20 +33,7 @@ from workbench.references.plan import (
     ramp_shape,
 )
 from workbench.references.recorded import RecordedPlan
-from workbench.references.registry import (
-    BASELINE,
-    add,
-    by_name,
-    digests_of,
-    forget_added,
-    planned_kind,
-    planned_kinds,
-    recorded_kinds,
-    usual_kinds,
-)
 from workbench.references.shape import Shape
-from workbench.references.stopped import StoppedPlan
-from workbench.references.transmission import allowed_carriage_speed_m_s, motor_speed_rad_s
 
 __all__ = [
     "BASELINE",

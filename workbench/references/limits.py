@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from workbench.errors import InputError
+from workbench.run import Array
 
 
 @dataclass(frozen=True)
@@ -104,3 +107,20 @@ class Step:
             raise InputError("speed_m_s and for_s belong together: a speed, and how long until the next step")
         if self.for_s is not None and not (math.isfinite(self.for_s) and self.for_s > 0.0):
             raise InputError(f"{self.for_s:g} s, expected a time greater than 0", place="for_s")
+
+
+# The carriage hangs on a sheave, in the bight between drum and dead anchor.
+FALLS = 2.0
+
+
+def motor_speed_rad_s(carriage_speed_m_s: Array, ratio: float, drum_diameter_m: float) -> Array:
+    """Motor speed on a wire that does not stretch: ω = 2·v·ratio / (D/2).
+
+    The wire is reeled in twice as fast as the carriage rises; `ratio` is motor speed over drum speed.
+    """
+    return np.asarray(carriage_speed_m_s) * (FALLS * ratio / (drum_diameter_m / 2.0))
+
+
+def allowed_carriage_speed_m_s(motor_speed_limit_rad_s: float, ratio: float, drum_diameter_m: float) -> float:
+    """The carriage speed at which the motor reaches `motor_speed_limit_rad_s`."""
+    return motor_speed_limit_rad_s * (drum_diameter_m / 2.0) / (FALLS * ratio)

@@ -10,9 +10,8 @@ from workbench.errors import InputError
 from workbench.kinds import Load, kind_of, load_of
 from workbench.metrics import set_of
 from workbench.references import BASELINE, LimitPair, Shape, move_shape, planned_kind, planned_kinds
-from workbench.references.least_peak import least_peak
+from workbench.references.least_peak import least_peak, peak_force_n
 from workbench.references.limits import raised
-from workbench.references.response import peak_force_n
 from workbench.study.grid import RunSpec
 from workbench.study.labels import listed, words_of
 from workbench.study.load import Study

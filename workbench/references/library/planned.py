@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from workbench.references.kind import Move, Ramp, planned
+from workbench.references.least_peak import peak_force_n
 from workbench.references.limits import Limits
-from workbench.references.response import peak_force_n
 from workbench.references.shape import Shape
 from workbench.references.time_optimal import shortest_move, shortest_move_s, shortest_ramp, shortest_ramp_s
 from workbench.run import Array

@@ -18,7 +18,7 @@ from workbench.machine import AnyKind, Axis, Hoist, default_hoist, load_machine
 from workbench.yaml_strict import Document, load, validate
 
 if TYPE_CHECKING:
-    from workbench.analysis.trial import Trial
+    from workbench.analysis.tune import Trial
     from workbench.study.load import Study
 
 __all__ = [
@@ -55,11 +55,11 @@ class LoopCaseFile:
 
     def trial(self) -> Trial:
         """The moves and events of the scenario under this family's payloads, or the usual moves."""
-        from workbench.analysis.trial import Trial, usual_trial
+        from workbench.analysis.tune import Trial, usual_trial
 
         if self.study is None:
             return usual_trial(self.machine, self.payloads_kg, self.settings.sample_time_s)
-        from workbench.analysis.trial import motions
+        from workbench.analysis.tune import motions
 
         dt, length, first = self.settings.sample_time_s, self.study.duration_s, self.study.specs[0]
         speeds, positions = motions(self.machine, self.study.plans, dt, length)

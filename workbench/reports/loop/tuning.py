@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from workbench.analysis.family import weakest
-from workbench.analysis.obstacle import rounded_down
-from workbench.analysis.tune import Candidate, Tuned, Weights
+from workbench.analysis.search import rounded_down
+from workbench.analysis.tune import GIVEN_AWAY, WIDER, Candidate, Tuned, Weights
 from workbench.control import Cascade, Settings
 from workbench.errors import InputError
 from workbench.kinds import kind_of
@@ -89,8 +89,8 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
     lines = [
         f"{asked}, at {n} {points}. {drive} "
         f"The widest bandwidth that this allows is {rounded_down(tuned.attainable_hz)} Hz.",
-        f"Chosen of {len(tuned.tried)} candidates for the least weighted cost (tracking {weights.tracking:g}, peak "
-        f"{weights.peak:g}, effort {weights.effort:g}): against the shaped gains tracking error "
+        _objective(tuned, weights),
+        f"Chosen of {len(tuned.tried)} candidates: against the shaped gains tracking error "
         f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, {kind.drive.quantity} peak "
         f"{_change(start.score.peak_percent, win.score.peak_percent)}.",
         f"The winner's loops. {least_sentence(tuned.members)} {load_sentence(tuned.members, case.machine)}",
@@ -102,6 +102,25 @@ def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
         who = "motors reach their torque" if kind.payload else f"drive reaches its {kind.drive.quantity}"
         lines.append(f"The {who} limit in these moves: slower ramps or a jerk limit help, gains do not.")
     return lines
+
+
+def _objective(tuned: Tuned, weights: Weights) -> str:
+    """What the search minimises, and what it keeps to."""
+    win, start, goal = tuned.winner, tuned.shaped, tuned.goal
+    total = weights.tracking + weights.peak + weights.effort
+    said = (
+        f"Minimised: ({weights.tracking:g} x rms tracking error + {weights.peak:g} x peak + {weights.effort:g} x rms "
+        f"effort) / {total:g}, each the worst of all runs over that of the shaped gains: {win.cost:.3f}. "
+    )
+    if goal.bandwidth_hz is not None:
+        room = f"The bandwidth may be up to {WIDER - 1.0:.0%} wider than asked for, ki/kp at most the shaped gains'."
+        return said + room
+    ki, chosen, unit = start.settings.ki, win.settings.ki, start.settings.UNITS[1]
+    return said + (
+        f"The shaped gains have the largest ki that Ms allows, {figures(ki, 4)} {unit}. The search may give up "
+        f"{1.0 - GIVEN_AWAY:.0%} of it, down to {figures(GIVEN_AWAY * ki, 4)}, for the rest of the sum; the winner has "
+        f"{figures(chosen, 4)}, so the error after a load step integrates to {ki / chosen:.2f} times the least."
+    )
 
 
 def warning(machine: Hoist | Axis) -> str | None:
