@@ -268,7 +268,7 @@ class OpcUaServer(TcpServer):
         from asyncua.common.callback import CallbackType
 
         stack.enter_context(_one_line_for(logging.getLogger("asyncua"), self.session))
-        server = Server(user_manager=self)  # type: ignore[arg-type]
+        server = Server(user_manager=self)
         await server.init()
         server.set_endpoint(f"opc.tcp://{self.address}:{self.port}/")
         self._inside = bound("127.0.0.1", 0, socket.SOCK_STREAM)
@@ -354,7 +354,7 @@ class OpcUaServer(TcpServer):
         last = [time.monotonic()]
 
         async def up() -> None:
-            allowed = FIRST
+            allowed: tuple[bytes, ...] = FIRST
             while True:
                 head = await reader.readexactly(CHUNK.size)
                 kind, chunk, size = CHUNK.unpack(head)
