@@ -14,6 +14,7 @@ import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -90,19 +91,20 @@ class Given:
 def drawn(faults: Sequence[Fault], count: int, rng: np.random.Generator) -> list[Given]:
     """So many faults of different families, one after the other."""
     families = rng.permutation(sorted({fault.family for fault in faults}))[:count]
-    begins, given = 0, []
+    begins, given = 0, list[Given]()
     for family in families:
         begins += int(rng.integers(150, 250)) if not given else int(rng.integers(100, 200))
         fault = [fault for fault in faults if fault.family == family]
         chosen = fault[int(rng.integers(len(fault)))]
-        over = int(rng.choice([0, rng.integers(50, 150)]))
+        over = int(rng.choice(np.array([0, int(rng.integers(50, 150))])))
         given.append(Given(chosen, begins, over, float(rng.uniform(*chosen.size))))
     return given
 
 
 def changed(given: Sequence[Given]) -> Change:
     def change(k: int) -> tuple[Mapping[str, float], Mapping[str, Mapping[str, float]]]:
-        factors, effects = {}, {}
+        factors: dict[str, float] = {}
+        effects: dict[str, Mapping[str, float]] = {}
         for one in given:
             if k >= one.begins:
                 its_factors, its_effects = one.fault.made(one.now(k))
@@ -143,7 +145,7 @@ def axis_cycle(axis: Axis, rng: np.random.Generator) -> Run:
 def axis_month(cycles: int, change: Change, seed: int) -> Iterator[tuple[Run, float]]:
     rng = np.random.default_rng(seed)
     for k in range(cycles):
-        yield axis_cycle(axis_with(change(k)[0], SCATTER * rng.normal(size=2)), rng), 60.0 * k
+        yield axis_cycle(axis_with(change(k)[0], (SCATTER * rng.normal(size=2)).tolist()), rng), 60.0 * k
 
 
 @dataclass(frozen=True)
@@ -162,7 +164,8 @@ def simulated(kind: str, seed: int, cycles: int, count: int) -> Watched:
     machine, faults = (HOIST, HOIST_FAULTS) if kind == "hoist" else (AXIS, AXIS_FAULTS)
     given = drawn(faults, count, rng) if count else []
     runs = month(HOIST, cycles, changed(given), seed) if kind == "hoist" else axis_month(cycles, changed(given), seed)
-    made, samples = [], {}
+    made: list[Any] = []
+    samples: dict[Any, Any] = {}
     for k, (run, start) in enumerate(runs):
         made.append(Cycle(f"c{k}", run.payload_kg, start, run.duration_s, estimate(machine, run)))
         samples.setdefault(run.payload_kg, run)

@@ -355,10 +355,11 @@ def _rows(
         known.append((machine, _runs(study, machine)))
         return known[-1][1]
 
-    of_refitted = runs(refitted) if refitted is not None else [None] * len(runs(given))
+    nothing: list[RunFigures | None] = [None] * len(runs(given))
+    of_refitted = [*runs(refitted)] if refitted is not None else nothing
     cases = [(spec.payload_kg, spec.reference) for spec in study.specs(given)]
     columns = zip(cases, runs(given), of_refitted, runs(was), runs(now), strict=True)
-    return tuple(Change(*case, *figures) for case, *figures in columns)
+    return tuple(Change(*case, as_given, fitted, before, after) for case, as_given, fitted, before, after in columns)
 
 
 def _runs(study: SmallStudy, machine: Hoist | Axis) -> list[RunFigures]:

@@ -156,7 +156,8 @@ def read(kind: str, content: bytes, folder: Path) -> tuple[str, str]:
         whole = Store(finished_state() / "state", HOIST, RULES, wait_s=5.0)
         alarms, events = whole.alarms(), whole.events()  # it may have gone on by a cycle before it met the damage
         same = again.alarms()[: len(alarms)] == alarms and again.events()[: len(events)] == events
-        again.close(), whole.close()
+        again.close()
+        whole.close()
         if not same or _looked(logs, state, said) != CYCLES + 1:
             return "unsound", f"not what it was: {error}"
         raise InputError(error.problem, file=error.file) from error

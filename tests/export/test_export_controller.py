@@ -264,7 +264,7 @@ def test_the_self_test_passes_through_the_c_that_matiec_makes_of_it(name: str, t
     files, matiec = controller_files("st", SETTINGS[name], HOIST, 4500.0), Path(os.environ["MATIEC"])
     (tmp_path / "all.st").write_text(files["speed_controller.st"] + files["speed_controller_test.st"])
     (tmp_path / "main.c").write_text(MATIEC)
-    words = [matiec / "iec2c", "-I", matiec / "lib", "-T", tmp_path, "all.st"]
+    words = list(map(str, [matiec / "iec2c", "-I", matiec / "lib", "-T", tmp_path, "all.st"]))
     subprocess.run(words, cwd=tmp_path, check=True, capture_output=True)
     words = [host_compiler() or "cc", "-w", "-ffp-contract=off", f"-I{matiec}/lib/C", "main.c", "-o", "main", "-lm"]
     subprocess.run(words, cwd=tmp_path, check=True)

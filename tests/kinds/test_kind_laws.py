@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +14,14 @@ from workbench.kinds import KINDS, Kind
 from workbench.plants import NO_EFFECTS, Effects
 from workbench.run import Array
 from workbench.trace.derive import jacobian
-from workbench.trace.expr import symbol
+from workbench.trace.expr import Scalar, symbol
 
 EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 PAYLOAD_KG = 3000.0
+
+
+def _named(x: Scalar, s: Any, p: Any) -> Scalar:
+    return x
 
 
 def rates_by(kind: Kind, by: list[str], states: int = 12) -> Array:
@@ -24,7 +30,7 @@ def rates_by(kind: Kind, by: list[str], states: int = 12) -> Array:
     plant, rng = kind.plant, np.random.default_rng(5)
     p = plant.values(kind.example(), PAYLOAD_KG)
     names = {name: symbol(name) for name in (*plant.positions, *plant.speeds, "u", *vars(p), *plant.places)}
-    effects = Effects({place: [lambda s, p, place=place: names[place]] for place in plant.places})
+    effects = Effects({place: [partial(_named, names[place])] for place in plant.places})
     q, y = ([names[name] for name in which] for which in (plant.positions, plant.speeds))
     traced = plant.rates(0.0, q, y, names["u"], SimpleNamespace(**{n: names[n] for n in vars(p)}), effects)
     found = []

@@ -116,7 +116,7 @@ def test_no_listed_reference_is_below_the_bound_of_its_time(name: str, distance:
             continue
         shape = move_shape(kind, distance, LIMITS, load)
         step = shape.duration_s / 4000
-        t = (np.arange(6000) + 0.5) * step
+        t = np.asarray((np.arange(6000) + 0.5) * step, dtype=float)
         acceleration = direction * shape.at(t)[2]
         speed = max(LIMITS.speed_m_s, float(np.abs(shape.at(t)[1]).max()))
         force, wire = answers(load, direction, acceleration[None], step)
@@ -202,7 +202,7 @@ def test_the_reference_gives_no_more_away_than_it_says_and_is_below_the_trapezoi
     load, direction = LOADS[name], math.copysign(1.0, distance)
     shape = move_shape(planned_kind("optimal"), distance, LIMITS, load)
     step = shape.duration_s / 8000
-    t = (np.arange(9000) + 0.5) * step
+    t = np.asarray((np.arange(9000) + 0.5) * step, dtype=float)
     position, speed, acceleration = shape.at(t)
     force, wire = answers(load, direction, direction * acceleration[None], step)
     trapezoid = direction * move_shape(planned_kind("trapezoid"), distance, LIMITS).at(t)[2]

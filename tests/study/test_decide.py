@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -22,6 +23,7 @@ from workbench.study.decide import (
     BEST,
     Candidate,
     Decision,
+    Given,
     choices,
     criteria_for,
     criteria_table,
@@ -60,8 +62,8 @@ def row(reference: str, time: float, peak: float, payload: float = 9000.0, **ass
     return Row(**{**vars(one), "reference": reference, "payload_kg": payload, "metrics": metrics, "assigned": assigned})
 
 
-def decided(of: Study, rows: list[Row], rivals: list[Row] | tuple[Row, ...] = (), **given: CriterionBlock) -> Decision:
-    return decisions(rows, of.machine, given, rivals)[-1]
+def decided(of: Study, rows: list[Row], rivals: Sequence[Row] = (), given: Given | None = None) -> Decision:
+    return decisions(rows, of.machine, given or {}, rivals)[-1]
 
 
 def sum_by_hand(one: Row, payload_kg: float, slowest_s: float, most_j: float) -> float:
@@ -102,7 +104,7 @@ def test_the_motion_of_least_peak_is_not_taken_for_its_peak_alone():
     peak_alone = {
         c.name: CriterionBlock(weight=0.0) for c in made.criteria if c.name != PEAK
     } | {"torque_reserve_percent": CriterionBlock(weight=1.0)}  # fmt: skip
-    assert decided(result().study, list(result().rows), **peak_alone).taken == replace(
+    assert decided(result().study, list(result().rows), given=peak_alone).taken == replace(
         lowest, shares=lowest.shares, total=lowest.values[PEAK] / (0.9 * peak_limit(default_hoist()))
     )
 
@@ -151,17 +153,21 @@ def test_the_weight_from_which_the_gain_is_not_worth_it_turns_the_two_round():
     criterion, weight = turn
     assert f"weighs more than {weight:.3g}" in take_sentences([made])[0]
     for factor, wanted in ((0.99, made.taken.reference), (1.01, made.rival.reference)):
-        again = decided(result().study, rows, **{criterion.name: CriterionBlock(weight=factor * weight)})
+        again = decided(result().study, rows, given={criterion.name: CriterionBlock(weight=factor * weight)})
         assert again.taken is not None and again.taken.reference == wanted
 
 
 def test_who_breaks_a_limit_is_out_and_where_all_do_none_is_taken():
     rows = list(result().rows)
     peaks = sorted(r[PEAK] for r in rows)
-    made = decided(result().study, rows, peak_torque_motor_nm=CriterionBlock(most=0.5 * (peaks[0] + peaks[1])))
+    made = decided(
+        result().study, rows, given={"peak_torque_motor_nm": CriterionBlock(most=0.5 * (peaks[0] + peaks[1]))}
+    )
     assert [c.reference for c in made.left] == ["optimal"]
     assert "Out: " in take_sentences([made])[0]
-    (none,) = take_sentences([decided(result().study, rows, peak_torque_motor_nm=CriterionBlock(most=100.0))])
+    (none,) = take_sentences(
+        [decided(result().study, rows, given={"peak_torque_motor_nm": CriterionBlock(most=100.0)})]
+    )
     assert none.startswith("Take none of them at 9000 kg: ") and "at most 100 N m" in none
 
 

@@ -51,7 +51,7 @@ class Block:
         lines += [f"    for {', '.join(columns)} in zip(*columns.values(), strict=True):"]
         lines += [*self._lines(self.block.body, 8 * " "), f"        out.append({output})"]
         lines += [*(f"    v[{name!r}] = {name}" for name in sorted(self.names)), "    return out"]
-        scope = dict(self._calls)
+        scope: dict[str, Any] = dict(self._calls)
         exec("\n".join(lines), scope)
         result: list[float] = scope["run"](self.values, columns)
         return result

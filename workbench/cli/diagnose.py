@@ -43,6 +43,12 @@ if TYPE_CHECKING:
 @click.option("--runs", help="Names of the runs to use, separated by commas. Default: all.")
 @click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml to start from.")
 @click.option("--band", type=float, help="Band of the torque residual (-3 dB) in Hz. Default: from the machine.")
+@click.option(
+    "--study",
+    "scenario",
+    type=click.Path(path_type=Path),
+    help="Scenario whose moves, limits, payloads and controller the consequences are computed with.",
+)
 @effects_option
 def command(
     campaign: Path,
@@ -54,6 +60,7 @@ def command(
     runs: str | None,
     machine: Path | None,
     band: float | None,
+    scenario: Path | None,
 ) -> None:
     """Find the effect that the machine of CAMPAIGN lacks: size, location and cause of the gap, and what remains.
 
@@ -71,6 +78,11 @@ def command(
     read = load_campaign(campaign, runs, machine, band)
     print_notes(read.doubts)
     names = chosen_candidates(candidates, read.machine)
+    planned = None
+    if scenario is not None:
+        from workbench.study.load import load_study
+
+        planned = load_study(scenario)
     with shown(writes=out is not None) as stages:
         from workbench.diagnose.diagnose import diagnose
 
@@ -82,6 +94,7 @@ def command(
                 most_effects=max_effects,
                 seed=seed,
                 band_hz=band,
+                scenario=planned,
                 tell=stages.tell,
             )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from workbench.consequences import Consequences, consequences_of
+from workbench.consequences import consequences_of
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.problem import Problem, rms
@@ -26,14 +26,14 @@ from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
-from workbench.diagnose.verdict.records import Left, ReasonKind, Verdict, VerdictWord
+from workbench.diagnose.verdict.records import Left, ReasonKind, Verdict
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
 from workbench.simulate.replay import replay_runs
+from workbench.study.load import Study
 
 BASELINES = ("tolerances", "nominal")
 HARM = 1.0  # of the held-out residual without a correction: no name without a gain
@@ -48,6 +48,7 @@ def diagnose(
     seed: int = 0,
     band_hz: float | None = None,
     study: bool = True,
+    scenario: Study | None = None,
     tell: Tell | None = None,
 ) -> Diagnosis:
     """The location of the gap between machine and runs, its cause, and its reduction on held-out runs.
@@ -55,7 +56,8 @@ def diagnose(
     baseline: "tolerances" refits the base parameters with their tolerances as priors, "nominal" keeps them.
     candidates: ids of the effects to weigh, None for the listed ones of the machine's kind. most_effects: largest
     number of effects at once, 1 to 3; each further one is searched beside the best hypotheses so far. study:
-    whether to compute the changes in the control study. tell: receives the progress. The same seed gives the same
+    whether to compute the changes in the control study. scenario: a user's study, whose moves, limits, payloads and
+    controller these are computed with. tell: receives the progress. The same seed gives the same
     answer. InputError if the runs cannot be diagnosed.
     """
     say = tell or (lambda progress: None)
@@ -108,7 +110,13 @@ def diagnose(
     warnings = (*warnings, *differing(delivered))
     shrink = shrink_of(search, keys, judged.names, folds_of(search, judged.names, unknown), seed, unknown)
     say(Progress(Stage.CONSEQUENCES))
-    changes, why_not = _consequences(campaign, refitted, corrected, judged.word) if study else (None, "Not asked for.")
+    changes, why_not = None, "Not asked for."
+    if study and judged.word == "no_gap":
+        why_not = "No gap: the study's conclusions stand as they are."
+    elif study:
+        changes, why_not = consequences_of(
+            campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario
+        )
     remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
     sentence = sentence_of(judged, shrink, remainder, also, corrected.measured_correction is not None)
     verdict = Verdict(
@@ -194,15 +202,6 @@ def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
     if not any(reason.kind is ReasonKind.FITS_ARE_LOST for reason in judged.reasons):  # then all are alike likely
         rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
     return list(dict.fromkeys([*first, *rest]))
-
-
-def _consequences(
-    campaign: Campaign, refitted: Hoist | Axis, corrected: Hoist | Axis, word: VerdictWord
-) -> tuple[Consequences | None, str]:
-    """The changes in the control study, or the reason why there are none."""
-    if word == "no_gap":
-        return None, "No gap: the study's conclusions stand as they are."
-    return consequences_of(refitted, corrected, runs=campaign.runs)
 
 
 __all__ = ["BASELINES", "SearchResult", "chosen_effects", "diagnose"]

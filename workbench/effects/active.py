@@ -114,8 +114,8 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
             of_runs.setdefault(run, {}).update({symbols[parameter]: numbers[symbols[parameter]] for parameter in own})
     if not in_plant:
         return _corrected(Active(kind, values=MappingProxyType(values), sensors=sensors, of_runs=of_runs), machine)
-    own = {effect.id for effect in library_effects()}
-    held = _in_plants(kind) if all(effect.id in own for effect in in_plant) else _with_users(kind)
+    library = {effect.id for effect in library_effects()}
+    held = _in_plants(kind) if all(effect.id in library for effect in in_plant) else _with_users(kind)
     everything = {symbol: value for effect in held for symbol, value in vanished(effect, sizes).items()}
     active = Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors, of_runs)
     return _corrected(active, machine)

@@ -15,6 +15,7 @@ from workbench.kinds import kind_of
 from workbench.machine import with_values
 from workbench.metrics import set_of
 from workbench.references import LimitPair
+from workbench.run import Array
 from workbench.study.decide import Given, candidates, criteria_for
 from workbench.study.grid import RunSpec
 from workbench.study.labels import listed, words_of
@@ -134,18 +135,19 @@ class _Search:
             return Asked(reference, None, bad, verdict.broken), frozenset()
         while abs(bad - good) > CLOSE * good:
             inner = np.linspace(good, bad, POINTS + 2)[1:-1]
-            good, nearer, closer = self._first_bad(good, inner)
+            better, nearer, closer = self._first_bad(good, inner)
+            good = good if better is None else better
             bad, verdict = (bad, verdict) if closer is None else (nearer, closer)
         return Asked(reference, good, bad, verdict.broken), verdict.names
 
-    def _first_bad(self, good: float | None, values: Sequence[float]) -> tuple[float | None, float, _Verdict | None]:
+    def _first_bad(self, good: float | None, values: Array) -> tuple[float | None, float, _Verdict | None]:
         for value, verdict in zip(values, self._judged(values), strict=True):
             if verdict.broken:
                 return good, float(value), verdict
             good = float(value)
         return good, float(values[-1]), None
 
-    def _judged(self, values: Sequence[float]) -> list[_Verdict]:
+    def _judged(self, values: Array) -> list[_Verdict]:
         runs = [replace(self.question.at(spec, float(value)), assigned={}) for value in values for spec in self.specs]
         rows = [row for row, _ in run_specs(runs)]
         verdicts, size = [], len(self.specs)

@@ -288,7 +288,8 @@ def some(names: Sequence[str]) -> list[str]:
 
 def _against(decision: Decision, taken: Candidate, rival: Candidate) -> str:
     """What the choice gains and costs against its rival, and from which weight on the rival is the better one."""
-    gains, costs = [], []
+    gains: list[str] = []
+    costs: list[str] = []
     for criterion in sorted(
         decision.criteria, key=lambda c: -c.weight * abs(taken.shares[c.name] - rival.shares[c.name])
     ):

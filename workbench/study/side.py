@@ -185,18 +185,19 @@ def _slowed(spec: RunSpec, wanted: Sequence[float], ratio: float) -> Iterator[Ru
     """The run with acceleration and jerk lowered until its moves take each of the times; quicker ones are left out."""
     from scipy.optimize import brentq
 
-    assert spec.limits is not None
+    own = spec.limits
+    assert own is not None
     unit = kind_of(spec.machine).moved.unit
     for time_s in wanted:
 
-        def late(log_factor: float, time_s: float = time_s) -> float:
-            return _duration_s(spec, _scaled(spec.limits, math.exp(log_factor), ratio)) - time_s
+        def late(log_factor: float, time_s: float = time_s, own: LimitPair = own) -> float:
+            return _duration_s(spec, _scaled(own, math.exp(log_factor), ratio)) - time_s
 
         if ratio == 1.0 and abs(late(0.0)) < SAME_S:
             continue  # the study's own run
         if late(0.0) > -SAME_S or late(math.log(GENTLEST)) < 0.0:
             continue
-        limits = _scaled(spec.limits, math.exp(brentq(late, math.log(GENTLEST), 0.0, xtol=1e-6)), ratio)
+        limits = _scaled(own, math.exp(brentq(late, math.log(GENTLEST), 0.0, xtol=1e-6)), ratio)
         a, j = limits.hoisting.acceleration_m_s2, limits.hoisting.jerk_m_s3
         assigned = {f"sweep.limits.{key_in(unit, 'acceleration_m_s2')}": float(f"{a:.4g}")}
         if planned_kinds()[spec.reference].needs_jerk:
