@@ -58,9 +58,6 @@ OWN_BLOW = 0.002  # of that, what comes in a few moments at speed; the EMPS axis
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
 UNHEARD = 10.0  # as evidence: blows that come again, and a hypothesis without play
-VARIES = (
-    0.06  # of an effect's energy, held out: a true cause has shown 0.02, 0.08 where it is a lag; mimics from 0.09 on
-)
 AS_GOOD = 12.0  # merit within which another hypothesis is as good as the best
 BENDS = 0.1  # of a remainder's chi^2: so much of it the base parameters take up
 HALF = 0.5  # of the best one's merit: what a part of it has to have
