@@ -78,7 +78,7 @@ def test_without_options_the_diagnosis_gets_its_defaults(workbench: Commands, fo
     campaign = called.how.pop("campaign")
     assert [run.name for run in campaign.runs] == ["empty", "half", "full"]
     assert called.how == {
-        "baseline": "tolerances", "candidates": None, "most_effects": 2, "seed": 0, "band_hz": None,
+        "baseline": "tolerances", "candidates": None, "most_effects": 2, "seed": 0, "band_hz": None, "scenario": None,
     }  # fmt: skip
 
 
@@ -89,6 +89,7 @@ def test_options_reach_the_diagnosis(workbench: Commands, folder: Path, called: 
     assert [run.name for run in campaign.runs] == ["empty", "full"]
     assert called.how == {
         "baseline": "nominal", "candidates": ("heave", "wire_mass"), "most_effects": 1, "seed": 7, "band_hz": 1.5,
+        "scenario": None,
     }  # fmt: skip
 
 

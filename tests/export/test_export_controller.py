@@ -258,7 +258,7 @@ int main(void) {
 """
 
 
-@pytest.mark.skipif("MATIEC" not in os.environ, reason="MATIEC names no folder with matiec's iec2c and lib")
+@pytest.mark.skipif("MATIEC" not in os.environ, reason="allowed: MATIEC names no folder with matiec's iec2c and lib")
 @pytest.mark.parametrize("name", SETTINGS)
 def test_the_self_test_passes_through_the_c_that_matiec_makes_of_it(name: str, tmp_path: Path):
     files, matiec = controller_files("st", SETTINGS[name], HOIST, 4500.0), Path(os.environ["MATIEC"])

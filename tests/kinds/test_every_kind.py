@@ -28,6 +28,8 @@ def reach(machine: Any, kind: Any) -> tuple[float, float]:
     """A speed and a way that suit the example."""
     top = kind.looped.top_speed(machine).speed
     speed = 0.7 * top if np.isfinite(top) else {"m": 0.3, "rad": 6.0}[kind.moved.unit]
+    strongest = machine.drive.limit / (2.2 * kind.looped.total_inertia(machine, 0.0))  # `planned` takes 8 / s of speed
+    speed = min(speed, strongest / 8.0)
     return speed, 4.0 * speed if np.isfinite(top) else speed
 
 

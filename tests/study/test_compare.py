@@ -215,5 +215,5 @@ def test_json_holds_the_figures_and_no_infinity(folders: tuple[Path, Path], tmp_
 
 
 def test_a_folder_without_an_index_is_named(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none/index\.parquet: is no readable index"):
+    with pytest.raises(InputError, match=r"none/index\.parquet: no such file"):
         called((folders[0], tmp_path / "none"))

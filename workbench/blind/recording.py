@@ -151,8 +151,8 @@ def recording(path: Path) -> Recording:
         raise InputError(f"a machine of kind '{campaign.machine.kind}'; recorded takes hoists and axes", file=path)
     found = _in_band(campaign)
     machine = found.machine.model_copy(update={"identified": {}})  # the record of the fit would tell what is bent
-    if isinstance(machine, Axis):
-        machine = with_values(machine, _tolerances(campaign, machine, found.after.band_hz))
+    if kind_of(machine).whole:  # an axis
+        machine = with_values(machine, _tolerances(campaign, cast(Axis, machine), found.after.band_hz))
     known = Recording(campaign.name, machine, campaign.runs, found.after.band_hz)
     if not sum(map(len, known.moving)):
         raise InputError("the machine stands still in every run", file=path)
@@ -163,8 +163,8 @@ def _identified(campaign: Campaign, band_hz: float | None = None) -> Identificat
     """By all that the kind's fit frees, and a rotary axis' gravity."""
     free: list[str] | None = None
     machine = campaign.machine
-    if isinstance(machine, Axis) and machine.role("gravity_sine"):
-        free = [*kind_of(machine).free, machine.value_of["gravity_sine"]]
+    if kind_of(machine).whole and (axis := cast(Axis, machine)).role("gravity_sine"):
+        free = [*kind_of(machine).free, axis.value_of["gravity_sine"]]
     return identify(campaign, free=free, band_hz=band_hz)
 
 
@@ -173,7 +173,7 @@ def _in_band(campaign: Campaign) -> Identification:
     noise of a differentiated speed beyond that draws the fitted inertia towards zero. Where there is none, in the band
     in which the machine leaves the smallest share."""
     tried = [_identified(campaign)]
-    for _ in range(HALVINGS if isinstance(campaign.machine, Axis) else 0):
+    for _ in range(HALVINGS if kind_of(campaign.machine).whole else 0):
         with suppress(InputError):  # so low a band leaves no motion
             tried.append(_identified(campaign, 0.5 * tried[-1].after.band_hz))
         if len(tried) > 1 and abs(_inertia_of(tried[-2]) / _inertia_of(tried[-1]) - 1.0) < SAME_INERTIA:
@@ -182,9 +182,7 @@ def _in_band(campaign: Campaign) -> Identification:
 
 
 def _inertia_of(found: Identification) -> float:
-    machine = found.machine
-    assert isinstance(machine, Axis)
-    return machine.role("inertia")
+    return cast(Axis, found.machine).role("inertia")
 
 
 def _tolerances(campaign: Campaign, machine: Axis, band_hz: float) -> dict[str, float]:

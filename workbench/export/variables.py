@@ -122,6 +122,9 @@ MEANINGS: Mapping[str, str] = MappingProxyType(
         "coupling.damping_nm_s_per_rad": "damping of the coupling",
         "coupling.backlash_rad": "play of the coupling, from flank to flank",
         "load.inertia_kg_m2": "inertia of the load, as the motor feels it",
+        "boom.inertia_kg_m2": "inertia of the boom about the slewing ring's axis",
+        "payload.mass_kg": "mass that the boom holds",
+        "payload.radius_m": "distance of the payload from the slewing ring's axis",
         "load.gravity.sine_nm": "load in proportion to the sine of the load's angle",
         "load.gravity.constant_nm": "constant load, against forward motion positive",
     }

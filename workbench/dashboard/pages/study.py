@@ -310,7 +310,8 @@ def _lights(result: StudyResult, note: str) -> None:
     most = max(uses, key=lambda use: use.percent)
     head = f"{SIGN[most.light]} Used of what machine and drive bear: at most {most.used} {most.bound} ({most.where})"
     with st.expander(plain(head)):
-        st.table(shown, hide_index=True)
+        rows = [list(shown), ["---"] * len(shown), *zip(*shown.values(), strict=True)]
+        st.markdown("\n".join(f"| {' | '.join(row)} |" for row in rows))  # st.table would import pandas
         st.caption(plain("Per cent of: " + "; ".join(f"{what}, {bound}" for what, bound in bounds.items()) + "."))
         st.caption(plain(powers(note)))
 

@@ -67,6 +67,8 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
     z = [fitted.z.copy() for _ in range(folds)]
     slopes = [white[~mine, :-1].copy() for mine in inside]
     rows = [white[~mine, -1].copy() for mine in inside]
+    sizes = np.abs(fitted.jacobian)
+    shown = [np.max(sizes[~mine], axis=0) > ROUNDING * np.max(sizes, axis=0) for mine in inside]  # by the other rows
     worth = [float(r @ r) + _pull(fitted.z, std) for r in rows]
     open_folds = set(range(folds))
     for _ in range(MOST_STEPS):
@@ -74,7 +76,10 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
         for fold in sorted(open_folds):
             j, r, at = slopes[fold], rows[fold], z[fold]
             gradient = j.T @ r + at / std**2
-            free = ((at > lowest) | (gradient < 0.0), (at < highest) | (gradient > 0.0))
+            free = (
+                shown[fold] & ((at > lowest) | (gradient < 0.0)),
+                shown[fold] & ((at < highest) | (gradient > 0.0)),
+            )
             step = _step(j.T @ j + prior, gradient, *free)
             tried += [(fold, np.clip(at + part * step, lowest, highest)) for part in PARTS]
         if not tried:

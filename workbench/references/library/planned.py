@@ -175,7 +175,7 @@ def _seventh_order_s(move: Move) -> float:
     "acceleration and jerk; takes longer than ruckig",
     ramp=_seventh_order_ramp,
     duration=_seventh_order_s,
-    colour="#7F3C8D",
+    colour="#9A5FA6",
     dash="6px,2px",
 )
 def seventh_order(move: Move) -> Shape:
