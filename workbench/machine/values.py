@@ -13,7 +13,7 @@ from workbench.kinds.hoist import Hoist
 from workbench.yaml_strict import dotted, problem_lines
 
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
-_NOT_VALUES = ("format", "identified", "measured_correction")
+_NOT_VALUES = ("format", "identified", "measured_correction", "log")
 
 
 def value_names(machine: Hoist | Axis) -> tuple[str, ...]:

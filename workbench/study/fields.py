@@ -20,7 +20,9 @@ from workbench.yaml_strict import Place, dotted, problem_lines
 Assigned = Mapping[str, float | bool | str]
 _NUMBERS = ("payload_kg", "start_position_m", "lead_s", "settle_s")
 _LIMITS = ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")
-_NO_FIELDS = ("format", "kind", "name", "identified", "tolerances", "effects", "measured_correction")
+_NO_FIELDS = (
+    "format", "kind", "name", "identified", "tolerances", "effects", "allowances", "measured_correction", "log",
+)  # fmt: skip
 MOST_CACHED = 4096
 
 

@@ -325,7 +325,7 @@ def read_recording(block: RecordedBlock, folder: Path, layers: Layered, place: P
     return Recording(block.label, run.time_s, speed, run.start_position_m, block.smoothing_s or 0.0, digest)
 
 
-_NOT_VALUES = ("format", "kind", "drive", "effects", "identified")
+_NOT_VALUES = ("format", "kind", "drive", "effects", "allowances", "log", "identified")
 
 
 def read_standalone(
@@ -375,7 +375,8 @@ def standalone_text(scenario: Scenario, machine: Hoist) -> str:
     data["machine_overrides"] = _differing(machine) | dict(scenario.machine_overrides)
     drive = {key: value for key, value in machine.drive.model_dump().items() if value != _default_drive()[key]}
     data["drive"] = drive | (data.get("drive") or {})
-    data["effects"] = {name: dict(values) for name, values in machine.effects.items()} | scenario.effects
+    own = {**machine.allowances, **machine.effects}  # a scenario has one block for both
+    data["effects"] = {name: dict(values) for name, values in own.items()} | scenario.effects
     data["limits"] = {key: value for key, value in data["limits"].items() if value != {}}
     return dumps({key: value for key, value in data.items() if value not in ({}, "")})
 
