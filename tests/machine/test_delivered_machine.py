@@ -1,4 +1,4 @@
-"""A machine as a diagnosis delivers it, with allowances and what belongs to the log, goes through what takes machines."""
+"""A machine as a diagnosis delivers it, with allowances and a log, goes through what takes machines."""
 
 from __future__ import annotations
 
