@@ -20,6 +20,8 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.location.gap import delivered_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.verdict.constancy import constancies
+from workbench.diagnose.verdict.probability import shared
+from workbench.diagnose.verdict.records import Hypothesis
 from workbench.effects import find
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import load_machine, save_machine
@@ -95,6 +97,15 @@ def test_a_run_is_held_out_of_a_fit_that_has_converged_without_it(bump: tuple[Ca
         assert seen < plain.objective + 0.5
         left = float(np.sqrt(np.mean(plain.residual[: problem.inputs][hidden[: problem.inputs]] ** 2)))
         assert told.rms(problem.inputs, run) == pytest.approx(left, rel=0.12)
+
+
+def test_an_answer_that_the_runs_cannot_tell_from_another_is_no_surer_than_a_half():
+    rows = [Hypothesis("named", ("a",), 0.9), Hypothesis("named", ("b",), 0.06), Hypothesis("unknown", (), 0.04)]
+    said = shared(rows, ("b",))
+    assert [(row.effects, round(row.probability, 9)) for row in said] == [(("a",), 0.5), (("b",), 0.46), ((), 0.04)]
+    of_all = shared(rows, ("an unlisted one",))
+    assert [round(row.probability, 9) for row in of_all] == [0.5, 0.3, 0.2]
+    assert shared([Hypothesis("named", ("a",), 0.4), *rows[1:]], ("b",))[0].probability == 0.4
 
 
 EMPS = """\

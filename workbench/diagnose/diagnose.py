@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from workbench.consequences import consequences_of
 from workbench.diagnose.candidates import candidates as candidate_rows
@@ -26,6 +27,7 @@ from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
+from workbench.diagnose.verdict.probability import shared
 from workbench.diagnose.verdict.records import Left, ReasonKind, Verdict
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
@@ -109,6 +111,8 @@ def diagnose(
     delivered = delivered_of(problem.noise, refitted_replay, replayed)
     warnings = (*warnings, *differing(delivered))
     shrink = shrink_of(search, keys, judged.names, folds_of(search, judged.names, unknown), seed, unknown)
+    if judged.word == "named" and (also or shrink.ci95[0] <= 1.0):  # the runs leave it open
+        judged = replace(judged, ranking=shared(judged.ranking, also))
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."
     if study and judged.word == "no_gap":

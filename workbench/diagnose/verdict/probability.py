@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -54,6 +54,22 @@ def rank(
     rows = _rows(merits, _with_misses(merits, _shares(merits, x, numbers), numbers, lost), twins)
     first = next(row for row in rows if (row.verdict, row.effects) == (answer.verdict, answer.effects))
     return (first, *sorted((row for row in rows if row is not first), key=lambda row: -row.probability))
+
+
+def shared(ranking: Sequence[Hypothesis], alike: Names, most: float = 0.5) -> tuple[Hypothesis, ...]:
+    """The ranking where the runs cannot tell the answer from others: its probability is `most` at the most. What it
+    gives up goes to the hypotheses with effects of `alike`; where none is ranked, to all others, in proportion."""
+    first, *rest = ranking
+    surplus = first.probability - most
+    if surplus <= 0.0 or not rest:
+        return tuple(ranking)
+    heirs = [k for k, row in enumerate(rest) if set(row.effects) & set(alike)] or list(range(len(rest)))
+    total = sum(rest[k].probability for k in heirs)
+    for k in heirs:
+        share = rest[k].probability / total if total > 0.0 else 1.0 / len(heirs)
+        rest[k] = replace(rest[k], probability=rest[k].probability + surplus * share)
+    rest.sort(key=lambda row: -row.probability)
+    return (replace(first, probability=most), *rest)
 
 
 def logistic_argument(evidence: Mapping[str, float], numbers: Mapping[str, float]) -> float:
