@@ -111,7 +111,7 @@ class Guard:
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message = self._with_headers(message)
+                message = self._with_headers(message, is_file="/media/" in str(scope["path"]))
             await send(message)
 
         host = next((value.decode("latin-1") for name, value in scope["headers"] if name == b"host"), "")
@@ -122,12 +122,13 @@ class Guard:
             return await PlainTextResponse("Not found", 404)(scope, receive, guarded)
         return await self.app(scope, receive, guarded)
 
-    def _with_headers(self, message: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+    def _with_headers(self, message: MutableMapping[str, Any], is_file: bool) -> MutableMapping[str, Any]:
+        """is_file: a report that is downloaded, which is HTML too and needs no library."""
         own = {name for name, _ in self.headers}
         kept = [pair for pair in message.get("headers", []) if pair[0].lower() not in own]
         is_page = any(name.lower() == b"content-type" and value.startswith(b"text/html") for name, value in kept)
         # The browser fetches the library while the script still computes what is to be drawn.
-        return {**message, "headers": [*kept, *self.headers, *([self.ahead] if is_page else [])]}
+        return {**message, "headers": [*kept, *self.headers, *([self.ahead] if is_page and not is_file else [])]}
 
 
 def _plotly(request: Request) -> FileResponse:
