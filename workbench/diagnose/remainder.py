@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.places import placed
@@ -19,10 +17,10 @@ from workbench.diagnose.location.profiles import Explained, OnTop, basis, best_o
 from workbench.diagnose.location.variables import variables
 from workbench.diagnose.location.where import free_of, regime_of
 from workbench.diagnose.shrink import Shrink
+from workbench.diagnose.verdict.judge import RELEVANT_PERCENT, input_rms
 from workbench.diagnose.verdict.records import Remainder
 from workbench.kinds import kind_of
 
-RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
 FORETOLD = 0.1  # of the remainder's energy, on held-out runs: a variable that explains less is none of its own
 
 
@@ -30,8 +28,7 @@ def remainder_of(problem: Problem, fit: Fitted, base: int, shrink: Shrink, seed:
     """fit: of the answer; base: how many of its first z are the base parameters'."""
     rest, gap = (max(x**2 - shrink.noise**2, 0.0) for x in (shrink.after, shrink.before))
     rms = math.sqrt(rest)
-    measured = [u[rows] for u, rows in zip(problem.bench.measured, problem.rows, strict=True)]
-    percent = 100.0 * rms / max(float(np.sqrt(np.mean(np.concatenate(measured) ** 2))), 1e-300)
+    percent = 100.0 * rms / max(input_rms(problem), 1e-300)
     kind = kind_of(problem.machine)
     left = fit.residual[: problem.inputs]
     regime, subsystem = "all", kind.whole or "guide"
