@@ -42,9 +42,9 @@ from workbench.blind.measures import calibration_by_chance, calibration_error
 from workbench.blind.run import run
 from workbench.blind.score import Score, open_and_score
 from workbench.blind.seal import CAMPAIGNS, key_of
+from workbench.core.run import Array
 from workbench.diagnose.verdict.probability import CALIBRATION, calibration, is_lost, logistic_argument, rank
 from workbench.diagnose.verdict.records import Hypothesis
-from workbench.run import Array
 
 Row = Mapping[str, Any]
 WEIGHT = "unknown_"  # of what speaks for an unknown cause; the bias is the logistic's own

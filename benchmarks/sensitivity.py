@@ -27,7 +27,7 @@ from workbench.blind.make import mapped
 from workbench.blind.measures import calibration_error
 from workbench.blind.score import open_all, sheet_of
 from workbench.blind.seal import CAMPAIGNS
-from workbench.tables import Column, Table, words
+from workbench.core.table import Column, Table, words
 
 if TYPE_CHECKING:
     from workbench.diagnose.hypotheses.records import Names
@@ -165,9 +165,9 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
     """The search of one campaign judged with the numbers as they are, and with each one changed: key -> answers. As in
     a diagnosis, no cause is named whose correction makes held-out runs worse; what a cause does there is computed once.
     """
+    from workbench.core.errors import InputError
     from workbench.diagnose import diagnose as whole
     from workbench.diagnose.verdict.judge import alike
-    from workbench.errors import InputError
     from workbench.logs import read_campaign
 
     try:

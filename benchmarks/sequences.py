@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.watch import Change, month
+from workbench.core.run import Array, Run
 from workbench.kinds.axis import LinearAxis
 from workbench.machine import Axis, Hoist, default_hoist, get_value, with_values
-from workbench.run import Array, Run
 from workbench.serve.plant import LiveAxis
 from workbench.watch.estimate import estimate, shift
 from workbench.watch.judge import Alarm, Cycle, Judge, Rules

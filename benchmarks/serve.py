@@ -24,13 +24,13 @@ from typing import Any
 import numpy as np
 
 from workbench.control import PiSettings, full_pi, loop_values
+from workbench.core.run import Array
 from workbench.engine.stepped import Step, observe
 from workbench.machine import Axis, Hoist, default_hoist, save_machine
 from workbench.metrics import observer
 from workbench.plants import HOIST
 from workbench.references import Limits, motor_speed_rad_s, plan_motion
 from workbench.references import Step as Way
-from workbench.run import Array
 from workbench.serve.plant import SIGNALS
 from workbench.serve.serve import Wish, ask_priority, serve
 from workbench.serve.session import Session

@@ -38,7 +38,7 @@ autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
-autodoc_type_aliases = {"Array": "workbench.run.Array"}
+autodoc_type_aliases = {"Array": "workbench.core.run.Array"}
 python_maximum_signature_line_length = 90
 toc_object_entries_show_parents = "hide"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.rows import Row
 from workbench.testing import StudyRows, assert_metric

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from benchmarks.attack.mangle import ROOT, finished_result
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.whole_folder import replace_json
+from workbench.core.yaml_strict import readable_file
 from workbench.identify import identify as module
 from workbench.logs import Campaign
 from workbench.machine import default_hoist
@@ -22,8 +24,6 @@ from workbench.study.findings import alarm, sentences, utilisation
 from workbench.study.load import load_study
 from workbench.study.rows import INDEX, Row, check_whole, read_manifest, read_rows
 from workbench.study.store import Part
-from workbench.whole_folder import replace_json
-from workbench.yaml_strict import readable_file
 
 
 def test_a_result_knows_its_own_bytes(tmp_path):

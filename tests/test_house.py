@@ -16,7 +16,7 @@ import pytest
 
 import workbench
 from workbench.cli import COMMANDS, cli, main
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -17,12 +17,7 @@ PACKAGE = ROOT / "workbench"
 
 # Each row may import the rows above it. Neighbours in one row do not know each other.
 LAYERS = [
-    ("errors", "names", "record", "verb"),
-    ("tables", "json_records"),
-    ("shown",),
-    ("input_file",),
-    ("yaml_strict", "whole_folder"),
-    ("run",),
+    ("core",),
     ("log_formats",),
     ("trace",),
     ("kinds",),
@@ -40,6 +35,7 @@ LAYERS = [
     ("blind", "watch"),
     ("figures",),
     ("reports",),
+    ("view",),
     ("face", "dashboard"),
     ("cli",),
     ("__main__",),
@@ -47,7 +43,7 @@ LAYERS = [
 LEVEL = {name: level for level, row in enumerate(LAYERS) for name in row}
 
 # The physics' floor stays quick to import and knows no screens.
-FLOOR = ("errors", "yaml_strict", "record", "run", "trace", "machine", "plants", "kinds", "engine")
+FLOOR = ("core", "trace", "machine", "plants", "kinds", "engine")
 TOO_HEAVY_FOR_THE_FLOOR = {"scipy", "control", "streamlit", "plotly", "pandas", "matplotlib"}
 TOO_HEAVY_FOR_HELP = ["numpy", "numba", "scipy", "pydantic", "plotly", "pyarrow", "control", "pandas", "streamlit"]
 
@@ -153,7 +149,7 @@ def test_an_import_of_a_lower_layer_is_seen(statement: str):
 @pytest.mark.parametrize(
     "statement",
     [
-        "import workbench.run",
+        "import workbench.core.run",
         "from ..trace import expr",
         "from . import step",
         "from .step import rodas3",

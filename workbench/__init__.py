@@ -13,12 +13,12 @@ __version__ = "0.1.0"
 _WHERE = {
     "Campaign": "logs",
     "Hoist": "machine",
-    "InputError": "errors",
+    "InputError": "core.errors",
     "Limits": "references",
     "LinearAxis": "machine",
     "PiSettings": "control",
     "RotaryAxis": "machine",
-    "Run": "run",
+    "Run": "core.run",
     "Step": "references",
     "compare": "face.study",
     "default_hoist": "machine",
@@ -33,7 +33,7 @@ _WHERE = {
     "with_effects": "face.machines",
     "with_values": "machine",
 }
-# Sub-packages that can be called, see `workbench.verb`.
+# Sub-packages that can be called, see `workbench.core.verb`.
 _VERBS = ("diagnose", "identify", "simulate", "study")
 
 __all__ = ["__version__", *sorted([*_WHERE, *_VERBS])]

@@ -2,8 +2,9 @@
 
 from workbench.analysis.usual import usual_controller as usual_controller
 from workbench.control import PiSettings as PiSettings
+from workbench.core.errors import InputError as InputError
+from workbench.core.run import Run as Run
 from workbench.effects import load_effects as load_effects
-from workbench.errors import InputError as InputError
 from workbench.face.diagnose import diagnose as diagnose
 from workbench.face.identify import identify as identify
 from workbench.face.logs import read_campaign as read_campaign
@@ -24,6 +25,5 @@ from workbench.machine import save_machine as save_machine
 from workbench.machine import with_values as with_values
 from workbench.references import Limits as Limits
 from workbench.references import Step as Step
-from workbench.run import Run as Run
 
 __version__: str

@@ -19,22 +19,22 @@ from workbench.analysis.search import Search, best_rejection, for_bandwidth, mak
 from workbench.analysis.tune import Goal
 from workbench.analysis.usual import usual_controller, usual_settings
 from workbench.control import Cascade, Settings
+from workbench.core.errors import InputError
+from workbench.core.json_records import plain
+from workbench.core.run import Array, Run
+from workbench.core.table import Column, Table, words
 from workbench.effects import effects_for, sizes_of
 from workbench.effects import find as find_effect
-from workbench.errors import InputError
-from workbench.json_records import plain
 from workbench.kinds import HOIST, LOOPED, Kind, kind_of, looped
 from workbench.machine import Axis, Hoist
 from workbench.metrics import Metric, find, set_of
 from workbench.references import LimitPair, Limits, Step, allowed_carriage_speed_m_s, motion_time_s
-from workbench.run import Array, Run
 from workbench.study.findings import NO_CHANGE
 from workbench.study.grid import RunSpec
 from workbench.study.labels import listed
 from workbench.study.load import Study, changed, plan_study
 from workbench.study.run import run_specs
 from workbench.study.scenario import Scenario
-from workbench.tables import Column, Table, words
 
 REFERENCES = ("trapezoid", "ruckig")
 MS_LIMIT = 1.4

@@ -87,7 +87,7 @@ def _fault(row: Row, metric: str, below: float | None, above: float | None) -> s
 
 
 def _chosen(rows: Sequence[Row], where: Mapping[str, float | str]) -> list[Row]:
-    from workbench.errors import InputError, nearest
+    from workbench.core.errors import InputError, nearest
 
     if not rows:
         raise AssertionError("there are no runs")

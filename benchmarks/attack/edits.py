@@ -8,9 +8,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
-from workbench.run import Array, Run
 
 ROWS = 50
 Edit = Callable[["Hoist | Axis", Run, np.random.Generator], "Run | None"]

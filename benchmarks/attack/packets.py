@@ -21,7 +21,7 @@ from collections.abc import Callable
 from typing import Any
 
 from benchmarks.serve import Client, Served
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.machine import default_hoist
 from workbench.serve.session import SAID_EVERY_S
 from workbench.serve.udp import BYTE_ORDER, COMMAND, command_packet

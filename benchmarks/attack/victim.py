@@ -40,7 +40,7 @@ from benchmarks.attack.mangle import (
     mangled,
     signals_of,
 )
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.log_formats.opening import open_log
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.doubts import doubts_of

@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.watch import healthy, month
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.machine import default_hoist, get_value
 from workbench.reports.watch.page import write_page
-from workbench.run import Run
 from workbench.watch.estimate import Estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Rules
 from workbench.watch.store import FILE, DamagedError, Kept, Store

@@ -17,7 +17,7 @@ from benchmarks.validation.rig_files import rig_of
 from benchmarks.validation.sources import source_of
 from workbench.blind.make import Asked, Maker
 from workbench.blind.seal import Label, Order
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
 from workbench.plants import plant_of
 
 TRIES = 3  # seeds of a campaign whose engine gives up

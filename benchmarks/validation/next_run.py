@@ -21,13 +21,13 @@ from workbench.blind.answer import Answer, answer
 from workbench.blind.criteria import Row, single
 from workbench.blind.score import Score
 from workbench.blind.seal import Order
+from workbench.core.errors import InputError
 from workbench.diagnose.diagnose import chosen_effects
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import atoms
 from workbench.diagnose.hypotheses.search import Search, SearchResult
 from workbench.diagnose.isolation.isolability import isolability
 from workbench.diagnose.isolation.planned import menu
-from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.logs import read_campaign
 

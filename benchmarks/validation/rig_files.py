@@ -22,14 +22,14 @@ from benchmarks.validation.hoist_machines import reference
 from benchmarks.validation.hoist_motion import RECORD_S as HOIST_S
 from benchmarks.validation.kind import Logging, RunPlan
 from benchmarks.validation.rig import Rig
+from workbench.core.errors import InputError, nearest
+from workbench.core.record import Finite, NotNegative, Positive, Record
+from workbench.core.run import Array, Run
+from workbench.core.yaml_strict import load, validate
 from workbench.effects import check
-from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Hoist, load_machine
-from workbench.record import Finite, NotNegative, Positive, Record
-from workbench.run import Array, Run
-from workbench.yaml_strict import load, validate
 
 BETWEEN_S = 60.0  # from a planned run to the next one
 QUIET = 0.2  # s over which a measured speed is averaged where it stands in for a reference

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from benchmarks.validation.content import Content, kind_of
 from benchmarks.validation.families import FAMILIES, Family
 from benchmarks.validation.kind import Kind
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
 
 
 def _nothing(content: Content, seeds: Sequence[int]) -> Mapping[str, float]:

@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
+from workbench.core.yaml_strict.checked import bounds_of
 from workbench.effects import Effect, library_effects
 from workbench.effects.declare import words
 from workbench.effects.registry import library_for
@@ -19,7 +20,6 @@ from workbench.machine import RECORDS
 from workbench.metrics import LoopMetric, Metric, metrics, run_metrics, set_of
 from workbench.references import planned_kinds, recorded_kinds
 from workbench.study.scenario import Scenario
-from workbench.yaml_strict.checked import bounds_of
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

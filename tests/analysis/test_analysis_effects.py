@@ -20,8 +20,8 @@ from workbench.analysis.search import for_bandwidth, make_search
 from workbench.analysis.tune import try_out, usual_trial
 from workbench.cli import cli
 from workbench.control import PiSettings
+from workbench.core.errors import InputError
 from workbench.effects import effects_for, of, sizes_of
-from workbench.errors import InputError
 from workbench.machine import Hoist, save_machine, with_correction
 from workbench.plants import HOIST, Effects, Memory
 from workbench.reports.loop.report import effect_sentences

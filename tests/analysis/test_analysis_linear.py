@@ -20,7 +20,7 @@ from workbench.analysis.linearise import (
 )
 from workbench.analysis.loop import Sampled, linear_controller, sampled_plant
 from workbench.control import FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.machine import Hoist, with_values
 from workbench.plants import HOIST
 

@@ -15,7 +15,7 @@ from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import LinearLoop, linear_loop
 from workbench.analysis.margins import margins
 from workbench.control import Notch, PiSettings
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.machine import Hoist, with_values
 from workbench.plants import Effects
 

@@ -18,7 +18,7 @@ from workbench.analysis.step import load_step, position_answer
 from workbench.analysis.tune import Goal, tune
 from workbench.analysis.usual import usual_cascade
 from workbench.control import LinearCascade, RotaryCascade
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.machine import with_values
 from workbench.references import Limits, Step, plan_motion
 from workbench.reports.loop.case import loop_case

@@ -18,12 +18,12 @@ from workbench.analysis.step import load_step, step_response
 from workbench.analysis.tune import Goal, Score, Trial, Tuned, Weights, try_out, tune, usual_trial
 from workbench.cli import cli
 from workbench.control import Notch, PiSettings
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import loads
 from workbench.machine import Hoist, save_machine, with_values
 from workbench.reports.loop.case import read_controller
 from workbench.reports.loop.tuning import controller_text, warning
 from workbench.study.scenario import Scenario
-from workbench.yaml_strict import loads
 
 ROOT = Path(__file__).resolve().parents[2]
 BASE = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)

@@ -15,7 +15,7 @@ from workbench.analysis.search import anti_resonances, for_bandwidth, make_searc
 from workbench.analysis.tune import Goal, TuneProgress, tune
 from workbench.analysis.usual import usual_controller
 from workbench.control import Events, PiSettings
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.machine import with_values
 from workbench.reports.loop.case import loop_case
 from workbench.reports.loop.report import sentences

@@ -13,7 +13,7 @@ from benchmarks.validation.campaign import built, input_change
 from benchmarks.validation.content import Content, draw
 from benchmarks.validation.orders import families_of, orders
 from workbench.blind.seal import Order
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.machine import Hoist
 

@@ -27,8 +27,8 @@ from workbench.blind.criteria import Share, of_the_oracle
 from workbench.blind.make import Asked
 from workbench.blind.power import LEAST, power_of, thresholds
 from workbench.blind.seal import Order
+from workbench.core.errors import InputError
 from workbench.effects import find
-from workbench.errors import InputError
 from workbench.figures import blind as figures
 from workbench.logs import read_campaign
 from workbench.plants import plant_of

@@ -24,7 +24,7 @@ from workbench.blind.make import Asked, Made, Maker, make
 from workbench.blind.score import OPENED, open_all, open_and_score, sheet_of
 from workbench.blind.seal import Label, Order
 from workbench.cli import main
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.reports.blind.words import sentences
 
 ROOT = Path(__file__).resolve().parents[2]

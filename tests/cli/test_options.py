@@ -6,7 +6,7 @@ import click
 import pytest
 
 from workbench.cli.options import keyed_number, placed_at_option
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 OPTIONS = [
     click.Option(["--band"]),

@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.batches import ROOT, RUNS, SCENARIO, environment
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.study.batch import Progress, run_batch
 from workbench.study.cluster import OtherProgram, run_remote_chunk, spread_on, versions
 from workbench.study.load import Study, load_study

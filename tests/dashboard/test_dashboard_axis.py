@@ -11,6 +11,7 @@ pytest.importorskip("streamlit")
 from tests.support import axes
 from tests.support.dashboard_app import errors, figures, page
 from workbench.control import LinearCascade
+from workbench.core.errors import InputError
 from workbench.dashboard import machines
 from workbench.dashboard.pages.compare import Kept
 from workbench.dashboard.pages.study import beside_ramps
@@ -27,7 +28,6 @@ from workbench.dashboard.pages.study_desk import (
     with_gains,
 )
 from workbench.dashboard.pages.study_form import desk_key
-from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.kinds.axis import LinearAxis, RotaryAxis
 from workbench.machine import default_hoist, shipped, with_values

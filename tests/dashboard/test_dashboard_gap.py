@@ -19,6 +19,7 @@ from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import hoist_columns, write_campaign
 from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
+from workbench.core.errors import InputError
 from workbench.dashboard import campaigns, jobs, session
 from workbench.dashboard import work as workers
 from workbench.dashboard.jobs import Job, Teller, new_id, write_record
@@ -29,7 +30,6 @@ from workbench.dashboard.work import VIEW, View, read_view, write_view
 from workbench.diagnose import diagnose as orchestration
 from workbench.diagnose.records import Diagnosis
 from workbench.effects import check
-from workbench.errors import InputError
 from workbench.machine import load_machine
 
 BOX = "gap campaign"

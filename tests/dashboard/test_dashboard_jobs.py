@@ -15,9 +15,9 @@ import pytest
 
 from tests.support.batches import ROOT, SCENARIO, environment
 from tests.support.scenario_text import write
+from workbench.core.errors import InputError
 from workbench.dashboard import jobs, session
 from workbench.dashboard.jobs import INPUTS, Job, Progress, Teller, poll, start, stop
-from workbench.errors import InputError
 from workbench.study.store import read_finished
 
 

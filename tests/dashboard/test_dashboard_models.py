@@ -15,11 +15,11 @@ pytest.importorskip("streamlit")
 
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
+from workbench.core.errors import InputError
 from workbench.dashboard import campaigns, jobs, session
 from workbench.dashboard.jobs import Teller
 from workbench.dashboard.pages import validate
 from workbench.dashboard.work import VIEW, models, read_view
-from workbench.errors import InputError
 from workbench.figures.save import Section
 from workbench.logs import read_campaign
 from workbench.machine import Hoist

@@ -18,6 +18,7 @@ pytest.importorskip("streamlit")
 from benchmarks.serve import Client as UdpClient
 from benchmarks.serve import Served
 from tests.support.dashboard_app import errors, page
+from workbench.core.errors import InputError
 from workbench.dashboard.pages.plant import WINDOWS
 from workbench.dashboard.plant import KEPT_S, PlantProcess
 from workbench.dashboard.plant_worker import (
@@ -31,7 +32,6 @@ from workbench.dashboard.plant_worker import (
     UdpLine,
     Wanted,
 )
-from workbench.errors import InputError
 from workbench.figures.served import last_seconds, late_starts
 from workbench.machine import default_hoist
 from workbench.machine.files import machine_text

@@ -21,6 +21,8 @@ pytest.importorskip("streamlit")
 
 from tests.support.dashboard_app import errors, figures, page
 from workbench.cli import cli
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import loads
 from workbench.dashboard import machines, session, widgets
 from workbench.dashboard.pages import compare as kept
 from workbench.dashboard.pages.compare import difference, machine_told_apart
@@ -34,7 +36,6 @@ from workbench.dashboard.pages.study_desk import (
     usual_desk,
 )
 from workbench.dashboard.server import OPTIONS, SCRIPT
-from workbench.errors import InputError
 from workbench.figures.study import peak_torque_over_payload
 from workbench.figures.style import GROUND, INK, for_dark
 from workbench.machine import Hoist, default_hoist, with_values
@@ -42,7 +43,6 @@ from workbench.metrics import find
 from workbench.study.load import load_study, plan_study, read_standalone, standalone_text
 from workbench.study.run import StudyResult, run_study
 from workbench.study.scenario import Scenario
-from workbench.yaml_strict import loads
 
 KP, KI = "loop kp", "loop ki"
 ROOT = Path(__file__).resolve().parents[2]
@@ -442,7 +442,7 @@ def test_an_error_shows_the_files_name_and_no_markdown():
     from streamlit.testing.v1 import AppTest
 
     app = AppTest.from_string(
-        "from workbench.dashboard.widgets import guarded\nfrom workbench.errors import InputError\n"
+        "from workbench.dashboard.widgets import guarded\nfrom workbench.core.errors import InputError\n"
         "import streamlit as st\nwith guarded():\n"
         "    raise InputError('**bold** $x$ [a](b)', file='/private/folder/machine.yaml', line=3)\n"
         "st.write('not reached')\n"

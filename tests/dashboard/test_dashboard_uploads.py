@@ -20,9 +20,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.support.log_campaign import RUNS, csv_text, hoist_columns, write_campaign
+from workbench.core.errors import InputError
 from workbench.dashboard import uploads
 from workbench.dashboard.uploads import KEPT, Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
-from workbench.errors import InputError
 from workbench.log_formats import known
 
 

@@ -15,9 +15,9 @@ from tests.support.made_diagnosis import KINDS, VISCOUS, made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.cli.diagnose_show import show
 from workbench.cli.progress import stages as shown
+from workbench.core.errors import InputError
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import check, forget_users
-from workbench.errors import InputError
 from workbench.machine import default_hoist, load_machine
 from workbench.reports.diagnosis.hypotheses import candidates_table
 from workbench.reports.diagnosis.progress import progress_words

@@ -11,13 +11,13 @@ import pytest
 
 from tests.identify.test_emps import RUNS as EMPS_RUNS
 from tests.support.simulated_campaign import SPEED_NOISE_RAD_S, TORQUE_NOISE_NM, simulated_campaign
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.readiness.channel_noise import channel_noise, jitter_s, resolution, white_noise
 from workbench.diagnose.readiness.condition import clipped_share, condition, outliers
 from workbench.diagnose.readiness.lateness import lateness
 from workbench.diagnose.readiness.motion_noise import motion_noise, noises_of, noisier
 from workbench.logs import Campaign, read_campaign
-from workbench.run import Array
 
 EMPS = """\
 kind: axis

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
+from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.fits import Projection, fit_knobs, linear_gain, start_of
@@ -35,7 +36,6 @@ from workbench.diagnose.hypotheses.scan import atoms, loudest
 from workbench.diagnose.hypotheses.search import Search
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machine import Axis, Hoist, default_hoist, with_values
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import noise_rms
 

@@ -11,6 +11,7 @@ import pytest
 
 from tests.diagnose.test_diagnose_where import EMPS_RUNS
 from tests.support.searched_campaign import simulated_search
+from workbench.core.run import Array
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.error_model import ErrorModel
@@ -25,7 +26,6 @@ from workbench.diagnose.verdict.records import Hypothesis
 from workbench.effects import find
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import load_machine, save_machine
-from workbench.run import Array
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.5}}

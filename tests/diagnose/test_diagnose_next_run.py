@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tests.support.searched_campaign import simulated_search
+from workbench.core.run import Run
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Value
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.lines import Line
 from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, choose, next_run, separation
 from workbench.diagnose.isolation.planned import Planned, menu, seen_in
-from workbench.run import Run
 
 TRIED = ("torque_offset", "carriage_mass_error", "friction_viscous")
 ROWS = 200

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.simulated_campaign import simulated_campaign, true_machine
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
@@ -19,7 +20,6 @@ from workbench.diagnose.location.places import Placed, weighed
 from workbench.diagnose.location.recurrence import comes_back
 from workbench.diagnose.location.survey import Course, Survey, at_rows, survey_of
 from workbench.logs import read_campaign
-from workbench.run import Array
 
 
 def looked_at(problem: Problem) -> Survey:

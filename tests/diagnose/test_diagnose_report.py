@@ -18,13 +18,13 @@ from hypothesis import strategies as st
 from tests.support.effect_machines import rotary_axis
 from tests.support.made_diagnosis import KINDS, made_diagnosis
 from workbench.cli.campaign import chosen_candidates
+from workbench.core.errors import InputError
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.location.records import Window
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.verdict.records import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.effects.declare import SUBSYSTEMS
-from workbench.errors import InputError
 from workbench.figures.place import for_dark_ground, marked_machine
 from workbench.machine import load_machine
 from workbench.reports.diagnosis import hypotheses, words

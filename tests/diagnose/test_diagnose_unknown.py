@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
 from workbench.diagnose.hypotheses.problem import Problem
@@ -22,7 +23,6 @@ from workbench.diagnose.unexplained.words import span
 from workbench.kinds import kind_of
 from workbench.logs import read_campaign
 from workbench.machine import Hoist, LinearAxis, load_machine, save_machine
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 from workbench.simulate.replay import replay_runs
 

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from tests.support.fitted_runs import fitted_to, made_by, rms
 from tests.support.noisy_runs import hoist_runs
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.estimates import covariance, estimates
 from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
@@ -34,7 +35,6 @@ from workbench.diagnose.verdict.twins import groups_of
 from workbench.diagnose.words import either, sentence_of
 from workbench.effects import find, ranges_of
 from workbench.machine import default_hoist
-from workbench.run import Array
 
 TORQUE = "torque_motor_nm"
 AS_DECIDED = {"surer": 1.0, "missed_no_gap": 0.0, "missed_unknown": 0.0, "missed_lost": 0.0}  # and so stated

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.support.searched_campaign import searched_in, simulated_search
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
 from workbench.diagnose.hypotheses.problem import Problem
@@ -28,7 +29,6 @@ from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.effects import find
 from workbench.logs import Campaign
 from workbench.machine import Hoist, load_machine, save_machine
-from workbench.run import Array
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.25}}

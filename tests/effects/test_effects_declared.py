@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from tests.support.effect_machines import MACHINES, linear_axis
+from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.effects import (
     Effect,
     Parameter,
@@ -26,10 +28,8 @@ from workbench.effects import (
     sizes_of,
 )
 from workbench.effects.declare import KINDS, problems
-from workbench.errors import InputError
 from workbench.machine import default_hoist, load_machine, save_machine, with_values
 from workbench.plants import PLACES
-from workbench.run import Run
 
 # The names that others rely on; see docs/formats.md.
 NAMES = [

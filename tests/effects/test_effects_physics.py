@@ -12,6 +12,7 @@ import pytest
 
 from tests.support.effect_machines import MACHINES, linear_axis
 from workbench.control import PiSettings
+from workbench.core.run import Array, Run
 from workbench.effects import effects_for, logged, of
 from workbench.engine import kernels
 from workbench.engine.source import parameter_symbols, state_symbols
@@ -19,7 +20,6 @@ from workbench.kinds import kind_of
 from workbench.machine import Hoist, default_hoist
 from workbench.plants import HOIST, PLANTS
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench, pooled_rms
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.plant_model import PlantModel

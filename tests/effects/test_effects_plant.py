@@ -11,6 +11,7 @@ import pytest
 
 from tests.support.effect_machines import MACHINES
 from workbench.control import PiSettings
+from workbench.core.run import Array
 from workbench.effects import Active, all_off, effects_for, find, library_effects, of, ranges_of
 from workbench.effects.declare import KINDS, Effect
 from workbench.engine import kernels
@@ -19,7 +20,6 @@ from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.engine.statics import hang_still
 from workbench.machine import with_values
 from workbench.plants import HOIST, PLANTS
-from workbench.run import Array
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 from workbench.simulate.plant_model import PlantModel
 from workbench.trace.emit import Printer

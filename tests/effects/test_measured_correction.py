@@ -18,8 +18,9 @@ from tests.support.effect_machines import MACHINES
 from tests.support.ideal import ideal_hoist
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.control import PiSettings
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import loads
 from workbench.effects import of
-from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.machine import (
     Axis,
@@ -35,7 +36,6 @@ from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 from workbench.simulate.plant_model import plant_model
 from workbench.simulate.replay import simulate_replays
-from workbench.yaml_strict import loads
 
 TURN = 2.0 * np.pi
 HOIST = ideal_hoist()

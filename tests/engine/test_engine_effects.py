@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tests.support.hoist_replays import HOIST, replay, start, values
+from workbench.core.run import Array
 from workbench.plants import NO_EFFECTS, PLACES, PLANTS, Effects
-from workbench.run import Array
 from workbench.trace.emit import evaluate
 from workbench.trace.expr import Scalar, cos, sin, symbol
 

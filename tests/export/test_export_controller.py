@@ -16,6 +16,7 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.structured_text import Block, parsed
 from workbench.control import FeedForward, Notch, PiSettings
+from workbench.core.yaml_strict import loads
 from workbench.export.controller import controller_files, settings_text
 from workbench.export.controller_program import CHECKS, checked, program_of, record_of
 from workbench.export.controller_text import ST, c_of, expression
@@ -23,7 +24,6 @@ from workbench.export.drives import DRIVES, RampLimits, drive_settings
 from workbench.export.fmu import host_compiler
 from workbench.machine import default_hoist, with_values
 from workbench.simulate.loop import torque_limit_nm
-from workbench.yaml_strict import loads
 
 HOIST = default_hoist()
 KP, KI = 31.0, 122.0

@@ -19,8 +19,9 @@ from fmpy.validation import validate_fmu
 from tests.support.commands import Commands
 from tests.support.exported_fmu import Exported, Instance
 from workbench.control import FeedForward, Notch, PiSettings, loop_values
+from workbench.core.errors import InputError
+from workbench.core.run import Array, Run
 from workbench.engine.stepped import observe
-from workbench.errors import InputError
 from workbench.export import fmu as compiling
 from workbench.export.fmu import c_files, write_fmu, write_sources
 from workbench.export.model import Model, Start, model_of
@@ -32,7 +33,6 @@ from workbench.machine import Axis, Hoist, default_hoist, save_machine, with_cor
 from workbench.metrics import observer
 from workbench.plants import PLANTS, plant_of
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, case_limits, simulate_loop
 from workbench.simulate.replay import simulate_replays

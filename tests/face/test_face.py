@@ -18,10 +18,10 @@ import pytest
 
 import workbench as wb
 from tests.support.made_diagnosis import made_diagnosis
+from workbench.core.run import Array
+from workbench.core.shown import Shown, brief
+from workbench.core.table import Table
 from workbench.face.view import VIEWS, view_of
-from workbench.run import Array
-from workbench.shown import Shown, brief
-from workbench.tables import Table
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "scenarios" / "demo_campaign"
@@ -105,7 +105,7 @@ def test_only_the_two_lowest_modules_of_showing_import_by_name():
     """What the layer test cannot see: an import by a text."""
     calling = [
         file for file in (ROOT / "workbench").rglob("*.py")
-        if "workbench.verb import attribute" in file.read_text(encoding="utf-8")
+        if "workbench.core.verb import attribute" in file.read_text(encoding="utf-8")
     ]  # fmt: skip
     assert sorted(file.relative_to(ROOT / "workbench").as_posix() for file in calling) == ["face/view.py", "shown.py"]
 

@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from workbench.core.run import Run
+from workbench.core.table import Column, Table, words
 from workbench.figures.identify import correlation_matrix, level_history
 from workbench.figures.replay import friction_law, speed_comparison, torque_profiles, torque_residual
 from workbench.figures.save import Section, save_page
@@ -17,8 +19,6 @@ from workbench.figures.study import harder_worked_nm, overview, peak_torque_over
 from workbench.figures.style import LINES
 from workbench.figures.thin import PASSES, STRAIGHT, straightened, thin
 from workbench.references import planned_kinds
-from workbench.run import Run
-from workbench.tables import Column, Table, words
 
 TIME = np.linspace(0.0, 40.0, 4001)
 

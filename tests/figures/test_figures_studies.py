@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from workbench.core.run import Run
 from workbench.figures.panels import LEGEND_LINE, Panels
 from workbench.figures.pareto import pareto
 from workbench.figures.study_plane import envelope_nm, torque_speed_plane
 from workbench.figures.study_scatter import spread, tornado
 from workbench.figures.study_sweep import changing, metrics_over_axis
-from workbench.run import Run
 from workbench.study.labels import swept_axes
 from workbench.study.pareto import Correlation, fronts
 from workbench.study.rows import Row

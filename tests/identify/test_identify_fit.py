@@ -11,7 +11,8 @@ import pytest
 
 from tests.support.noisy_runs import hoist_runs
 from workbench.control import PiSettings
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.identify.fit import Fit, fit
 from workbench.identify.identify import identify
 from workbench.identify.iteration import friction_levels
@@ -20,7 +21,6 @@ from workbench.identify.parameters import free_parameters
 from workbench.kinds import HOIST as HOIST_KIND
 from workbench.logs import Campaign
 from workbench.machine import Hoist, LinearAxis, default_hoist, get_value, with_values
-from workbench.run import Run
 from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, simulate_loop
 

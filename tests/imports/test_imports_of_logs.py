@@ -11,7 +11,8 @@ import pytest
 
 from tests.support.commands import Commands
 from tests.support.noisy_runs import hoist_runs
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.imports.campaign import read_channels
 from workbench.imports.propose import propose, quantity_of, score, unit_of
 from workbench.kinds import KINDS, TIME
@@ -21,7 +22,6 @@ from workbench.log_formats.rates import Channel, at_times
 from workbench.logs import read_campaign
 from workbench.machine import default_hoist, save_machine
 from workbench.reports.imports.page import mapping_table
-from workbench.run import Run
 
 HOIST = default_hoist()
 RPM = np.pi / 30.0

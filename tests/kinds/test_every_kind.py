@@ -14,12 +14,12 @@ from tests.support.dashboard_app import errors, page
 from tests.support.driven_campaign import driven, planned, write
 from workbench.analysis.usual import usual_settings
 from workbench.control import form_of
+from workbench.core.yaml_strict import dumps
 from workbench.dashboard import machines
 from workbench.identify.identify import identify
 from workbench.kinds import KINDS
 from workbench.logs import read_campaign
 from workbench.machine import get_value, machine_text, save_machine, with_values
-from workbench.yaml_strict import dumps
 
 AXES = [name for name, kind in KINDS.items() if kind.looped.position_loop]
 

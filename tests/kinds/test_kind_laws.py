@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from workbench.core.run import Array
 from workbench.kinds import KINDS, Kind
 from workbench.plants import NO_EFFECTS, Effects
-from workbench.run import Array
 from workbench.trace.derive import jacobian
 from workbench.trace.expr import Scalar, symbol
 

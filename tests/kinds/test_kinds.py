@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from tests.support.effect_machines import MACHINES
+from workbench.core.run import Run
 from workbench.effects import effects_for
 from workbench.identify.parameters import fittable
 from workbench.kinds import KINDS, Kind, kind_of, of_kind, studied
 from workbench.machine import Axis, Hoist, value_names
 from workbench.machine.files import RECORDS
 from workbench.plants import PLANTS
-from workbench.run import Run
 
 ROOT = Path(__file__).resolve().parents[2]
 FORMATS = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")

@@ -10,12 +10,12 @@ import pytest
 
 from tests.support.driven_campaign import driven, planned, write
 from tests.support.effect_machines import MACHINES
+from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.diagnose.readiness.checks import check_runs
-from workbench.errors import InputError
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 from workbench.machine import with_values
-from workbench.run import Run
 
 NOMINAL = MACHINES["two_inertia"]
 TRUE = {"load.inertia_kg_m2": 0.056, "coupling.stiffness_nm_per_rad": 760.0}

@@ -19,7 +19,7 @@ import scipy.io
 
 from tests.support import log_openers
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.log_formats import OWN, UPLOADED, Limits, LogFormat, formats, page, suffixes, worker
 from workbench.log_formats.confined import landlock_version
 from workbench.log_formats.declared import Opened

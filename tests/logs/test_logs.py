@@ -12,7 +12,7 @@ import pytest
 import scipy.io
 
 from tests.support.log_campaign import AXIS, RUNS, axis_columns, csv_text, hoist_columns, write_campaign
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.machine import Hoist, LinearAxis
 

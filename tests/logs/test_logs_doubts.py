@@ -13,9 +13,9 @@ import pytest
 
 from benchmarks.attack.edits import EDITS, edited
 from tests.support.commands import Commands
+from workbench.core.run import Run
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.doubts import doubts_of
-from workbench.run import Run
 
 
 @cache

@@ -12,12 +12,12 @@ import scipy.io
 
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, csv_text, hoist_columns, write_campaign
 from workbench.cli.campaign import load_campaign
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.kinds import kind_of
 from workbench.logs import read_campaign
 from workbench.logs.campaign import RunsError
 from workbench.machine import default_hoist
-from workbench.run import Run
 
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.log_campaign import AXIS, RUNS, axis_columns, csv_text, hoist_columns, write_campaign
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.machine import default_hoist
 from workbench.machine.files import machine_text

@@ -19,12 +19,12 @@ from nptdms import ChannelObject, TdmsWriter
 
 from benchmarks.attack.mangle import finished_result
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
-from workbench.errors import InputError
-from workbench.input_file import MOST_BYTES, open_input, readable_file
+from workbench.core.errors import InputError
+from workbench.core.input_file import MOST_BYTES, open_input, readable_file
+from workbench.core.whole_folder import whole_folder
 from workbench.log_formats.opening import open_log
 from workbench.logs import read_campaign
 from workbench.study.rows import read_manifest, read_table
-from workbench.whole_folder import whole_folder
 
 SECRET = "root:x:0:0:the whole of a file of the server" * 20
 
@@ -168,7 +168,7 @@ def test_a_result_whose_column_lies_in_another_file_is_refused(tmp_path: Path):
 
 def test_what_a_killed_writer_left_is_swept_and_what_another_writes_is_not(tmp_path: Path):
     code = (
-        "import os, sys\nfrom pathlib import Path\nfrom workbench.whole_folder import whole_folder\n"
+        "import os, sys\nfrom pathlib import Path\nfrom workbench.core.whole_folder import whole_folder\n"
         "with whole_folder(Path(sys.argv[1])) as hidden:\n"
         "    (hidden / 'machine.yaml').touch()\n    print('there', flush=True)\n    sys.stdin.read()\n"
     )

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, hoist_columns, write_campaign
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.logs import read_campaign
 from workbench.logs.channels import find_spikes
 from workbench.logs.dropouts import Channel
 from workbench.machine import default_hoist
-from workbench.run import Run
 
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"
 MOTORS = ("torque_motor1_nm", "torque_motor2_nm")

@@ -9,12 +9,12 @@ import pytest
 from pydantic import BaseModel
 
 from tests.support.made_pages import made_pages
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.record import LARGEST
+from workbench.core.yaml_strict import loads
 from workbench.machine import default_hoist
 from workbench.machine.files import RECORDS, machine_from, machine_text
-from workbench.record import LARGEST
 from workbench.study.scenario import Scenario
-from workbench.yaml_strict import loads
 
 
 def boundless(record: type[BaseModel], prefix: str = "") -> Iterator[str]:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from workbench.core.errors import InputError
 from workbench.effects import of
-from workbench.errors import InputError
 from workbench.kinds.hoist import Hoist
 from workbench.machine import default_hoist, load_machine, save_machine, value_names
 from workbench.study.load import standalone_text

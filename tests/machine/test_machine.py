@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import loads
 from workbench.machine import (
     Hoist,
     LinearAxis,
@@ -23,7 +24,6 @@ from workbench.machine import (
     with_values,
 )
 from workbench.machine.files import machine_text
-from workbench.yaml_strict import loads
 
 LINEAR = """\
 kind: axis

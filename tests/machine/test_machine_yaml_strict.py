@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.errors import InputError
-from workbench.yaml_strict import dumps, load, loads
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import dumps, load, loads
 
 WORDS = {
     "1e5": 1e5, "1.5e-3": 1.5e-3, ".5": 0.5, "-7": -7, "010": 10, "0x1f": 31, "0o17": 15, "-.inf": -math.inf,

@@ -16,8 +16,8 @@ from tests.support.dashboard_app import page
 from tests.support.made_pages import made_pages
 from tests.support.scenario_text import write
 from workbench.cli import cli
+from workbench.core.errors import InputError
 from workbench.dashboard.pages.study_desk import START
-from workbench.errors import InputError
 from workbench.machine import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
 from workbench.metrics.metric import largest

@@ -9,9 +9,9 @@ import pytest
 
 from tests.metrics.test_metrics import DT, P, metric, trace, with_peak
 from workbench.control import PiSettings
+from workbench.core.run import Run
 from workbench.machine import default_hoist, with_values
 from workbench.metrics import measure, observer
-from workbench.run import Run
 from workbench.simulate.loop import LoopCase, simulate_loop
 
 LIFT = 0.6 / (4 * 31)  # m of carriage per rad of motor

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from workbench.core.errors import InputError
 from workbench.effects.registry import find
-from workbench.errors import InputError
 from workbench.machine import default_hoist
 from workbench.multibody import NO_SWITCHES, Switches, switches_of
 from workbench.multibody.exudyn_import import PINNED, engine
@@ -22,7 +22,7 @@ MACHINE = default_hoist()
 
 
 def test_it_shares_no_equation_with_the_lumped_plant():
-    allowed = {"workbench.errors", "workbench.machine", "workbench.run", "workbench.multibody"}
+    allowed = {"workbench.core.errors", "workbench.machine", "workbench.core.run", "workbench.multibody"}
     for module in sorted(PACKAGE.glob("*.py")):
         for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []

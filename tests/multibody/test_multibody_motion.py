@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from workbench.core.run import Array, Run
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.multibody import Driven, MotionResult, Outcome, Shaft, Switches, motion, move, sampled
-from workbench.run import Array, Run
 
 MACHINE = default_hoist()
 SMOOTH = with_values(

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.multibody import Switches, geometry_of, hang
 from workbench.multibody.switches import wound_m

@@ -11,9 +11,9 @@ import scipy.special
 from hypothesis import given
 from hypothesis import strategies as st
 
+from workbench.core.run import Array
 from workbench.engine import kernels
 from workbench.plants import PLANTS, Plant
-from workbench.run import Array
 
 LINEAR, ROTARY = PLANTS["axis-linear"], PLANTS["axis-rotary"]
 BOTH = pytest.mark.parametrize("plant", [LINEAR, ROTARY], ids=["linear", "rotary"])

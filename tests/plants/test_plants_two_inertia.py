@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from workbench.core.run import Array
 from workbench.engine import kernels
 from workbench.engine.statics import hang_still
 from workbench.kinds.two_inertia import coupling
 from workbench.plants import PLANTS, Effects
-from workbench.run import Array
 
 PLANT, STIFF = PLANTS["two_inertia"], PLANTS["axis-rotary"]
 FREE = {

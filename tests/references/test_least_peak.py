@@ -12,12 +12,12 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import cont2discrete, lfilter, lsim
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.kinds import Load, load_of
 from workbench.machine import default_hoist, with_values
 from workbench.references import Limits, move_shape, planned_kind, planned_kinds
 from workbench.references.least_peak import GIVEN_AWAY, TAUT, least_peak
-from workbench.run import Array
 from workbench.study.load import plan_study
 from workbench.study.run import run_study
 from workbench.study.scenario import Scenario

@@ -17,7 +17,7 @@ from tests.support.dashboard_app import page
 from tests.support.made_pages import made_pages
 from tests.support.scenario_text import study_of
 from workbench.cli import cli
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.figures.style import label, line
 from workbench.references import (
     Limits,

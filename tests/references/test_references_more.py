@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.references import (
     LimitPair,
     Limits,
@@ -23,7 +24,6 @@ from workbench.references import (
     plan_motion,
     planned_kinds,
 )
-from workbench.run import Array
 
 # Kinds that know their machine have their laws in test_references_wire.py.
 WITHOUT_A_MACHINE = sorted(name for name, kind in planned_kinds().items() if not kind.needs_load)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.kinds import Load, load_of
 from workbench.machine import Hoist, default_hoist, with_values
 from workbench.references import (

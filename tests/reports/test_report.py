@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.commands import Commands
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.reports.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
 from workbench.study.batch import run_batch

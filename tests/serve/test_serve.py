@@ -14,7 +14,7 @@ import pytest
 
 from benchmarks.serve import Client, Served, case_at, closed_loop, off_percent
 from tests.support.commands import Commands
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.export.fmu import host_compiler
 from workbench.kinds.axis import LinearAxis, RotaryAxis
 from workbench.machine import default_hoist, save_machine

@@ -13,14 +13,14 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.control import PI, PiSettings, full_pi, loop_values
 from workbench.control.settings import FeedForward
+from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.engine.stepped import Step, observe
-from workbench.errors import InputError
 from workbench.machine import with_values
 from workbench.metrics import observer
 from workbench.metrics.registry import measure
 from workbench.multibody import motion
 from workbench.plants import HOIST
-from workbench.run import Run
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, simulate_loop
 from workbench.simulate.models import compare_models
 from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop

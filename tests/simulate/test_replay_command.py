@@ -15,12 +15,12 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.log_campaign import AXIS, csv_text
 from tests.support.simulated_campaign import PAYLOADS, TORQUE_NOISE_NM, simulated_campaign, true_machine
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.whole_folder import whole_folder
 from workbench.logs import read_campaign
 from workbench.machine import default_hoist, save_machine, with_values
 from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import replay_runs
-from workbench.whole_folder import whole_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 

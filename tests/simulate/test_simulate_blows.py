@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from workbench.run import Array, Run
+from workbench.core.run import Array, Run
 from workbench.simulate.blows import bridged, repeated_blows
 
 MASS, TIMES = 20.0, (0.73, 1.61, 2.48, 3.37)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from workbench.control import PiSettings
+from workbench.core.run import Run
 from workbench.effects import effects_for, parts, ranges_of, searchable
 from workbench.machine import LinearAxis, default_hoist, with_values
-from workbench.run import Run
 from workbench.simulate.driven import Bench, changed
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.replay import replay_runs

@@ -10,9 +10,9 @@ import pytest
 from tests.support import by_hand
 from tests.support.ideal import ideal_hoist
 from workbench.control import Events, PiSettings
+from workbench.core.run import Array
 from workbench.machine import Hoist, with_values
 from workbench.plants import PLANTS
-from workbench.run import Array
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop, torque_limit_nm
 
 MACHINE = ideal_hoist()

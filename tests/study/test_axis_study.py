@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.commands import Commands
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.figures.study_page import study_figures
 from workbench.study.decide import decision_table, verdict
 from workbench.study.findings import sentences

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 
 from tests.support.batches import RUNS, SCENARIO, chunks_of, environment, part_of, wait_for_chunks, workbench
 from workbench.cli.study import command
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.simulate.loop import LoopCase, LoopResult
 from workbench.study.batch import Progress, on_this_computer, run_batch
 from workbench.study.load import Study, load_study

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from workbench.cli.compare import command
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.compare import (
     compare,

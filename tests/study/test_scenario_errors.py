@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.scenario_text import GOOD, study_of
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 KP, KI = "controller.kp_nm_s_per_rad", "controller.ki_nm_per_rad"
 COULOMB = "machine.guide.coulomb_hoisting_n"

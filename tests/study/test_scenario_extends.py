@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.scenario_text import GOOD, write
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.study.layers import LONGEST_CHAIN
 from workbench.study.load import load_study
 

@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.support.scenario_text import GOOD, write
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import dumps, loads
 from workbench.study.load import load_study
-from workbench.yaml_strict import dumps, loads
 
 FULL = (
     GOOD

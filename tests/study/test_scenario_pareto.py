@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.pareto import fronts, knee, non_dominated
 from workbench.study.rows import Row

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.scenario_text import write
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.machine import default_hoist
 from workbench.machine.files import machine_text

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from workbench.cli.study import command
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.figures.study_page import save_study_page
 from workbench.metrics import fixed_columns
 from workbench.study.batch import run_batch

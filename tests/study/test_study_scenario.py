@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.study.load import load_study
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,12 +7,12 @@ from typing import Any, cast
 import numpy as np
 
 from workbench.control import LinearCascade
+from workbench.core.yaml_strict import loads
 from workbench.kinds import kind_of
 from workbench.kinds.axis import LINEAR_DRIVES
 from workbench.machine import Axis, LinearAxis, TwoInertia, machine_from, shipped, with_values
 from workbench.references import Limits, Plan, Step, plan_motion
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
-from workbench.yaml_strict import loads
 
 CASCADE = LinearCascade(kp_n_s_per_m=6660.0, ki_n_per_m=116500.0, kv_per_s=17.5)
 LIMITS = Limits(0.25, 2.0, 40.0)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.effects import of
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist, save_machine
 from workbench.references import Limits, Step, plan_motion
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 
 RATE_HZ = 500.0

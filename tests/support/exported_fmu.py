@@ -12,9 +12,9 @@ import numpy as np
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
+from workbench.core.run import Array
 from workbench.export.fmu import FmiVersion, host, write_fmu
 from workbench.export.model import Model
-from workbench.run import Array
 
 
 class Exported:

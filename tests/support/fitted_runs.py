@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from tests.support.noisy_runs import hoist_runs, with_effects
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
 from workbench.diagnose.hypotheses.knobs import Setting, effect_knobs
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import find, ranges_of
 from workbench.machine import default_hoist
-from workbench.run import Array
 
 
 def rms(values: Array) -> float:

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.engine import kernels
 from workbench.machine import default_hoist
 from workbench.plants import NO_EFFECTS, PLANTS, Effects
-from workbench.run import Array
 
 HOIST = PLANTS["hoist"]
 MACHINE = default_hoist()

@@ -9,8 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+from workbench.core.errors import InputError
 from workbench.dashboard.jobs import Teller
-from workbench.errors import InputError
 
 
 def counted(result: Path, tell: Teller, to: int, each_s: float = 0.0) -> None:

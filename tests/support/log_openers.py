@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.log_formats import Limits
 from workbench.log_formats.declared import Opened
-from workbench.run import Array
 
 NAMES = ("time_s", "torque_motor1_nm", "torque_motor2_nm", "speed_motor_rad_s")
 

@@ -13,6 +13,7 @@ import numpy as np
 from tests.support.log_campaign import csv_text
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.consequences import consequences_of
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.isolation.records import Isolability, NextRun
 from workbench.diagnose.location.gap import delivered_of
@@ -27,7 +28,6 @@ from workbench.logs import Campaign, read_campaign
 from workbench.machine import Axis, Hoist, default_hoist, with_correction
 from workbench.plants import plant_of
 from workbench.reports.words import words_of
-from workbench.run import Array
 from workbench.simulate.driven import Balance, Bench, pooled_rms
 from workbench.simulate.replay import replay_runs
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.run import Run
+from workbench.core.run import Run
 
 EPOCH = datetime(2026, 3, 1, 6, 0, 0, tzinfo=UTC)
 

@@ -21,10 +21,10 @@ from benchmarks.sequences import axis_cycle
 from benchmarks.watch import friction_grows, healthy, month, sensor_drifts
 from tests.support.commands import Commands
 from tests.support.log_campaign import csv_text
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.kinds.axis import LinearAxis
 from workbench.machine import default_hoist, save_machine, with_values
-from workbench.run import Run
 from workbench.watch.cause import Cause, groups_of, likelihoods, posterior
 from workbench.watch.change import learn
 from workbench.watch.estimate import Estimate, estimate, watched_keys

@@ -10,7 +10,7 @@ from workbench.analysis.linearise import Motion, OperatingPoint
 from workbench.analysis.loop import LinearLoop, linear_loop
 from workbench.analysis.margins import Margins, margins
 from workbench.control import Settings
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.kinds import kind_of, of_kind
 from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS, Effects

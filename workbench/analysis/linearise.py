@@ -10,13 +10,13 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.effects import joined, of
 from workbench.engine.source import state_symbols
-from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.plants import HOIST, NO_EFFECTS, Effects, Plant
-from workbench.run import Array
 from workbench.trace.derive import derivative, jacobian, values
 from workbench.trace.emit import evaluate
 from workbench.trace.expr import Expr, Scalar, symbol

@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from workbench.analysis.linearise import OUTPUTS, LinearPlant, OperatingPoint, linearise
 from workbench.control import Controller, Settings, cascade, cascade_values, delay_weights, full_pi, loop_values
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.kinds import HOIST, Kind, kind_of
 from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS, Effects
-from workbench.run import Array
 from workbench.trace.derive import jacobian
 from workbench.trace.expr import symbol
 

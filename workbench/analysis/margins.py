@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.analysis.loop import LinearLoop
-from workbench.run import Array
+from workbench.core.run import Array
 
 HALF_POWER = math.sqrt(0.5)
 

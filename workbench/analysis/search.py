@@ -13,11 +13,11 @@ import numpy as np
 from workbench.analysis.linearise import LinearPlant, OperatingPoint, linearise
 from workbench.analysis.loop import Complex, Sampled, linear_controller, sampled_plant
 from workbench.control import Settings
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.kinds import HOIST, ClosedLoop, kind_of
 from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS, Effects
-from workbench.run import Array
 
 LIGHT = 0.5  # damping ratio below which a zero makes a dip of the response
 

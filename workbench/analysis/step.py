@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.analysis.loop import LinearLoop, Sampled
-from workbench.run import Array
+from workbench.core.run import Array
 
 RECOVERED = 0.1  # of the largest deviation: what counts as over
 

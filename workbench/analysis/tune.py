@@ -16,14 +16,14 @@ from workbench.analysis.family import Member, family
 from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.search import NEAR, Search, Shaped, best_rejection, for_bandwidth, kp_for, make_search
 from workbench.control import Events, Settings
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
+from workbench.core.shown import Brief
 from workbench.kinds import kind_of
 from workbench.machine import AnyKind, Axis, Hoist
 from workbench.metrics import set_of
 from workbench.plants import NO_EFFECTS, Effects
 from workbench.references import Limits, Plan, Step, plan_motion
-from workbench.run import Array
-from workbench.shown import Brief
 from workbench.simulate.loop import NO_EVENTS, LoopCase, Outcome, simulate_loop
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from workbench.blind.baselines import sparse_regression
+from workbench.core.errors import InputError
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
 from workbench.diagnose.verdict.judge import same_but_freer
-from workbench.errors import InputError
 from workbench.logs import read_campaign
 from workbench.plants import plant_of
 

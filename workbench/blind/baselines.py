@@ -16,9 +16,9 @@ from workbench.kinds import kind_of
 from workbench.simulate.lowpass import lowpass
 
 if TYPE_CHECKING:
+    from workbench.core.run import Array
     from workbench.diagnose.hypotheses.problem import Problem
     from workbench.diagnose.hypotheses.search import SearchResult
-    from workbench.run import Array
 
 Row = Mapping[str, Any]
 Said = tuple[str, tuple[str, ...]]  # verdict and names

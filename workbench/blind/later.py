@@ -16,7 +16,7 @@ from workbench.blind.make import mapped, validation
 from workbench.blind.power import Power, power_of
 from workbench.blind.score import Score, named
 from workbench.blind.seal import CAMPAIGNS
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 NEXT, ORACLE = "next_runs", "oracle"
 Tell = Callable[[str], None]

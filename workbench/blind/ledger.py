@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from workbench.blind.seal import MANIFEST, sha256
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 LEDGER = "answers.jsonl"
 

@@ -23,8 +23,8 @@ from workbench import __version__
 from workbench.blind import recorded
 from workbench.blind.recording import recording
 from workbench.blind.seal import CAMPAIGNS, Label, Order, Truth, fernet, hashes, key_of, read_manifest, seal, write_key
-from workbench.errors import InputError, nearest
-from workbench.whole_folder import check_free, whole_folder
+from workbench.core.errors import InputError, nearest
+from workbench.core.whole_folder import check_free, whole_folder
 
 Tell = Callable[[str], None]
 MOST_SEED = 2**63

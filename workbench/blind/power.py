@@ -11,8 +11,8 @@ import numpy as np
 from workbench.blind import criteria
 from workbench.blind.criteria import Row, Share
 from workbench.blind.score import Score
+from workbench.core.run import Array
 from workbench.effects import find
-from workbench.run import Array
 
 ASKED = 0.9
 LEAST = 3  # cases of an effect: fewer say nothing of it

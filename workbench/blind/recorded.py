@@ -19,11 +19,11 @@ import yaml
 
 from workbench.blind.recording import FEW, Recording, cut, rms
 from workbench.blind.seal import Label, Order
+from workbench.core.errors import InputError
+from workbench.core.run import Array, Run
 from workbench.effects import effects_for, find, logged, of, sizes_of
-from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.machine import get_value, save_machine, with_values
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 
 SOURCE = "recorded"

@@ -13,13 +13,13 @@ from typing import Any, cast
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from workbench.core.errors import InputError
+from workbench.core.run import Array, Run
 from workbench.effects import effects_for, sizes_of
-from workbench.errors import InputError
 from workbench.identify.identify import Identification, identify
 from workbench.kinds import kind_of
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Axis, get_value, with_values
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 
 KINDS = ("hoist", "axis-linear", "axis-rotary")

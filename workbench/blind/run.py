@@ -25,7 +25,7 @@ from workbench import __version__
 from workbench.blind.answer import answer, save, text_of
 from workbench.blind.ledger import Entry, append, compare, entries, head_of, manifest_hash
 from workbench.blind.seal import CAMPAIGNS, check_campaign, read_manifest, sha256
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 ANSWERS, LOCK = "answers", ".run.lock"
 Tell = Callable[[str], None]

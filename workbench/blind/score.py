@@ -16,8 +16,8 @@ from workbench.blind.criteria import Row
 from workbench.blind.ledger import LEDGER, Entry, compare, copy_of, entries
 from workbench.blind.run import ANSWERS, answer_file
 from workbench.blind.seal import MANIFEST, Manifest, Truth, check_campaign, key_of, read_manifest, sha256, unseal
-from workbench.errors import InputError
-from workbench.whole_folder import write_json
+from workbench.core.errors import InputError
+from workbench.core.whole_folder import write_json
 
 OPENED = "opened.json"
 NO_CHAIN = "The answers were given by a version without a chain of hashes: their order and times are unproved."

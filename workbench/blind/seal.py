@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from workbench.errors import InputError
-from workbench.whole_folder import write_json
+from workbench.core.errors import InputError
+from workbench.core.whole_folder import write_json
 
 MANIFEST, SEALED, CAMPAIGNS = "manifest.json", "labels.sealed", "campaigns"
 FORMAT = 1

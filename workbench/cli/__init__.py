@@ -14,7 +14,7 @@ import click
 
 from workbench import __version__
 from workbench.cli.options import placed_at_option
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
 
 # name -> (where the click command stands, its line in `workbench --help`). The line stands here
 # so that the help imports no numpy, numba or pydantic.

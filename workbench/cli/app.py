@@ -13,7 +13,7 @@ from contextlib import closing, contextmanager
 
 import click
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 FIRST_PORT = 8501
 STARTS_WITHIN_S = 60.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from workbench.core.errors import InputError, nearest
 from workbench.effects import check, effects_for
-from workbench.errors import InputError, nearest
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.campaign import RunsError
 from workbench.logs.doubts import doubts_of

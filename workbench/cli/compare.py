@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from workbench.cli.show import TIE, filled, print_table
-from workbench.errors import InputError
-from workbench.tables import Column, Table, words
+from workbench.core.errors import InputError
+from workbench.core.table import Column, Table, words
 
 if TYPE_CHECKING:
     from workbench.study.compare import Change, Comparison, Pair, Regression
@@ -35,9 +35,9 @@ def command(a: Path, b: Path, limits: tuple[str, ...], json_file: Path | None) -
     Runs are matched by id, or by payload, reference and swept values. Exit status 1: with --max-regression, a
     metric got worse than its limit or a run fails in B only. Exit status 2: no run is in both results.
     """
+    from workbench.core.whole_folder import check_replaceable, replace_json
     from workbench.study.compare import as_json, compare, judged, parse_limits, regressions, why_unmatched
     from workbench.study.rows import read_rows
-    from workbench.whole_folder import check_replaceable, replace_json
 
     if json_file is not None:
         check_replaceable(json_file, "newly_failed")

@@ -24,9 +24,9 @@ def command(source: Path, out: Path | None, runs: str | None, machine: Path | No
     """
     from workbench.cli.models_source import comparison_of
     from workbench.cli.show import print_table, print_text
-    from workbench.errors import InputError
+    from workbench.core.errors import InputError
+    from workbench.core.whole_folder import check_free
     from workbench.reports.models import report
-    from workbench.whole_folder import check_free
 
     if not 1e-4 <= step <= 0.01:
         raise InputError(f"{step:g} s, expected 0.0001 to 0.01 s", place="--step")

@@ -71,7 +71,7 @@ def command(
     from workbench.cli.diagnose_show import show
     from workbench.cli.progress import stages as shown
     from workbench.cli.show import print_notes
-    from workbench.whole_folder import check_free
+    from workbench.core.whole_folder import check_free
 
     if out is not None:
         check_free(out)

@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 
 from workbench.cli.show import filled, print_table, print_text
+from workbench.core.table import Table
 from workbench.diagnose.records import Diagnosis
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import tables as report
-from workbench.tables import Table
 
 MOST_CANDIDATES = 5
 

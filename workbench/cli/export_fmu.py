@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from workbench.cli.options import effects_option, keyed_number
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 
 @click.command(name="export-fmu")

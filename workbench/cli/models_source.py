@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from workbench.cli.campaign import load_campaign
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.kinds import of_kind, studied
 from workbench.simulate.models import ModelsCompared, compare_loops, compare_models
 from workbench.simulate.multibody_loop import check_multibody

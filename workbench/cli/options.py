@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 UNITS = ("_hz", "_kg", "_m", "_s")  # what a library's parameter is called beyond its option
 

@@ -24,10 +24,10 @@ def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | 
     """
     from workbench.cli.campaign import load_campaign
     from workbench.cli.show import print_notes, print_table, print_text
+    from workbench.core.whole_folder import check_free
     from workbench.reports.replay import report
     from workbench.reports.words import brief_notes
     from workbench.simulate.replay import replay_runs
-    from workbench.whole_folder import check_free
 
     if out is not None:
         check_free(out)

@@ -87,10 +87,10 @@ def command(
     import signal
     import threading
 
+    from workbench.core.whole_folder import replace_json
     from workbench.effects import check
     from workbench.machine import load_machine
     from workbench.serve.serve import Wish, chosen_ready, last_words, serve
-    from workbench.whole_folder import replace_json
 
     read = load_machine(machine, check_effects=check)
     wish = Wish(

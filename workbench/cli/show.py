@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import click
 
-from workbench.tables import Table
+from workbench.core.table import Table
 
 WIDTH = 98
 PIPE_WIDTH = 100

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from workbench.cli.options import effects_option
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 if TYPE_CHECKING:
     from workbench.study.batch import Spread, Tell

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from workbench.cli.options import effects_option, keyed_number
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 if TYPE_CHECKING:
     from workbench.watch.fleet import Plan

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 
 import streamlit as st
 
+from workbench.core.errors import InputError
 from workbench.dashboard import session
 from workbench.dashboard.jobs import Job, Progress, poll, remove, restart, stop
 from workbench.dashboard.widgets import plain, problem
-from workbench.errors import InputError
 
 EVERY_S = 0.5
 COLOURS = {"running": "blue", "stopping": "orange", "done": "green", "stopped": "gray", "failed": "red"}

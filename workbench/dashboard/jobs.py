@@ -39,7 +39,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypeGuard
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 INPUTS = "{inputs}"  # in an argument: the folder of the inputs' copies
 FOLDER = "jobs"

@@ -18,10 +18,10 @@ from collections.abc import Callable
 import streamlit as st
 
 from workbench.control import Settings
+from workbench.core.errors import InputError
 from workbench.dashboard import session
 from workbench.dashboard.widgets import plain, problem
 from workbench.effects import check
-from workbench.errors import InputError
 from workbench.kinds import LOOPED, STUDIED, kind_of, looped, of_kind, studied
 from workbench.machine import Axis, Hoist, default_hoist, load_machine, shipped, shipped_hoist, with_values
 

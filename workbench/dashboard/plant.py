@@ -12,8 +12,8 @@ import weakref
 from collections.abc import Mapping
 from typing import IO, Any
 
+from workbench.core.errors import InputError
 from workbench.dashboard.jobs import child_environment
-from workbench.errors import InputError
 
 MOST_IN_ALL = 8  # plants of all sessions
 EVERY_S, KEPT_S = 0.04, 60.0  # between two rows of a plant's numbers; how much of them is kept

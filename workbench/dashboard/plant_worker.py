@@ -21,10 +21,11 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from workbench.control import PiSettings, full_pi, loop_values
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import loads
 from workbench.dashboard.plant import EVERY_S, KEPT_S
 from workbench.effects import check
 from workbench.engine.stepped import Step as ControllerStep
-from workbench.errors import InputError
 from workbench.kinds import load_of, studied
 from workbench.machine import Hoist
 from workbench.machine.files import machine_from
@@ -35,7 +36,6 @@ from workbench.serve.serve import Wish, serve
 from workbench.serve.session import Session
 from workbench.serve.udp import BRAKE_BIT, MOST_BYTES, command_packet, state_in
 from workbench.simulate.loop import LoopCase, case_limits
-from workbench.yaml_strict import loads
 
 HERE = "127.0.0.1"  # a page reaches plants of this computer only
 ANSWERS_WITHIN_S = 1.0

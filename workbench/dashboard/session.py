@@ -26,8 +26,8 @@ from typing import Any, Protocol, TypeVar
 
 import streamlit as st
 
+from workbench.core.errors import InputError
 from workbench.dashboard.jobs import KEEP_S, clean, is_id, jobs_of, new_id
-from workbench.errors import InputError
 
 T = TypeVar("T")
 MB = 1_000_000

@@ -17,10 +17,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
+from workbench.core.errors import InputError, nearest
+from workbench.core.yaml_strict import Document, Place, loads
 from workbench.effects import check
-from workbench.errors import InputError, nearest
 from workbench.logs import Campaign, read_campaign
-from workbench.yaml_strict import Document, Place, loads
 
 MACHINE, RUNS = "machine.yaml", "runs.yaml"
 MB = 1_000_000

@@ -21,16 +21,16 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import streamlit as st
 from streamlit.components import v2
 
+from workbench.core.errors import InputError
+from workbench.core.names import powers
 from workbench.dashboard.server import PLOTLY
-from workbench.errors import InputError
 from workbench.figures.save import NOT_SHARED
-from workbench.names import powers
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
     from streamlit.delta_generator import DeltaGenerator
 
-    from workbench.tables import Table
+    from workbench.core.table import Table
 
 SMALL = 1e-4  # below it leading zeros are no number that people read
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader

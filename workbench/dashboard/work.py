@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import from_json
 
+from workbench.core.errors import InputError
 from workbench.dashboard.jobs import Teller
 from workbench.dashboard.widgets import Number
 from workbench.effects import check
-from workbench.errors import InputError
 from workbench.figures.save import Section
 from workbench.logs import read_campaign
 
@@ -154,7 +154,7 @@ def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
 
 
 def _numbers(d: Diagnosis) -> list[Number]:
-    from workbench.names import powers
+    from workbench.core.names import powers
     from workbench.reports.diagnosis import words
     from workbench.reports.words import words_of
 

@@ -13,6 +13,6 @@ Each package has its records in `records.py`. Beside them: candidates (rows of t
 machine.yaml), shrink, words.
 """
 
-from workbench.verb import make_callable
+from workbench.core.verb import make_callable
 
 make_callable(__name__)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from workbench.consequences import consequences_of
+from workbench.core.errors import InputError, nearest
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.problem import Problem, rms
@@ -31,7 +32,6 @@ from workbench.diagnose.verdict.probability import shared
 from workbench.diagnose.verdict.records import Left, ReasonKind, Verdict
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
-from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.simulate.replay import replay_runs

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from workbench.consequences import Consequences
+from workbench.core.shown import Shown
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.records import Isolability, NextRun
 from workbench.diagnose.location.records import Delivered, Gap, Where
@@ -15,7 +16,6 @@ from workbench.diagnose.verdict.judge import Judged
 from workbench.diagnose.verdict.records import Candidate, Verdict
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.shown import Shown
 
 
 @dataclass(frozen=True, repr=False)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.errors import InputError
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
 from workbench.diagnose.hypotheses.knobs import Setting, Value
 from workbench.diagnose.hypotheses.problem import Problem
@@ -15,7 +16,6 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.machines import machine_of
 from workbench.diagnose.unexplained.unknown import Explained
-from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.simulate.replay import replay_runs

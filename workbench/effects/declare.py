@@ -30,7 +30,7 @@ from functools import cache, cached_property
 from types import ModuleType, SimpleNamespace
 from typing import Any, Literal
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
 from workbench.kinds import KINDS, Sizes
 from workbench.kinds.kind import UNIT_SIZES
 from workbench.plants import PLACES

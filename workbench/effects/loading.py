@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.effects.active import RUN_SYMBOLS, compiled
 from workbench.effects.declare import Effect, declared_in
 from workbench.effects.registry import UserFile, read_user_file, replace_file
 from workbench.engine.source import parameter_symbols, state_symbols
-from workbench.errors import InputError
 from workbench.plants import PLANTS, Effects
-from workbench.run import Array
 from workbench.trace.expr import Expr, Scalar, symbol
 
 _declared: dict[tuple[str, str], tuple[Effect, ...]] = {}  # (path, digest) -> the effects of that text

@@ -17,9 +17,9 @@ from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
 
+from workbench.core.errors import InputError, nearest
+from workbench.core.input_file import read_input
 from workbench.effects.declare import Effect, declared_in
-from workbench.errors import InputError, nearest
-from workbench.input_file import read_input
 
 ENTRY_POINTS = "workbench.effects"  # the group; each entry names a module that declares effects
 

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.engine.source import parameter_symbols
 from workbench.plants import NO_EFFECTS, Effects, Plant
-from workbench.run import Array
 from workbench.trace.derive import derivative
 from workbench.trace.emit import Printer
 from workbench.trace.expr import symbol

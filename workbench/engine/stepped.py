@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.engine.native import load_functions
 from workbench.engine.rodas3 import rodas3_step
 from workbench.engine.source import LAG, KernelSource, KernelText, delay_rows, parameter_symbols, state_symbols
 from workbench.plants import Effects, Plant
-from workbench.run import Array
 from workbench.trace.expr import symbol
 
 MEASURED = ("t", "speed_motor_rad_s", "angle_motor_rad")

@@ -8,13 +8,13 @@ from typing import Literal
 
 from workbench import __version__
 from workbench.control import PiSettings
+from workbench.core.whole_folder import check_free, whole_folder
+from workbench.core.yaml_strict import Document, dumps, load, validate
 from workbench.export.controller_program import checked
 from workbench.export.controller_text import controller_texts, record_csv
 from workbench.export.drives import DriveSettings, RampLimits, drive_settings
 from workbench.machine import Hoist
 from workbench.study.scenario import LimitsBlock
-from workbench.whole_folder import check_free, whole_folder
-from workbench.yaml_strict import Document, dumps, load, validate
 
 Form = Literal["st", "c", "yaml"]
 

@@ -19,10 +19,10 @@ import numpy as np
 from workbench.control import PiSettings, feed_forward, full_pi, loop_values
 from workbench.control.pi import load_inertia, swing_of
 from workbench.control.settings import low_pass_gain, notch_coefficients
+from workbench.core.run import Array
 from workbench.engine.stepped import Step
 from workbench.machine import Hoist
 from workbench.plants import HOIST
-from workbench.run import Array
 from workbench.simulate.loop import torque_limits
 
 AGREES = 1e-9  # of the torque limit

@@ -21,10 +21,10 @@ from types import MappingProxyType
 from typing import Literal
 
 from workbench import __version__
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.templates import render
 from workbench.export.model import Model
 from workbench.export.variables import BASE, DISPLAYED, Variable, over_time, unit_of
-from workbench.tables.templates import render
 
 FmiVersion = Literal["2.0", "3.0"]
 SOURCES = ("model.c", "core.c")  # beside the interface's own file

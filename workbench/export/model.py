@@ -12,8 +12,8 @@ from typing import Any, cast
 
 from workbench.control import NEVER, PI, Controller, PiSettings, delay_weights, full_pi, loop_values
 from workbench.control.events import BRAKE_SPEED
+from workbench.core.errors import InputError
 from workbench.effects import Active, Chosen, alone, joined
-from workbench.errors import InputError
 from workbench.export.physics import Physics
 from workbench.export.variables import (
     ANY,

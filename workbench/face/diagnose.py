@@ -7,9 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 from workbench.consequences import consequences_table
+from workbench.core.errors import InputError
+from workbench.core.table import Table, words
 from workbench.diagnose.diagnose import diagnose as find_cause
 from workbench.diagnose.records import Diagnosis
-from workbench.errors import InputError
 from workbench.face.logs import PathLike, campaign_of
 from workbench.face.view import View
 from workbench.logs import Campaign
@@ -17,7 +18,6 @@ from workbench.machine import Axis, Hoist
 from workbench.reports.diagnosis import hypotheses, tables
 from workbench.reports.diagnosis.page import sections_of
 from workbench.simulate.lowpass import check_band
-from workbench.tables import Table, words
 
 
 def diagnose(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from workbench.core.table import Table
 from workbench.face.logs import PathLike, campaign_of
 from workbench.face.view import View
 from workbench.figures.identify import correlation_matrix
@@ -15,7 +16,6 @@ from workbench.machine import Axis, Hoist
 from workbench.reports.identify import page, report
 from workbench.reports.replay import page as replay_page
 from workbench.simulate.lowpass import check_band
-from workbench.tables import Table
 
 
 def identify(

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.errors import InputError, nearest
+from workbench.core.run import Run
+from workbench.core.table import Column, Table, words
 from workbench.effects import check
-from workbench.errors import InputError, nearest
 from workbench.face.view import View
 from workbench.figures.panels import Panels
 from workbench.figures.replay import input_profiles
@@ -21,9 +23,7 @@ from workbench.machine import Axis, Hoist
 from workbench.plants import plant_of
 from workbench.reports.numbers import figures
 from workbench.reports.words import words_of
-from workbench.run import Run
 from workbench.study.labels import metric_label
-from workbench.tables import Column, Table, words
 
 PathLike = str | os.PathLike[str]
 

@@ -10,6 +10,7 @@ from workbench.analysis.family import Member, Weakest, family, operating_points,
 from workbench.analysis.linearise import STIFFNESS_BY_LENGTH, Motion
 from workbench.analysis.tune import Goal
 from workbench.control import Settings
+from workbench.core.shown import Shown
 from workbench.face.logs import PathLike
 from workbench.face.view import View
 from workbench.figures import loop as loop_figures
@@ -17,7 +18,6 @@ from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS
 from workbench.reports.loop import report
 from workbench.reports.loop.case import LoopCaseFile, loop_case
-from workbench.shown import Shown
 
 
 @dataclass(frozen=True, eq=False, repr=False)

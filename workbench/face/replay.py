@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from workbench.core.table import Table
 from workbench.face.logs import PathLike, campaign_of
 from workbench.face.view import View
 from workbench.logs import Campaign
@@ -12,7 +13,6 @@ from workbench.machine import Axis, Hoist
 from workbench.reports.replay import page, report
 from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import ReplayResult, replay_runs
-from workbench.tables import Table
 
 
 def replay(

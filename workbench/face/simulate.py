@@ -7,7 +7,8 @@ from typing import Any
 
 from workbench.analysis.usual import usual_controller
 from workbench.control import Events, PiSettings
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.table import Column, Table, words
 from workbench.face.logs import run_figure
 from workbench.face.view import View
 from workbench.figures.study import overview
@@ -26,7 +27,6 @@ from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_lo
 from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
 from workbench.study.labels import metric_label
 from workbench.study.run import motor_torque_limit_nm
-from workbench.tables import Column, Table, words
 
 LEAD_S, SETTLE_S = 0.5, 2.0
 PLANTS = ("lumped", "multibody")

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.table import Column, Table, words
+from workbench.core.yaml_strict import Document
 from workbench.face.logs import PathLike
 from workbench.face.view import View
 from workbench.figures.study_page import study_figures
@@ -17,8 +19,6 @@ from workbench.study.compare import compare as compare_rows
 from workbench.study.load import Study, changed, load_study, plan_study, read_standalone
 from workbench.study.rows import Row, index_table, read_rows
 from workbench.study.run import StudyResult, run_study
-from workbench.tables import Column, Table, words
-from workbench.yaml_strict import Document
 
 
 def study(

@@ -10,6 +10,7 @@ from workbench.analysis.family import operating_points
 from workbench.analysis.tune import Candidate, Goal, Tuned, TuneProgress, Weights
 from workbench.analysis.tune import tune as search_gains
 from workbench.control import Settings
+from workbench.core.shown import Shown
 from workbench.face.logs import PathLike
 from workbench.face.loop import given
 from workbench.face.view import View
@@ -17,7 +18,6 @@ from workbench.figures import loop as loop_figures
 from workbench.machine import Axis, Hoist
 from workbench.reports.loop import tuning as report
 from workbench.reports.loop.case import LoopCaseFile, loop_case
-from workbench.shown import Shown
 
 USUAL_WEIGHTS = Weights()
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from workbench.errors import InputError, nearest
-from workbench.tables import Table
-from workbench.verb import attribute
+from workbench.core.errors import InputError, nearest
+from workbench.core.table import Table
+from workbench.core.verb import attribute
 
 if TYPE_CHECKING:
     from pandas import DataFrame

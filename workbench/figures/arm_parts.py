@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.machine import Hoist
-from workbench.run import Array
 
 Outline = tuple[Array, Array]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
+from workbench.core.names import unit_of
 from workbench.figures.style import BLUE, FAINT, GREY, ORANGE, SKY, TEMPLATE, VERMILLION, heading
-from workbench.names import unit_of
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.figures.panels import Panels
 from workbench.figures.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE
-from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

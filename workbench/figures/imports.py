@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from workbench.core.run import Array
 from workbench.figures.panels import Panels
 from workbench.figures.style import BLUE
-from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

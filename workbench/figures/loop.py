@@ -10,11 +10,11 @@ import numpy as np
 
 from workbench.analysis.family import Member, Weakest, weakest
 from workbench.analysis.step import StepResponse, step_response
+from workbench.core.names import powers
+from workbench.core.run import Array
 from workbench.figures.panels import Panels
 from workbench.figures.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
 from workbench.kinds import Kind
-from workbench.names import powers
-from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

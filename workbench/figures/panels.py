@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.figures.style import GREY, TEMPLATE
 from workbench.figures.thin import straightened, thin
-from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.figures.panels import Panels
 from workbench.figures.style import BLACK, MARKERS, SPARE, label, line
 from workbench.figures.thin import MOST_POINTS
-from workbench.run import Array
 from workbench.study.labels import SweptAxis, drawn_in, run_in_words, set_in
 from workbench.study.pareto import Front, cost
 from workbench.study.rows import Row

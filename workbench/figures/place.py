@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from workbench.core.names import powers
 from workbench.figures.style import BLUE, GREY, ORANGE, on_dark
-from workbench.names import powers
 
 WIDTH, HEIGHT = 320, 250
 INK, GROUND = "#222222", "white"

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from workbench.tables import Table
-from workbench.tables.templates import render
+from workbench.core.table import Table
+from workbench.core.templates import render
 
 if TYPE_CHECKING:
     from markupsafe import Markup

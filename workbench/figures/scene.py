@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.machine import Hoist
 from workbench.plants import HOIST
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 
 SIMULATED = ("position_carriage_m", "speed_carriage_m_s", "tension_drum_n", "tension_dead_line_n", "tension_min_n")

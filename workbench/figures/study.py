@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.figures.panels import Panels
 from workbench.figures.style import GREY, MARKERS, PURPLE, label, line
-from workbench.run import Array, Run
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from workbench.core.run import Run
 from workbench.figures.panels import Panels
 from workbench.figures.style import label, line
 from workbench.kinds import Kind
-from workbench.run import Run
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.figures.panels import Panels
 from workbench.figures.study import MOST_COLUMNS, harder_worked_nm
 from workbench.figures.style import GREY, label, line
-from workbench.run import Array, Run
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

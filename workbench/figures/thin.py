@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from workbench.run import Array
+from workbench.core.run import Array
 
 Index = np.ndarray[tuple[int], np.dtype[np.int64]]
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.figures.panels import Panels
 from workbench.figures.style import BLUE, GREY, VERMILLION
-from workbench.run import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

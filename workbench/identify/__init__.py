@@ -1,5 +1,5 @@
 """From logs to a machine's parameters, with error bars."""
 
-from workbench.verb import make_callable
+from workbench.core.verb import make_callable
 
 make_callable(__name__)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
+from workbench.core.shown import Brief
 from workbench.identify.least_squares import minimise
 from workbench.identify.models import OutputModel
 from workbench.identify.parameters import Free
-from workbench.run import Array
-from workbench.shown import Brief
 
 STEP = 1e-3  # of a parameter's own scale, for derivatives
 POOR = 0.95  # correlation beyond which two values are told apart poorly

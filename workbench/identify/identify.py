@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench import __version__
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array, Run
+from workbench.core.shown import Shown
 from workbench.identify.fit import Fit, fit
 from workbench.identify.iteration import Levels, friction_levels
 from workbench.identify.models import BalanceModel
@@ -17,8 +19,6 @@ from workbench.identify.parameters import free_parameters
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, with_values
-from workbench.run import Array, Run
-from workbench.shown import Shown
 from workbench.simulate.driven import Bench
 from workbench.simulate.replay import ReplayResult, own_log, replay_runs
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.run import Array
+from workbench.core.run import Array
 
 ENOUGH = 0.01  # of chi^2: less than this left to gain is a tenth of a standard error
 ROUND_OFF = 1e-11  # of chi^2, relative: less than this is noise of the arithmetic

@@ -14,10 +14,10 @@ from typing import Protocol
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.effects import logged_input, true_input
 from workbench.engine import kernels
 from workbench.identify.parameters import Free
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench, changed, sensor, start_point
 from workbench.simulate.lowpass import lowpass, noise_rms
 

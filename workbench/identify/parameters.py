@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.run import Run
 from workbench.kinds import Kind, kind_of
 from workbench.machine import Axis, Hoist, get_value
 from workbench.plants import plant_of
-from workbench.run import Run
 
 SIGNED = ("gravity", "offset")
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
 from workbench.kinds import TIME, kind_of
 from workbench.log_formats.rates import Channel
 from workbench.machine import Axis, Hoist

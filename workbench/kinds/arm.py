@@ -11,7 +11,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from workbench.record import Finite, FrictionCoefficient, Gap, Lag, Length, Record, RollerPlay, Stiffness
+from workbench.core.record import Finite, FrictionCoefficient, Gap, Lag, Length, Record, RollerPlay, Stiffness
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0, strict=True, allow_inf_nan=False)]
 

@@ -18,6 +18,27 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from workbench.core.record import (
+    Delay,
+    EffectValues,
+    Force,
+    Gain,
+    Identified,
+    Inertia,
+    Lag,
+    Level,
+    LogTraits,
+    Mass,
+    Offset,
+    Record,
+    Slope,
+    Speed,
+    Standstill,
+    Tolerance,
+    by_name,
+    renamed,
+)
+from workbench.core.run import Array, Run
 from workbench.kinds.correction import MeasuredCorrection, Numbers
 from workbench.kinds.kind import (
     TIME,
@@ -41,27 +62,6 @@ from workbench.kinds.kind import (
     Turning,
 )
 from workbench.kinds.plant import NO_EFFECTS, Effects, Output, Plant
-from workbench.record import (
-    Delay,
-    EffectValues,
-    Force,
-    Gain,
-    Identified,
-    Inertia,
-    Lag,
-    Level,
-    LogTraits,
-    Mass,
-    Offset,
-    Record,
-    Slope,
-    Speed,
-    Standstill,
-    Tolerance,
-    by_name,
-    renamed,
-)
-from workbench.run import Array, Run
 from workbench.trace.expr import Scalar, absolute, clip, cos, sin, where
 
 

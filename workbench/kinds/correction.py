@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 
 from pydantic import field_validator, model_validator
 
+from workbench.core.record import Finite, Record
 from workbench.kinds.kind import Kind, Port
 from workbench.kinds.plant import Effects
-from workbench.record import Finite, Record
 from workbench.trace.expr import Scalar, clip, floor, where
 
 FEWEST, MOST = 3, 33

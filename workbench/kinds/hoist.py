@@ -18,6 +18,34 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from workbench.core.record import (
+    Area,
+    Cycle,
+    Delay,
+    EffectValues,
+    Force,
+    Gain,
+    Gravity,
+    Identified,
+    Inertia,
+    Lag,
+    Length,
+    Level,
+    LogTraits,
+    Mass,
+    Modulus,
+    Offset,
+    Overload,
+    Position,
+    Ratio,
+    Record,
+    Sharpness,
+    Speed,
+    Tolerance,
+    by_name,
+)
+from workbench.core.run import Array, Run
+from workbench.core.yaml_strict import load, validate
 from workbench.kinds.arm import Arm
 from workbench.kinds.correction import MeasuredCorrection, Numbers
 from workbench.kinds.kind import (
@@ -45,36 +73,8 @@ from workbench.kinds.kind import (
     Turning,
 )
 from workbench.kinds.plant import NO_EFFECTS, Effects, Output, Plant
-from workbench.record import (
-    Area,
-    Cycle,
-    Delay,
-    EffectValues,
-    Force,
-    Gain,
-    Gravity,
-    Identified,
-    Inertia,
-    Lag,
-    Length,
-    Level,
-    LogTraits,
-    Mass,
-    Modulus,
-    Offset,
-    Overload,
-    Position,
-    Ratio,
-    Record,
-    Sharpness,
-    Speed,
-    Tolerance,
-    by_name,
-)
-from workbench.run import Array, Run
 from workbench.trace.derive import derivative
 from workbench.trace.expr import Expr, Scalar, absolute, atan, clip, maximum, where
-from workbench.yaml_strict import load, validate
 
 
 class Motor(Record):

@@ -15,8 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.kinds.plant import Plant
-from workbench.run import Array, Run
 from workbench.trace.expr import Scalar
 
 # What turns over at standstill is a property that nobody knows: a factor of ten either way.

@@ -17,6 +17,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
+from workbench.core.record import Inertia, Length, Payload, Record, Tolerance, by_name
+from workbench.core.run import Array
 from workbench.kinds.axis import (
     ROTARY_DRIVES,
     Axis,
@@ -32,8 +34,6 @@ from workbench.kinds.axis import (
 )
 from workbench.kinds.correction import MeasuredCorrection
 from workbench.kinds.kind import BaseValue, Input, Kind, Moved, Turning
-from workbench.record import Inertia, Length, Payload, Record, Tolerance, by_name
-from workbench.run import Array
 from workbench.trace.expr import Scalar
 
 

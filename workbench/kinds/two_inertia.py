@@ -27,6 +27,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Annotated, Any, ClassVar, Literal
 
+from workbench.core.record import Backlash, Inertia, Record, Slope, Stiffness, Tolerance, by_name
+from workbench.core.run import Array, Run
 from workbench.kinds.axis import (
     ROTARY_DRIVES,
     Axis,
@@ -43,8 +45,6 @@ from workbench.kinds.axis import (
 from workbench.kinds.correction import MeasuredCorrection
 from workbench.kinds.kind import BaseValue, CrossCheck, Friction, Input, Kind, Load, Moved, RigidBody, Turning
 from workbench.kinds.plant import NO_EFFECTS, Effects, Output, Plant
-from workbench.record import Backlash, Inertia, Record, Slope, Stiffness, Tolerance, by_name
-from workbench.run import Array, Run
 from workbench.trace.expr import Scalar, clip, cos, maximum, minimum, sin, where
 
 

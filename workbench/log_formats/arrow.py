@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from workbench.run import Array
+from workbench.core.run import Array
 
 if TYPE_CHECKING:
     import pyarrow

@@ -8,11 +8,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.log_formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
-    from workbench.run import Array
+    from workbench.core.run import Array
 
 MISSING = ["", "nan", "NaN", "NAN", "NA", "n/a", "null", "NULL", "None", "-nan", "#N/A"]
 _HEADER_BYTES = 1_000_000

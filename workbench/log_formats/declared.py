@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 if TYPE_CHECKING:
-    from workbench.run import Array
+    from workbench.core.run import Array
 
 MB = 1_000_000
 

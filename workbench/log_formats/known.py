@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.log_formats.csv_file import CSV
 from workbench.log_formats.declared import LogFormat
 from workbench.log_formats.mat_file import MAT

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.log_formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
-    from workbench.run import Array
+    from workbench.core.run import Array
 
 _HDF5 = b"\x89HDF"
 _KINDS = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))

@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.log_formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
-    from workbench.run import Array
+    from workbench.core.run import Array
 
 
 _FUNCTIONS = "sin|cos|tan|asin|acos|atan|arcsin|arccos|arctan|sinh|cosh|tanh|exp|log|log10|sqrt|abs|pow"

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.errors import InputError
-from workbench.input_file import readable_file
+from workbench.core.errors import InputError
+from workbench.core.input_file import readable_file
+from workbench.core.run import Array
 from workbench.log_formats import worker
 from workbench.log_formats.declared import Limits, LogFormat, Opened, plain_errors
 from workbench.log_formats.known import format_of
-from workbench.run import Array
 
 
 @dataclass(frozen=True)

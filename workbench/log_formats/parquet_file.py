@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.log_formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
-    from workbench.run import Array
+    from workbench.core.run import Array
 
 _ROWS = 65_536  # of a batch
 

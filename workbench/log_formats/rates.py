@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.run import Array
+from workbench.core.run import Array
 
 TIME = "time_s"
 

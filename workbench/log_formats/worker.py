@@ -31,10 +31,10 @@ from typing import IO, Any
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.log_formats.confined import confine, limit
 from workbench.log_formats.declared import Limits, LogFormat, Opened, plain_errors
-from workbench.run import Array
 
 IDLE_S = 30.0  # without a question for so long, a worker ends
 MOST_IDLE = 2

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.run import Run
+from workbench.core.shown import Shown
+from workbench.core.yaml_strict import Document
 from workbench.kinds import kind_of
 from workbench.log_formats.opening import expect
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Entry, read_runs
 from workbench.machine import Axis, Hoist, load_machine
 from workbench.machine.files import CheckEffects
-from workbench.run import Run
-from workbench.shown import Shown
-from workbench.yaml_strict import Document
 
 
 @dataclass(frozen=True, repr=False)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.logs.faults import Fault, seconds
-from workbench.run import Array
 
 LONGEST = 2  # samples
 LONGEST_S = 0.02  # from the last sample before to the first one after, less a step; slower logs show real peaks

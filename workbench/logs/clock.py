@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.logs.faults import Fault, seconds
-from workbench.run import Array
 
 MIN_SAMPLES = 10
 MIN_DURATION_S = 0.2

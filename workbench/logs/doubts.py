@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.kinds import Kind, RigidBody, kind_of
 from workbench.logs.faults import seconds
 from workbench.machine import Axis, Hoist
-from workbench.run import Array, Run
 
 LEAST_RUNS = 4  # of which one may stand alone
 SMOOTH = 0.003  # of a run's duration: one standard deviation

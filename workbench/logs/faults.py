@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 
 class Fault(Protocol):

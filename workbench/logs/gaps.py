@@ -6,8 +6,8 @@ from collections.abc import Callable, Collection
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.logs.faults import Fault, seconds
-from workbench.run import Array
 
 MAX_MISSING = 5  # samples in a row that may be bridged …
 MAX_BRIDGE_S = 0.1  # … as long as the samples either side are no farther apart

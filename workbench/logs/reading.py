@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.errors import InputError, nearest
-from workbench.input_file import readable_file
+from workbench.core.errors import InputError, nearest
+from workbench.core.input_file import readable_file
+from workbench.core.run import Array, Run
 from workbench.kinds import TIME, Kind, SignalSet, kind_of
 from workbench.log_formats.opening import LogFile, Table, open_log
 from workbench.logs.channels import bridge_spikes, clipped, drop_dead, is_constant, refuse_infinite
@@ -22,7 +23,6 @@ from workbench.logs.plausible import check_plausible, driven_signals
 from workbench.logs.runs_file import Column, Entry
 from workbench.logs.units import check_sizes, drop_wrong_scale
 from workbench.machine import Axis, Hoist
-from workbench.run import Array, Run
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from workbench.run import Run
+from workbench.core.run import Run
 
 LONGEST_NAME = 63  # of a variable in a MAT file
 

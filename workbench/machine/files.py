@@ -8,12 +8,12 @@ from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.whole_folder import replace_text
+from workbench.core.yaml_strict import Document, dumps, load, validate
 from workbench.kinds import KINDS
 from workbench.kinds.axis import Axis
 from workbench.kinds.hoist import Hoist
-from workbench.whole_folder import replace_text
-from workbench.yaml_strict import Document, dumps, load, validate
 
 # What machine.yaml may describe. A kind of several motions has a record for each.
 RECORDS: tuple[type[Hoist] | type[Axis], ...] = tuple(kind.record for kind in KINDS.values())

@@ -7,10 +7,10 @@ from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.yaml_strict import dotted, problem_lines
 from workbench.kinds.axis import Axis
 from workbench.kinds.hoist import Hoist
-from workbench.yaml_strict import dotted, problem_lines
 
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
 _NOT_VALUES = ("format", "identified", "measured_correction", "log")

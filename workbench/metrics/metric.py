@@ -13,7 +13,7 @@ from enum import Flag, auto
 from functools import cached_property
 from typing import Any, Literal
 
-from workbench.run import Array
+from workbench.core.run import Array
 from workbench.trace.expr import Scalar, maximum, minimum
 
 HUGE = 1e300

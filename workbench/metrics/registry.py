@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.run import Run
 from workbench.kinds import HOIST
 from workbench.metrics import axis, hoist
 from workbench.metrics.metric import Metric, MetricSet, Observer, RunMetric, View
-from workbench.run import Run
 
 _added: list[Metric] = []
 

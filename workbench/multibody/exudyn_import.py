@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 PINNED = "1.13.6"
 

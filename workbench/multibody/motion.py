@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.machine import Hoist
 from workbench.multibody.assemble import System, truth_of
 from workbench.multibody.exudyn_import import engine
 from workbench.multibody.laws import PLAIN, guide_level
 from workbench.multibody.statics import DidNotConvergeError, Hanging, set_wire, settle, wire_weight_n
 from workbench.multibody.switches import Switches, switches_of, wound_m
-from workbench.run import Array, Run
 
 SPECTRAL_RADIUS = 0.8  # of the generalised-α method: damps what the step cannot resolve
 FINER = (1, 2, 4)  # parts of a step, tried in turn

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.machine import Hoist
 from workbench.multibody.assemble import System, assemble, line_kg_per_m, truth_of
 from workbench.multibody.exudyn_import import engine
 from workbench.multibody.switches import Switches, switches_of, wound_m
-from workbench.run import Array
 
 _EXACT_M = 1e-10
 _MOST_ROUNDS = 30

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
 from workbench.machine import Hoist
 
 

@@ -27,7 +27,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
 from workbench.kinds import Load
 from workbench.references.limits import Limits
 from workbench.references.shape import Shape

@@ -32,12 +32,12 @@ from typing import Any
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.kinds import Load
 from workbench.references.limits import Limits
 from workbench.references.shape import Pieces, Shape
 from workbench.references.time_optimal import shortest_move, shortest_move_s
-from workbench.run import Array
 
 STEP_S = 0.004
 MOST_ACCELERATION = 6.0  # times the trapezoid's

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.errors import InputError
-from workbench.run import Array
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 
 
 @dataclass(frozen=True)

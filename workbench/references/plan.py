@@ -10,12 +10,12 @@ from typing import Protocol
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.kinds import Load
 from workbench.references.kind import Move, PlannedKind, Ramp, planned_kind
 from workbench.references.limits import LimitPair, Limits, Step
 from workbench.references.shape import Shape
-from workbench.run import Array
 
 
 @dataclass(frozen=True)

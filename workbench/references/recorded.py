@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.references.plan import Profile, sample_times
-from workbench.run import Array
 
 # Below this part of its largest speed a set-point is at rest.
 AT_REST = 0.01

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.references.limits import Limits
-from workbench.run import Array
 
 Motion = Callable[[Array], tuple[Array, Array, Array]]
 

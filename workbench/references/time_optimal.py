@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.references.limits import Limits
 from workbench.references.shape import Pieces, Shape
 

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ValidationError
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Run
+from workbench.core.table import Table, words
 from workbench.figures.pareto import curves_over_time, pareto
 from workbench.figures.save import Section, save_page
 from workbench.figures.study import overview, peak_torque_over_payload
@@ -20,7 +22,6 @@ from workbench.figures.study_scatter import spread, tornado
 from workbench.figures.study_sweep import changing, metrics_over_axis
 from workbench.kinds import kind_of
 from workbench.metrics import View, shown_in
-from workbench.run import Run
 from workbench.study import tables
 from workbench.study.answer import answer, read_answer
 from workbench.study.decide import Decision, criteria_table, decision_table, decisions
@@ -32,7 +33,6 @@ from workbench.study.rows import Row, metrics_of, with_payload
 from workbench.study.run import peak_limit
 from workbench.study.scenario import Scenario
 from workbench.study.store import Finished
-from workbench.tables import Table, words
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -11,10 +11,10 @@ import numpy as np
 
 from workbench.control import lag_step
 from workbench.control.events import BRAKE_SPEED
+from workbench.core.errors import InputError, nearest
 from workbench.effects import Active, Effect, alone, find, joined, sizes_of
 from workbench.engine.source import LAG
 from workbench.engine.stepped import LiveStep
-from workbench.errors import InputError, nearest
 from workbench.kinds import kind_of, of_kind
 from workbench.machine import Axis, Hoist
 from workbench.plants import HOIST, Effects

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, cast
 
-from workbench.errors import InputError, nearest
-from workbench.names import unit_of
+from workbench.core.errors import InputError, nearest
+from workbench.core.names import unit_of
 from workbench.serve.plant import MOST_BRAKE_LATE_S
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
+from workbench.core.errors import InputError
 from workbench.effects import effects_for
-from workbench.errors import InputError
 from workbench.machine import Axis, Hoist
 from workbench.plants import plant_of
 from workbench.serve.plant import live_machine

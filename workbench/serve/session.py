@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from workbench.errors import InputError, nearest, one_line
+from workbench.core.errors import InputError, nearest, one_line
 from workbench.serve import points as tables
 from workbench.serve.plant import LiveMachine
 

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from typing import Any
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.serve.points import Point
 from workbench.serve.session import Session, run_at_pace
 from workbench.serve.udp import bound, shown

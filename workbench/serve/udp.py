@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from workbench.errors import InputError, one_line
+from workbench.core.errors import InputError, one_line
 from workbench.serve.plant import SIGNALS
 from workbench.serve.session import Session, run_at_pace
 

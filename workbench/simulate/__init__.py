@@ -1,5 +1,5 @@
 """Simulations that an engineer asks for: replay of a log, inverse simulation, the closed loop."""
 
-from workbench.verb import make_callable
+from workbench.core.verb import make_callable
 
 make_callable(__name__)

@@ -24,6 +24,8 @@ from workbench.control import (
     weight_before,
 )
 from workbench.control.pi import NEVER
+from workbench.core.run import Array, Run
+from workbench.core.shown import Brief, Shown
 from workbench.effects import joined, of
 from workbench.engine import kernels
 from workbench.kinds import HOIST as HOIST_KIND
@@ -31,8 +33,6 @@ from workbench.kinds import kind_of
 from workbench.machine import AnyKind, Drive, Hoist
 from workbench.metrics import set_of
 from workbench.plants import NO_EFFECTS, Effects
-from workbench.run import Array, Run
-from workbench.shown import Brief, Shown
 from workbench.simulate import axis_loop
 from workbench.simulate.outcome import BOUNDLESS, Outcome
 from workbench.simulate.plant_model import PlantModel

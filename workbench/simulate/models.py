@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from workbench.core.errors import InputError
+from workbench.core.run import Array, Run
 from workbench.effects import true_input
-from workbench.errors import InputError
 from workbench.kinds import STUDIED, of_kind, studied
 from workbench.machine import Hoist
 from workbench.multibody import Outcome, Shaft, move
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench, sensor, start_point
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.loop import Outcome as LoopOutcome

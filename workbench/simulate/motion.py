@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.plants import Plant
-from workbench.run import Array, Run
 from workbench.simulate.lowpass import lowpass
 
 

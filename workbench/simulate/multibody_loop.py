@@ -10,13 +10,13 @@ from typing import Any, cast
 import numpy as np
 
 from workbench.control import PiSettings, loop_values
+from workbench.core.run import Array, Run
 from workbench.engine.stepped import Step, observe
 from workbench.machine import Hoist
 from workbench.metrics import observer
 from workbench.multibody import Driven, MotionResult, Shaft, engine, move, switches_of
 from workbench.multibody import Outcome as MotionOutcome
 from workbench.plants import HOIST
-from workbench.run import Array, Run
 from workbench.simulate.loop import (
     LoopCase,
     LoopResult,

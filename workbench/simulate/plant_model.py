@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.effects import Active, of
 from workbench.engine.statics import hang_still
 from workbench.machine import Axis, Hoist
 from workbench.plants import Effects, Plant, plant_of
-from workbench.run import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from workbench.core.run import Array, Run
+from workbench.core.shown import Brief, Shown
 from workbench.effects import logged, true_input
 from workbench.engine import kernels
 from workbench.machine import Axis, Hoist
 from workbench.plants import Plant
-from workbench.run import Array, Run
-from workbench.shown import Brief, Shown
 from workbench.simulate.driven import Balance, Bench, pooled_rms, sensor, start_point
 
 RESTART_S = 2.0

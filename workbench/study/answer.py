@@ -8,7 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.whole_folder import write_json
 from workbench.study.arrow import parquet_bytes
 from workbench.study.ask import Asked, answers, asked_sentences
 from workbench.study.bound import from_the_bound
@@ -18,7 +19,6 @@ from workbench.study.load import Study
 from workbench.study.rows import Row, index_table, read_table, rows_of
 from workbench.study.run import StudyResult, peak_limit
 from workbench.study.side import beside, on_another_damping
-from workbench.whole_folder import write_json
 
 ANSWER, EQUAL_TIME = "answer.json", "equal_time.parquet"
 MOST_FINDINGS = 3

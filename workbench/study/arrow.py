@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.log_formats.arrow import float_array
-from workbench.run import Array
 
 
 def numbers(values: Sequence[float | None] | Array) -> Any:

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.kinds import kind_of
 from workbench.machine import with_values
 from workbench.metrics import set_of
 from workbench.references import LimitPair
-from workbench.run import Array
 from workbench.study.decide import Given, candidates, criteria_for
 from workbench.study.grid import RunSpec
 from workbench.study.labels import listed, words_of

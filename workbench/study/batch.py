@@ -13,13 +13,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from workbench.core.yaml_strict import dumps
 from workbench.effects.registry import files_behind
 from workbench.machine import save_machine
 from workbench.study.load import Study
 from workbench.study.rows import index_table, rows_of
 from workbench.study.run import StudyResult, run_specs
 from workbench.study.store import Chunk, Part, ResultFolder, SavedRuns, arrow, holds, manifest, open_part
-from workbench.yaml_strict import dumps
 
 # Eight and two groups of SIMD lanes: some tenths of a second of work, some tens of megabytes.
 CHUNK = 128

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.kinds import Load, kind_of, load_of
 from workbench.metrics import set_of
 from workbench.references import BASELINE, LimitPair, Shape, move_shape, planned_kind, planned_kinds

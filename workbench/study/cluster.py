@@ -20,9 +20,9 @@ from functools import cache, lru_cache
 from itertools import count, islice
 from typing import Any
 
+from workbench.core.errors import InputError, one_line
 from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, files_behind
-from workbench.errors import InputError, one_line
 from workbench.study.batch import Spread, run_chunk
 from workbench.study.load import Study
 from workbench.study.store import Chunk, library_versions

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.shown import Shown
 from workbench.metrics import by_name, metrics
-from workbench.shown import Shown
 from workbench.study.labels import field_label, shown
 from workbench.study.rows import Row
 

@@ -14,7 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.table import Column, Table, words
 from workbench.kinds import kind_of, load_of
 from workbench.machine import Axis, Hoist
 from workbench.metrics import Metric, MetricSet, View, find, set_with, shown_in
@@ -22,7 +23,6 @@ from workbench.study.labels import listed, reads, swept_axes, words_of
 from workbench.study.rows import Row, hunts, is_astray, metrics_of
 from workbench.study.scenario import CriterionBlock
 from workbench.study.tables import metric_heads, metric_note
-from workbench.tables import Column, Table, words
 
 TIME = "move_time_s"
 RESERVE = "torque_reserve_percent"  # of the largest torque or force, what the peak leaves

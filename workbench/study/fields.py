@@ -10,12 +10,12 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from workbench.control import Events, Settings
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.yaml_strict import Place, dotted, problem_lines
 from workbench.kinds import kind_of
 from workbench.machine import AnyKind, Axis, Hoist
 from workbench.references import LimitPair, Limits, Step
 from workbench.study.scenario import IN_METRES, MoveBlock, Scenario, check_payload_kg, key_in
-from workbench.yaml_strict import Place, dotted, problem_lines
 
 Assigned = Mapping[str, float | bool | str]
 _NUMBERS = ("payload_kg", "start_position_m", "lead_s", "settle_s")

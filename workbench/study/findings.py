@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from workbench.core.table import Column, Table, words
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.metrics import View, set_of, shown_in
@@ -16,7 +17,6 @@ from workbench.study.labels import SweptAxis, drawn_columns, listed, reads, run_
 from workbench.study.pareto import Front, fronts, rank_correlations
 from workbench.study.rows import ASTRAY_M, SWINGS_PER_S, Row, hunts, is_astray, metrics_of, swings_per_s
 from workbench.study.run import peak_limit
-from workbench.tables import Column, Table, words
 
 MOST_FAILED = 3
 NO_CHANGE = 0.005  # relative: less is no effect worth a sentence

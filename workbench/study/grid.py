@@ -18,7 +18,8 @@ from typing import Any, overload
 import numpy as np
 
 from workbench.control import Events, Settings
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.kinds import kind_of, load_of
 from workbench.machine import AnyKind, Axis, Hoist
 from workbench.references import (
@@ -31,7 +32,6 @@ from workbench.references import (
     plan_motion,
     planned_kind,
 )
-from workbench.run import Array
 from workbench.study.fields import Assigned, Fields, Parts
 from workbench.study.scenario import Scenario
 from workbench.study.sweep import distributions, draws, listed

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from workbench.errors import InputError
-from workbench.yaml_strict import Document, Place, dotted, load
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import Document, Place, dotted, load
 
 LONGEST_CHAIN = 10
 # Values that are names with dots in them: written as blocks they mean the same.

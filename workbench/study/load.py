@@ -21,21 +21,21 @@ import numpy as np
 from pydantic import ValidationError
 
 from workbench import __version__
+from workbench.core.errors import InputError, nearest
+from workbench.core.shown import Brief
+from workbench.core.yaml_strict import Document, Place, dotted, dumps, problem_lines
 from workbench.effects import check
 from workbench.effects.registry import digests_of
-from workbench.errors import InputError, nearest
 from workbench.kinds import LOOPED, STUDIED, kind_of, looped, of_kind, studied
 from workbench.logs import read_campaign
 from workbench.machine import SHIPPED, AnyKind, Axis, Hoist, default_hoist, load_machine, shipped
 from workbench.metrics import added, set_of
 from workbench.references import Plan
 from workbench.references import digests_of as digests_of_references
-from workbench.shown import Brief
 from workbench.study.decide import criteria_for
 from workbench.study.grid import Recording, RunList, plan_runs
 from workbench.study.layers import Layered, layer_of, read_layers, together
 from workbench.study.scenario import RecordedBlock, Scenario, check_kind
-from workbench.yaml_strict import Document, Place, dotted, dumps, problem_lines
 
 # What decides a study's numbers: an edit of any of it makes another study.
 _PHYSICS = (

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from workbench.errors import InputError, nearest
-from workbench.run import Array
+from workbench.core.errors import InputError, nearest
+from workbench.core.run import Array
 from workbench.study.labels import Label, field_label
 from workbench.study.rows import Row, metrics_of
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from workbench.errors import InputError, nearest
-from workbench.input_file import open_input, read_input, readable_file
+from workbench.core.errors import InputError, nearest
+from workbench.core.input_file import open_input, read_input, readable_file
 from workbench.metrics import MetricSet, set_with
 from workbench.study import arrow
 

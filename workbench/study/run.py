@@ -8,14 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array, Run
+from workbench.core.shown import Shown
 from workbench.kinds import kind_of
 from workbench.logs.signal_files import Labelled
 from workbench.machine import Axis, Hoist
 from workbench.metrics import RunFacts, columns, run_metrics, set_of
 from workbench.references import Plan
-from workbench.run import Array, Run
-from workbench.shown import Shown
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
 from workbench.study.grid import RunSpec
 from workbench.study.load import Study

@@ -26,12 +26,12 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from workbench.control import SETTINGS, AnyController, Events
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Record, Speed
 from workbench.kinds import Kind, kind_of, of_kind
 from workbench.kinds.axis import LinearDrive, RotaryDrive
 from workbench.kinds.hoist import BY_NAME, Drive
 from workbench.machine import Axis, Hoist
-from workbench.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Record, Speed
 from workbench.references import ReferenceKind, Step, planned_kind, planned_kinds, recorded_kinds, usual_kinds
 from workbench.study.sweep import SampleBlock, SweepBlock
 

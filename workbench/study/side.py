@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from workbench.control import Events
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 from workbench.kinds import kind_of, load_of
 from workbench.machine import Axis, Hoist, with_values
 from workbench.references import BASELINE, LimitPair, Limits, motion_time_s, planned_kinds

@@ -32,11 +32,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workbench import __version__
-from workbench.errors import InputError
-from workbench.input_file import readable_file
+from workbench.core.errors import InputError
+from workbench.core.input_file import readable_file
+from workbench.core.run import Run
+from workbench.core.whole_folder import is_free, what_is_in, write_json
+from workbench.core.yaml_strict import load, validate
 from workbench.kinds import LOOPED, looped, of_kind
 from workbench.machine import AnyKind, load_machine
-from workbench.run import Run
 from workbench.study import arrow
 from workbench.study.arrow import parquet_bytes
 from workbench.study.load import Study
@@ -52,8 +54,6 @@ from workbench.study.rows import (
     read_table,
 )
 from workbench.study.scenario import Scenario
-from workbench.whole_folder import is_free, what_is_in, write_json
-from workbench.yaml_strict import load, validate
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock

@@ -19,11 +19,11 @@ from pydantic import (
     model_validator,
 )
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.record import Finite, Positive, Record
+from workbench.core.run import Array
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist, get_value
-from workbench.record import Finite, Positive, Record
-from workbench.run import Array
 
 MOST_VALUES = 100_000
 

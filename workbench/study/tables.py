@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from workbench.core.table import Column, Table, words
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
 from workbench.study.rows import Row, metrics_of, with_payload
-from workbench.tables import Column, Table, words
 
 QUANTILES = (0.05, 0.5, 0.95)
 MOST_SWEPT = 3  # columns of swept values, or one for each axis

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.run import Array
+from workbench.core.run import Array
 from workbench.trace.emit import evaluate
 from workbench.trace.expr import Expr, Scalar, constant, cos, exp, sin, where
 

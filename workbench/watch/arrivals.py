@@ -13,15 +13,15 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.record import Finite, Payload, Position, Record
+from workbench.core.run import Run
+from workbench.core.yaml_strict import load, validate
 from workbench.kinds import kind_of
 from workbench.log_formats import suffixes
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Column, Entry, Name, read_runs
 from workbench.machine import Axis, Hoist
-from workbench.record import Finite, Payload, Position, Record
-from workbench.run import Run
-from workbench.yaml_strict import load, validate
 
 RUNS = "runs.yaml"
 UNFINISHED = (".part", ".tmp", ".crdownload")

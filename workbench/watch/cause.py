@@ -21,17 +21,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from workbench.core.errors import InputError
+from workbench.core.names import unit_of, words_of
+from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.hypotheses.estimates import estimates
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.machines import machine_of, with_effects
 from workbench.diagnose.records import Diagnosis
-from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, get_value, with_values
-from workbench.names import unit_of, words_of
-from workbench.run import Array, Run
 from workbench.watch.change import Baseline
 from workbench.watch.estimate import shift
 from workbench.watch.judge import SAME_PAYLOAD_KG, Cycle

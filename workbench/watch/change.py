@@ -25,7 +25,7 @@ from functools import cache
 
 import numpy as np
 
-from workbench.run import Array
+from workbench.core.run import Array
 
 WINDOW = 64
 LENGTHS = tuple(2**i for i in range(WINDOW.bit_length()))

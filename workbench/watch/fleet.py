@@ -19,12 +19,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from workbench.core.errors import InputError, one_line
+from workbench.core.names import unit_of
+from workbench.core.record import Finite, Record
 from workbench.effects import check
-from workbench.errors import InputError, one_line
 from workbench.logs.runs_file import Name
 from workbench.machine import load_machine
-from workbench.names import unit_of
-from workbench.record import Finite, Record
 from workbench.study.cluster import client_on
 from workbench.watch.judge import Rules
 from workbench.watch.opcua import SCHEME, Line, line_of
@@ -129,7 +129,7 @@ _open: dict[Path, tuple[Watch, Line | None, list[str]]] = {}
 
 def read_fleet(file: Path, state: Path, rules: Rules, **more: Any) -> list[Plan]:
     """A plan for each machine of fleet.yaml, its state in a folder of its name; more: of every `Plan`."""
-    from workbench.yaml_strict import load, validate
+    from workbench.core.yaml_strict import load, validate
 
     def placed(text: str) -> str:
         return text if text.startswith(SCHEME) else str(file.parent / text)

@@ -27,8 +27,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from workbench.names import words_of
-from workbench.run import Array
+from workbench.core.names import words_of
+from workbench.core.run import Array
 from workbench.watch.change import GROWTH, HEALTHY, LENGTHS, Baseline, learn, threshold
 from workbench.watch.estimate import Estimate
 

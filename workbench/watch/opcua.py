@@ -16,13 +16,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
+from workbench.core.record import Finite, Payload, Position, Record
+from workbench.core.yaml_strict import load, validate
 from workbench.kinds import TIME, Kind, kind_of
 from workbench.logs.plausible import driven_signals
 from workbench.machine import Axis, Hoist
-from workbench.record import Finite, Payload, Position, Record
 from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, start_value, with_payload
-from workbench.yaml_strict import load, validate
 
 PAYLOAD = "payload_kg"
 SERVED = "nsu=urn:workbench:plant;s=Plant.Outputs."

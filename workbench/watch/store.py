@@ -22,8 +22,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from workbench.errors import InputError
-from workbench.input_file import open_input
+from workbench.core.errors import InputError
+from workbench.core.input_file import open_input
 from workbench.machine import Axis, Hoist
 from workbench.watch.estimate import Estimate, watched_keys
 from workbench.watch.judge import Cycle, Event, Judged, Rules

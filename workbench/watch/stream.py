@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.errors import InputError
-from workbench.run import Array
+from workbench.core.errors import InputError
+from workbench.core.run import Array
 
 TRIGGER = "trigger"
 MOST_LEAD_S = 1.0  # of standing that a cycle keeps on either side

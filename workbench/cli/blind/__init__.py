@@ -7,7 +7,7 @@ import importlib
 import click
 
 from workbench.cli.options import placed_at_option
-from workbench.errors import InputError, nearest
+from workbench.core.errors import InputError, nearest
 
 PARTS = {
     "make": "Make campaigns and seal what is in them.",

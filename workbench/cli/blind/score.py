@@ -47,10 +47,10 @@ def command(
     from workbench.blind.later import power_of_rig, with_next_runs, with_oracle
     from workbench.blind.score import open_all, sheet_of
     from workbench.cli.show import print_table, print_text
+    from workbench.core.whole_folder import check_free
     from workbench.reports.blind import tables
     from workbench.reports.blind.page import write_score
     from workbench.reports.blind.words import sentences
-    from workbench.whole_folder import check_free
 
     def tell(line: str) -> None:
         click.echo(line, err=True)

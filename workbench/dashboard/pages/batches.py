@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING
 
 import streamlit as st
 
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import Document, dumps, load
 from workbench.dashboard import session
 from workbench.dashboard.job_cards import cards
 from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, start
 from workbench.dashboard.machines import chosen_machine
 from workbench.dashboard.widgets import Number, chart, numbers, plain, problem, table
 from workbench.dashboard.work import CSV, REPORT
-from workbench.errors import InputError
 from workbench.figures.style import label
 from workbench.machine import save_machine
 from workbench.study.labels import run_in_words, swept_axes
 from workbench.study.load import Study, load_study, read_standalone
 from workbench.study.rows import INDEX, Row, metrics_of, read_table, rows_of
 from workbench.study.store import Finished, read_finished
-from workbench.yaml_strict import Document, dumps, load
 
 if TYPE_CHECKING:
     from workbench.reports.study import Noted

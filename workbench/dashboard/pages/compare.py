@@ -14,6 +14,7 @@ from typing import Any, cast
 import streamlit as st
 
 from workbench.control import Cascade
+from workbench.core.run import Run
 from workbench.dashboard import session
 from workbench.dashboard.pages.study_desk import scenario_file
 from workbench.dashboard.widgets import SAME, chart, plain, text
@@ -24,7 +25,6 @@ from workbench.figures.style import label
 from workbench.kinds import Kind, kind_of, studied
 from workbench.machine import Axis, Hoist
 from workbench.metrics import Metric, View, shown_in
-from workbench.run import Run
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, motor_torque_limit_nm, peak_limit
 from workbench.study.scenario import Scenario

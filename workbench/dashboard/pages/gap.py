@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import streamlit as st
 
+from workbench.core.errors import InputError
+from workbench.core.table import Column, Table, words
 from workbench.dashboard import session
 from workbench.dashboard.campaigns import campaign_or_none, is_own, last_name, offered, prefer, uploaded
 from workbench.dashboard.job_cards import cards
@@ -16,14 +18,12 @@ from workbench.dashboard.machines import keep_machine
 from workbench.dashboard.widgets import beside, chart, is_dark, notes, numbers, plain, problem, said, table
 from workbench.dashboard.work import VIEW, View, read_view, shown
 from workbench.effects import check, effects_for
-from workbench.errors import InputError
 from workbench.figures.place import for_dark_ground
 from workbench.figures.save import Section
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import load_machine
 from workbench.plants import plant_of
-from workbench.tables import Column, Table, words
 
 KIND = "gap"
 LISTED, ALL, OWN = "the listed effects", "all effects, the unlisted too", "my own choice"

@@ -14,11 +14,11 @@ from workbench.analysis.linearise import Motion
 from workbench.analysis.tune import STEPS, Goal, Tuned, TuneProgress, Weights, tune
 from workbench.analysis.usual import usual_settings
 from workbench.control import Cascade, Settings
+from workbench.core.errors import InputError
 from workbench.dashboard import session
 from workbench.dashboard.machines import controller, session_machine, set_controller, taken_over
 from workbench.dashboard.pages.study_desk import Desk, with_gains
 from workbench.dashboard.widgets import Number, beside, chart, guarded, numbers, plain, problem, table
-from workbench.errors import InputError
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import streamlit as st
 
 from workbench.control import PiSettings
+from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.dashboard import session
 from workbench.dashboard.campaigns import last_campaign
 from workbench.dashboard.machines import controller, hoist_of_session
 from workbench.dashboard.pages.compare import kept
 from workbench.dashboard.widgets import guarded, is_dark, plain
-from workbench.errors import InputError
 from workbench.figures.film import HEIGHT, film
 from workbench.figures.scene import scene_of
 from workbench.figures.style import label
@@ -28,7 +29,6 @@ from workbench.references import (
     planned_kinds,
 )
 from workbench.reports.loop.case import usual_controller
-from workbench.run import Run
 from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
 
 LARGE = 900

@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 import streamlit as st
 
+from workbench.core.errors import InputError
+from workbench.core.names import unit_of, words_of
+from workbench.core.run import Array
 from workbench.dashboard import session
 from workbench.dashboard.machines import controller, hoist_of_session
 from workbench.dashboard.plant import EVERY_S, KEPT_S, PlantProcess
 from workbench.dashboard.widgets import guarded, is_dark, plain, problem, text
 from workbench.effects import find, ranges_of
-from workbench.errors import InputError
 from workbench.figures.served import last_seconds, late_starts
 from workbench.figures.style import label
 from workbench.machine import Hoist
 from workbench.machine.files import machine_text
-from workbench.names import unit_of, words_of
 from workbench.plants import HOIST
 from workbench.references import allowed_carriage_speed_m_s, planned_kinds
 from workbench.reports.loop.case import usual_controller
-from workbench.run import Array
 from workbench.serve.serve import HIGHEST_RATE_HZ, LOWEST_RATE_HZ, PORTS, ProtocolName, Wish, chosen_ready
 from workbench.simulate.loop import torque_limits
 

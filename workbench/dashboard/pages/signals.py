@@ -10,15 +10,15 @@ from dataclasses import replace
 import numpy as np
 import streamlit as st
 
+from workbench.core.errors import InputError, nearest
+from workbench.core.run import Array, Run
+from workbench.core.table import Column, Table
 from workbench.dashboard import session
 from workbench.dashboard.campaigns import chosen_campaign
 from workbench.dashboard.widgets import chart, guarded, notes, plain, problem, table, text
-from workbench.errors import InputError, nearest
 from workbench.figures.signals import Stretch, browser, start_of_move
 from workbench.logs import Campaign
 from workbench.logs.signal_files import FORMS, Labelled
-from workbench.run import Array, Run
-from workbench.tables import Column, Table
 
 WHOLE, RAMP = "whole runs", "start of the first move"
 FEW_RUNS, MOST_SIGNALS = 3, 10

@@ -15,6 +15,10 @@ import numpy as np
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
+from workbench.core.errors import InputError
+from workbench.core.names import powers, words_of
+from workbench.core.run import Run
+from workbench.core.table import Column, Table, words
 from workbench.dashboard import session
 from workbench.dashboard.machines import session_machine, set_controller
 from workbench.dashboard.pages import compare
@@ -30,7 +34,6 @@ from workbench.dashboard.pages.study_desk import (
 )
 from workbench.dashboard.pages.study_form import controls, desk_key, set_desk
 from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, problem, table, text
-from workbench.errors import InputError
 from workbench.figures.pareto import pareto
 from workbench.figures.signals import Stretch, browser
 from workbench.figures.study import overview, peak_torque_over_payload
@@ -43,10 +46,8 @@ from workbench.logs.signal_files import FORMS
 from workbench.machine import Axis, Hoist, default_hoist
 from workbench.machine.files import machine_text
 from workbench.metrics import Metric, View, columns, shown_in
-from workbench.names import powers, words_of
 from workbench.plants import HOIST
 from workbench.references import BASELINE
-from workbench.run import Run
 from workbench.study.decide import decision_table, verdict
 from workbench.study.findings import SIGN, alarm, sentences, utilisation
 from workbench.study.labels import swept_axes
@@ -56,7 +57,6 @@ from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, labelled_runs, motor_torque_limit_nm, peak_limit, run_study
 from workbench.study.scenario import Scenario
 from workbench.study.side import damping_sentence, over_payload, over_ramps
-from workbench.tables import Column, Table, words
 
 log = logging.getLogger(__name__)
 

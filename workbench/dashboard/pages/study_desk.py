@@ -22,16 +22,16 @@ from pydantic import ValidationError
 from workbench.analysis.usual import usual_cascade
 from workbench.control import Cascade, PiSettings, Settings
 from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import Document, dumps, loads
 from workbench.dashboard.pages.batches import shipped as shipped_scenarios
 from workbench.effects import check
-from workbench.errors import InputError
 from workbench.kinds import LOOPED, kind_of, looped, of_kind, studied
 from workbench.machine import SHIPPED, Axis, Hoist, default_hoist, machine_from, shipped
 from workbench.machine.files import machine_text
 from workbench.references import BASELINE, allowed_carriage_speed_m_s
 from workbench.study.load import changed, load_study, read_standalone, standalone_text
 from workbench.study.scenario import LimitsBlock, MoveBlock, Scenario, key_in
-from workbench.yaml_strict import Document, dumps, loads
 
 BANDWIDTH, GAINS = "bandwidth", "gains"
 LIMITS = {"speed": "speed_m_s", "acceleration": "acceleration_m_s2", "jerk": "jerk_m_s3"}

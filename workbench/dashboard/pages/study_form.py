@@ -8,6 +8,8 @@ from typing import Any, cast
 import streamlit as st
 
 from workbench.control.rigid import bandwidth_and_damping, shaft_inertia_kg_m2
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import load
 from workbench.dashboard import session
 from workbench.dashboard.machines import AXIS, DEFAULT, choose_machine, keep_machine, set_controller, taken_over
 from workbench.dashboard.pages.batches import shipped as shipped_scenarios
@@ -27,12 +29,10 @@ from workbench.dashboard.pages.study_desk import (
     within,
 )
 from workbench.dashboard.widgets import problem, text
-from workbench.errors import InputError
 from workbench.figures.style import label
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist, shipped
 from workbench.references import BASELINE, planned_kinds
-from workbench.yaml_strict import load
 
 LOADED, SHIPS_ASKED, NONE = "study file", "study ships asked", "choose one"
 PAYLOADS = (0.0, 1500.0, 3000.0, 4500.0, 6000.0, 7500.0, 9000.0)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import streamlit as st
 
+from workbench.core.errors import InputError
 from workbench.dashboard import session
 from workbench.dashboard.campaigns import chosen_campaign, is_own
 from workbench.dashboard.job_cards import cards
@@ -16,7 +17,6 @@ from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, 
 from workbench.dashboard.machines import keep_machine, kept_machines
 from workbench.dashboard.widgets import Number, beside, chart, guarded, notes, numbers, plain, problem, table
 from workbench.dashboard.work import VIEW, read_view, shown
-from workbench.errors import InputError
 from workbench.figures.identify import Estimate, correlation_matrix, estimates
 from workbench.figures.save import Section
 from workbench.identify.identify import Identification, identify

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Setting
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, ranges_of
-from workbench.run import Array
 
 
 @dataclass(frozen=True)

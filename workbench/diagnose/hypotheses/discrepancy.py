@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.kinds import kind_of
-from workbench.run import Array
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
-from workbench.run import Array
+from workbench.core.run import Array
 
 Sizes = tuple[float, float]
 

@@ -15,13 +15,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Setting, bounds_of, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.effects import Effect, Ranged, find, ranges_of
 from workbench.plants import plant_of
-from workbench.run import Array
 
 STEP = 1e-4  # of z, for the values' slopes
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, bounds_of, effect_knobs, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import Atom
 from workbench.effects import ranges_of
 from workbench.identify.least_squares import minimise
-from workbench.run import Array
 
 
 @dataclass(frozen=True)

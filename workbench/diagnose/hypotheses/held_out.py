@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import PhaseOfEachRun, Setting, bounds_of, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.run import Array
 
 BLOCKS = 4  # that a single run is cut into
 PARTS = (1.0, 0.3, 0.1)  # of a step

@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.effects import Effect, Ranged
-from workbench.run import Array
 
 GAIN, OFFSET, TENSION_GAIN = "sensor gain", "sensor offset", "tension gain"  # of the log, beside the plant's symbols
 LOG_TIMING = "log timing"  # of the log: its motion behind its force, s, beside what an effect delays

@@ -10,10 +10,10 @@ from itertools import product
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import bounds_of, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.run import Array
 
 SIZES = (0.2, 0.07, 0.025, 0.008)  # of a value, or of LEAST of its scale where that is more
 LEAST = 0.1

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.discrepancy import SPREAD
 from workbench.diagnose.hypotheses.error_model import ErrorModel, Sizes
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem, rms
-from workbench.run import Array
 
 STEP = 2.0  # of both sizes, from one tried to the next
 BOUNDS = ((0.5, 1024.0), (1.0, 16.0))

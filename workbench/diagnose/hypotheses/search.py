@@ -11,6 +11,7 @@ from itertools import combinations, takewhile
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.base import base_knobs, trace_knobs
 from workbench.diagnose.hypotheses.fits import (
     Fitted,
@@ -30,7 +31,6 @@ from workbench.diagnose.hypotheses.scan import Atom, atoms
 from workbench.diagnose.hypotheses.score import STEP, cost, score_of
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect, Ranged, find, ranges_of
-from workbench.run import Array
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
 FIRST_ROUND = 6  # evaluations each, before the field is narrowed

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fits import Projection, columns_signed, linear_gain
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import Atom
@@ -15,7 +16,6 @@ from workbench.diagnose.hypotheses.score import cost, independent
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.records import Isolability
 from workbench.diagnose.verdict.probability import calibration
-from workbench.run import Array
 
 ALIKE_DEG = 10.0
 APART = 3.0  # standard deviations, between the fits of two effects

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.variables import place
 from workbench.kinds import kind_of
 from workbench.references import Limits, Step, plan_motion
-from workbench.run import Array, Run
 from workbench.simulate.lowpass import lowpass
 
 SLOW = 0.2  # of the fastest speed logged

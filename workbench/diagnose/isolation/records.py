@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.records import Names
-from workbench.run import Array
 
 
 @dataclass(frozen=True)

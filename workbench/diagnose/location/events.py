@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.location.evidence import Evidence, Weigher
 from workbench.diagnose.location.ports import SENSOR, Port
 from workbench.diagnose.location.recurrence import comes_back, states_of
 from workbench.diagnose.location.survey import Course, Survey, at_rows
-from workbench.run import Array
 
 SHORTEST_S, LONGEST_S, WIDTHS = 0.3, 5.0, 7  # of a pulse, from beginning to end
 MOST, TRIED = 4, 16  # pulses

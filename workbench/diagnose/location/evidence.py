@@ -19,10 +19,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr, logsumexp
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.discrepancy import SPREAD
 from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.location.survey import Survey
-from workbench.run import Array
 
 SIZES = 8  # of s
 SMALLEST = 0.3  # s, of the noise

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.events import Pulse, event_ports, pulses_of
@@ -19,7 +20,6 @@ from workbench.diagnose.location.evidence import Evidence, Weigher
 from workbench.diagnose.location.ports import Port, Ports
 from workbench.diagnose.location.records import PlaceProbability
 from workbench.diagnose.location.survey import Survey, survey_of
-from workbench.run import Array
 
 SHOWN = 0.005  # probability
 TOGETHER = 1000  # columns that are whitened at once

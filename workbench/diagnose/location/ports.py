@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.location.survey import Course, Survey, at_rows, since_reversal
-from workbench.run import Array
 
 TURN = 2.0 * math.pi
 SENSOR = "torque_sensor"  # of the input

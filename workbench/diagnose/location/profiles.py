@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.records import Profile
 from workbench.diagnose.location.variables import Variable, forward, spacing, times
-from workbench.run import Array
 
 SMOOTH = 1e-2  # of the data's weight: bends between bins cost so much; what lies between is bridged
 BLOCKS = 8  # of a run's time, where runs cannot be held out against each other

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from workbench.run import Array
+from workbench.core.run import Array
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.location.survey import Survey, since_reversal
-from workbench.run import Array
 
 NEIGHBOURS = 5  # nearest states
 RECURS = 0.4  # of a stretch's energy

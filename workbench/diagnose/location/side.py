@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.kinds import kind_of
-from workbench.run import Array
 
 DRIVE, CARRIAGE = 0.4, 0.6  # of the pull that a force on the carriage would make in the dead line
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Setting, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.loop import Loop, loop_of
 from workbench.kinds import kind_of
-from workbench.run import Array
 from workbench.simulate.driven import changed
 from workbench.simulate.lowpass import lowpass
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.kinds import kind_of
-from workbench.run import Array
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 

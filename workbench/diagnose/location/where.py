@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import bounds_of
@@ -19,7 +20,6 @@ from workbench.diagnose.location.spectrum import wave_along_the_way, wave_in_tim
 from workbench.diagnose.location.variables import spacing, times, variables
 from workbench.diagnose.location.windows import Windows, windows_of
 from workbench.effects import Effect
-from workbench.run import Array
 
 CREEPING = 0.15  # of the fastest speed
 EXPLAINS_LITTLE = 0.3

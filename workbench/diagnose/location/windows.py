@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.records import Window
 from workbench.diagnose.location.variables import spacing, times
-from workbench.run import Array
 
 HELD = 0.75  # of the energy, in the windows
 SHORTEST = 2.0  # periods of the band

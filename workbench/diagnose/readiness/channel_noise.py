@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from workbench.run import Array
+from workbench.core.run import Array
 
 ORDER = 4  # of the differences: what is smooth over five samples leaves no trace in them
 MANY = 5  # steps between values, to judge by

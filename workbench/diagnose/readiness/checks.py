@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from workbench.core.errors import InputError
 from workbench.diagnose.readiness.cross_checks import check_other_signals
 from workbench.diagnose.readiness.rigid import as_well_shown, rigid_of
 from workbench.diagnose.readiness.same_machine import check_machine, listed
 from workbench.diagnose.readiness.variety import variety
-from workbench.errors import InputError
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.simulate.blows import blows_of

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.cross_checks import FAR, reference_of, reference_slope
@@ -15,7 +16,6 @@ from workbench.diagnose.readiness.same_machine import listed
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.logs.channels import clipped, is_constant
-from workbench.run import Array, Run
 
 __all__ = ["check_runs", "condition"]
 

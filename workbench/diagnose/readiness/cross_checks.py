@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array, Run
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 

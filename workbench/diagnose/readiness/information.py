@@ -18,8 +18,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.diagnose.readiness.motion_noise import logged_motion, noises_of, noisier
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 
 EQUAL = 1.0  # energy of motion over energy of noise

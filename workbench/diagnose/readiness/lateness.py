@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from workbench.run import Array
+from workbench.core.run import Array
 
 LONGEST_S = 2.0  # a signal that is later than that follows something else
 REFINEMENTS = 20

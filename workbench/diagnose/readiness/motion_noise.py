@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.readiness.channel_noise import channel_noise
-from workbench.run import Array, Run
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.kinds import kind_of
-from workbench.run import Array
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 

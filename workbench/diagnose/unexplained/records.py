@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from workbench.run import Array
+from workbench.core.run import Array
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.held_out import HeldOut
@@ -18,7 +19,6 @@ from workbench.diagnose.unexplained.table_fit import TableFit, TableFitter, tell
 from workbench.diagnose.unexplained.tables import columns_of, gain_of, lever_of, points_of, rides_of
 from workbench.kinds import Table
 from workbench.machine import Axis, Hoist, value_names, with_correction
-from workbench.run import Array
 
 ROUNDS = 4  # driven simulations with the table, at most
 WORTH_ANOTHER = 0.97  # of the rms before: a round that gains less is the last

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.held_out import folds_by_run
 from workbench.diagnose.hypotheses.knobs import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.run import Array
 
 TURN = 2.0 * np.pi
 BENDS = (0.03, 0.1, 0.3, 1.0)  # of the table's size: how far a level may lie off the line between its neighbours

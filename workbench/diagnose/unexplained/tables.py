@@ -14,11 +14,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.knobs import GAIN, Setting
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.kinds import Table, kind_of
 from workbench.machine import Axis, Hoist
-from workbench.run import Array
 from workbench.simulate.driven import changed, sensor
 from workbench.simulate.lowpass import lowpass
 

@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.contributions import parts_of
 from workbench.diagnose.hypotheses.fits import Fitted, Projection
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import find
-from workbench.run import Array
 
 
 def cancellation(problem: Problem, fit: Fitted, base: int) -> float:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.verdict.records import Hypothesis
-from workbench.run import Array
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
 

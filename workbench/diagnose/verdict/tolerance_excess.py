@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.run import Array
 
 HEAVIEST = 12.0  # logarithm of the tolerances' weight: nothing is left of any deviation
 HALVED = 40  # times

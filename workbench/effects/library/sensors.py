@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.effects.declare import Parameter, effect
-from workbench.run import Array
 
 TORQUE = {"hoist": "torque_sensor", "axis": "torque_sensor"}
 SPEED = {"hoist": "speed_sensor", "axis": "speed_sensor"}

@@ -9,12 +9,12 @@ from functools import partial
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.references.kind import Move, Ramp, planned
 from workbench.references.least_peak import peak_force_n
 from workbench.references.limits import Limits
 from workbench.references.shape import Shape
 from workbench.references.time_optimal import shortest_move, shortest_move_s, shortest_ramp, shortest_ramp_s
-from workbench.run import Array
 
 
 def _trapezoid_s(move: Move) -> float:

@@ -13,13 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.kinds import Load
 from workbench.references.kind import Move, Ramp, planned
 from workbench.references.least_peak import gentle_move, least_peak_limits, peak_force_n
 from workbench.references.library.planned import _equal_time_ramp, _trapezoid_ramp, _trapezoid_s
 from workbench.references.shape import Shape
 from workbench.references.time_optimal import shortest_move
-from workbench.run import Array
 
 EI_VIBRATION = 0.05  # of an unshaped step's, that the EI shaper leaves at its own frequency
 OVERSHOOT = 0.01  # of a step; a load that swings less far is not shaped

@@ -12,7 +12,7 @@ from workbench.blind.later import WithNextRun
 from workbench.blind.measures import MEASURES, OF_A_METHOD, median, median_interval, numbers
 from workbench.blind.power import Power
 from workbench.blind.score import Score, Sheet
-from workbench.json_records import plain
+from workbench.core.json_records import plain
 from workbench.reports.blind.tables import DIAGNOSIS, settled, why
 
 

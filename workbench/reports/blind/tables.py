@@ -14,9 +14,9 @@ from workbench.blind.criteria import Row, Share, right, right_word
 from workbench.blind.later import WithNextRun
 from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
 from workbench.blind.power import Power
+from workbench.core.names import unit_of, words_of
+from workbench.core.table import Column, Table, words
 from workbench.diagnose.verdict.probability import calibration
-from workbench.names import unit_of, words_of
-from workbench.tables import Column, Table, words
 
 WILSON = "In brackets: 95 % Wilson interval, in per cent."
 DIAGNOSIS = "workbench diagnose"

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from workbench.core.json_records import plain, rounded
 from workbench.diagnose.records import Diagnosis
-from workbench.json_records import plain, rounded
 from workbench.reports.diagnosis.details_json import details, estimates_json
 from workbench.reports.diagnosis.hypotheses import chosen_candidate
 from workbench.reports.words import words_of

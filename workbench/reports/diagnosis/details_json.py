@@ -7,12 +7,12 @@ from typing import Any
 
 from workbench import __version__
 from workbench.consequences import as_json
+from workbench.core.json_records import plain
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.location.records import Profile
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.records import Curve
 from workbench.diagnose.verdict.records import Candidate
-from workbench.json_records import plain
 from workbench.reports.words import words_of
 
 DIGITS = 5  # significant

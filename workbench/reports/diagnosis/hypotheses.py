@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from workbench.core.table import Column, Table, words
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.verdict.records import Candidate, Hypothesis
 from workbench.reports.diagnosis.words import hypothesis_name, unit_of
 from workbench.reports.numbers import NOTHING, figures, with_error
-from workbench.tables import Column, Table, words
 
 WORTH_A_BAR = 1e-3  # of probability
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from workbench.consequences import consequences_table
+from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.records import Unknown
 from workbench.diagnose.unexplained.words import OVER
@@ -20,7 +21,6 @@ from workbench.reports.diagnosis import tables as report
 from workbench.reports.diagnosis.as_json import to_json
 from workbench.reports.diagnosis.series import MOST_RUNS, own_values, series_of
 from workbench.reports.words import direction_names, words_of
-from workbench.whole_folder import check_free, whole_folder, write_json
 
 MOST_RANKED, MOST_CANDIDATES, MOST_PROFILES = 8, 24, 9
 

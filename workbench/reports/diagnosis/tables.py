@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from workbench.core.table import Column, Table, words
 from workbench.diagnose.records import Diagnosis
 from workbench.kinds import kind_of
 from workbench.reports.diagnosis.words import unit_of
 from workbench.reports.numbers import NOTHING, figures
 from workbench.reports.words import words_of
-from workbench.tables import Column, Table, words
 
 MOST_WINDOWS = 6  # of a run, that are listed
 

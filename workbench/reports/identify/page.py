@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.figures.identify import correlation_matrix, level_history
 from workbench.figures.replay import friction_law
 from workbench.figures.save import Section, save_page
@@ -19,7 +20,6 @@ from workbench.reports.identify.friction import combined_weight, force_balance, 
 from workbench.reports.replay import report as replay_report
 from workbench.reports.replay.page import INPUTS_NOTE, RESIDUAL_NOTE, inputs, notes_line, residuals, speeds
 from workbench.reports.words import direction_names
-from workbench.whole_folder import check_free, whole_folder, write_json
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

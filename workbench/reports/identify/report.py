@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from workbench.core.json_records import rounded
+from workbench.core.table import Column, Table, words
 from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification
 from workbench.identify.iteration import Levels
 from workbench.identify.parameters import Free, fittable, free_parameters
-from workbench.json_records import rounded
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, get_value
@@ -18,7 +19,6 @@ from workbench.reports.replay import report as replay_report
 from workbench.reports.replay.report import EXPLAINED, noise_is_floor
 from workbench.reports.words import direction_names, words_of
 from workbench.simulate.replay import ReplayResult
-from workbench.tables import Column, Table, words
 
 FAR = 3.0  # tolerances: a value beyond them stands in for something else
 COLUMNS = (words("parameter"), Column("nominal"), Column("identified"), Column("± std\nerror"), Column("change", "%"),

@@ -6,13 +6,12 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.run import Array
+from workbench.core.table import Column, Table, words
 from workbench.figures.imports import proposed as drawn
 from workbench.figures.save import Section, save_page
 from workbench.imports.propose import Proposed
-from workbench.run import Array
-from workbench.tables import Column, Table
-from workbench.tables.table import words
 
 
 def mapping_table(proposed: Proposed) -> Table:

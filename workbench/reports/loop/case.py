@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 from workbench.analysis.usual import usual_controller, usual_heights, usual_settings
 from workbench.control import FORMS, SETTINGS, Events, PiSettings, Settings, form_of
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import Document, load, validate
 from workbench.effects import check
-from workbench.errors import InputError
 from workbench.kinds import LOOPED, kind_of, looped, of_kind
 from workbench.machine import AnyKind, Axis, Hoist, default_hoist, load_machine
-from workbench.yaml_strict import Document, load, validate
 
 if TYPE_CHECKING:
     from workbench.analysis.tune import Trial

@@ -13,16 +13,16 @@ from workbench.analysis.family import Member, weakest
 from workbench.analysis.margins import Margins
 from workbench.analysis.step import load_step, position_answer
 from workbench.control import Cascade
+from workbench.core.json_records import rounded
+from workbench.core.table import Column, Table
+from workbench.core.whole_folder import write_json
 from workbench.effects import find
 from workbench.figures.loop import bode, gang_of_four, nyquist, steps
 from workbench.figures.save import Section, save_page
-from workbench.json_records import rounded
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.numbers import NOTHING, figures
-from workbench.tables import Column, Table
-from workbench.whole_folder import write_json
 
 MARGINS = (
     Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),

@@ -12,14 +12,14 @@ from workbench.analysis.family import weakest
 from workbench.analysis.search import rounded_down
 from workbench.analysis.tune import GIVEN_AWAY, WIDER, Candidate, Tuned, Weights
 from workbench.control import Cascade, Settings
-from workbench.errors import InputError
+from workbench.core.errors import InputError
+from workbench.core.table import Column, Table, words
+from workbench.core.yaml_strict import dumps
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.loop.report import drive_sentence, effect_sentences, event_words, least_sentence, load_sentence
 from workbench.reports.numbers import figures
-from workbench.tables import Column, Table, words
-from workbench.yaml_strict import dumps
 
 COLUMNS = (
     words("what"), Column("kp"), Column("ki"), Column("weight"), Column("tracking", "%"), Column("peak", "%"),

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from workbench.core.json_records import rounded
+from workbench.core.table import Column, Table, words
+from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.figures.models import models_apart, models_forces, models_speed
 from workbench.figures.save import Section, save_page
-from workbench.json_records import rounded
 from workbench.simulate.models import ModelsCompared, ModelsRun
-from workbench.tables import Column, Table, words
-from workbench.whole_folder import check_free, whole_folder, write_json
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from workbench.core.run import Run
+from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.figures.replay import input_profiles, speed_comparison, torque_profiles, torque_residual
 from workbench.figures.save import Section, save_page
 from workbench.kinds import kind_of
@@ -16,9 +18,7 @@ from workbench.machine import Axis, Hoist
 from workbench.plants import plant_of
 from workbench.reports.replay import report
 from workbench.reports.words import words_of
-from workbench.run import Run
 from workbench.simulate.replay import Replay, ReplayResult
-from workbench.whole_folder import check_free, whole_folder, write_json
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

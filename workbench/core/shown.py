@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workbench.verb import attribute
+from workbench.core.verb import attribute
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from plotly.graph_objects import Figure
 
-    from workbench.tables import Table
+    from workbench.core.table import Table
 
 LONGEST = 72  # characters of one field in a repr
 MOST_LISTED = 4

@@ -104,9 +104,9 @@ class Table:
 
     def html(self) -> str:
         """An HTML table with its note below, as text that Jinja takes as it is (`markupsafe.Markup`)."""
-        from workbench.tables.templates import render
+        from workbench.core.templates import render
 
-        return render("tables/table.html.j2", table=self, short=SHORT)
+        return render("core/table.html.j2", table=self, short=SHORT)
 
     def _repr_html_(self) -> str:
         """In a notebook."""

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.tables import Column, Table, words
-from workbench.tables.templates import render
+from workbench.core.table import Column, Table, words
+from workbench.core.templates import render
 
 TABLE = Table(
     [words("run"), Column("speed error\nopen loop", "%"), Column("proba-\nbility")],

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workbench.json_records import plain, rounded
+from workbench.core.json_records import plain, rounded
 
 
 class Word(StrEnum):

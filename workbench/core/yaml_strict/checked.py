@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from workbench.errors import InputError, nearest
-from workbench.yaml_strict.reader import Document, Place, dotted
+from workbench.core.errors import InputError, nearest
+from workbench.core.yaml_strict.reader import Document, Place, dotted
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -210,7 +210,7 @@ def _expectation(field: FieldInfo | None) -> str:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Of a quantity; because: reason and hint, as `workbench.record` declares them."""
+    """Of a quantity; because: reason and hint, as `workbench.core.record` declares them."""
 
     lowest: float
     highest: float

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import yaml
 
-from workbench.errors import InputError
-from workbench.input_file import read_input
+from workbench.core.errors import InputError
+from workbench.core.input_file import read_input
 
 Place = tuple[str | int, ...]
 

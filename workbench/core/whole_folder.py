@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from workbench.errors import InputError
-from workbench.input_file import read_input
+from workbench.core.errors import InputError
+from workbench.core.input_file import read_input
 
 if sys.platform != "win32":  # there, what a killed writer leaves stays
     import fcntl

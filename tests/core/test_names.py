@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from workbench.names import powers
+from workbench.core.names import powers
 
 
 @pytest.mark.parametrize(

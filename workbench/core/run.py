@@ -9,8 +9,8 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from workbench.errors import InputError, nearest
-from workbench.shown import Shown
+from workbench.core.errors import InputError, nearest
+from workbench.core.shown import Shown
 
 Array = npt.NDArray[np.float64]
 

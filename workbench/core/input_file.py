@@ -13,7 +13,7 @@ from io import BufferedReader
 from pathlib import Path
 from types import MappingProxyType
 
-from workbench.errors import InputError
+from workbench.core.errors import InputError
 
 MB = 1_000_000
 # Kind of file -> (most bytes, what a larger one may be).
