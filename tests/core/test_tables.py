@@ -103,7 +103,7 @@ def test_a_table_without_rows_is_false_and_still_has_a_head():
 
 def test_a_template_refuses_to_leave_a_value_out():
     with pytest.raises(Exception, match="'title' is undefined"):
-        render("figures/page.html.j2")
+        render("view/page.html.j2")
 
 
 def test_a_narrow_table_wraps_the_heads_of_numbers_and_cuts_words_but_no_number():

@@ -13,7 +13,7 @@ from workbench.diagnose.unexplained.records import Curve
 from workbench.figures.diagnose_time import RunSeries, inputs, residuals, speeds
 from workbench.figures.diagnose_verdict import ALL, COLOURS, isolability, ranking, shrink_bars
 from workbench.figures.diagnose_where import curves, profiles, worth_a_panel
-from workbench.figures.style import AFTER, BEFORE, LINES, REST, WINDOW
+from workbench.view.style import AFTER, BEFORE, LINES, REST, WINDOW
 
 WAYS = ("hoisting", "lowering")
 TIME = np.linspace(0.0, 10.0, 401)

@@ -14,11 +14,11 @@ from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.figures.identify import correlation_matrix, level_history
 from workbench.figures.replay import friction_law, speed_comparison, torque_profiles, torque_residual
-from workbench.figures.save import Section, save_page
 from workbench.figures.study import harder_worked_nm, overview, peak_torque_over_payload, slack_stretches
-from workbench.figures.style import LINES
-from workbench.figures.thin import PASSES, STRAIGHT, straightened, thin
 from workbench.references import planned_kinds
+from workbench.view.page import Section, save_page
+from workbench.view.style import LINES
+from workbench.view.thin import PASSES, STRAIGHT, straightened, thin
 
 TIME = np.linspace(0.0, 40.0, 4001)
 

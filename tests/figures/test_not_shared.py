@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import not_here
 from tests.support import browser
-from workbench.figures.save import NOT_SHARED, Section, save_page, without_sharing
+from workbench.view.page import NOT_SHARED, Section, save_page, without_sharing
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

@@ -18,7 +18,6 @@ from tests.support.made_pages import made_pages
 from tests.support.scenario_text import study_of
 from workbench.cli import cli
 from workbench.core.errors import InputError
-from workbench.figures.style import label, line
 from workbench.references import (
     Limits,
     Move,
@@ -42,6 +41,7 @@ from workbench.references.time_optimal import shortest_move, shortest_ramp
 from workbench.reports.study import conclusions
 from workbench.study.scenario import json_schema
 from workbench.study.store import read_finished
+from workbench.view.style import label, line
 
 LIMITS = Limits(0.7, 0.5, 1.0)
 RAIL = (0.0, 25.0)

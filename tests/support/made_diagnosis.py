@@ -27,9 +27,9 @@ from workbench.effects import effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Axis, Hoist, default_hoist, with_correction
 from workbench.plants import plant_of
-from workbench.reports.words import words_of
 from workbench.simulate.driven import Balance, Bench, pooled_rms
 from workbench.simulate.replay import replay_runs
+from workbench.view.words import words_of
 
 Values = Mapping[str, Mapping[str, float]]
 VISCOUS: Values = {"friction_viscous": {"viscous_n_s_per_m": 4210.0}}

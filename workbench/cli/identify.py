@@ -35,7 +35,7 @@ def command(
     from workbench.cli.show import print_notes, print_table, print_text
     from workbench.core.whole_folder import check_free
     from workbench.reports.identify import report
-    from workbench.reports.words import brief_notes
+    from workbench.view.words import brief_notes
 
     if out is not None:
         check_free(out)

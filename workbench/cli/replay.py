@@ -26,8 +26,8 @@ def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | 
     from workbench.cli.show import print_notes, print_table, print_text
     from workbench.core.whole_folder import check_free
     from workbench.reports.replay import report
-    from workbench.reports.words import brief_notes
     from workbench.simulate.replay import replay_runs
+    from workbench.view.words import brief_notes
 
     if out is not None:
         check_free(out)

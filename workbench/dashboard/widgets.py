@@ -24,7 +24,7 @@ from streamlit.components import v2
 from workbench.core.errors import InputError
 from workbench.core.names import powers
 from workbench.dashboard.server import PLOTLY
-from workbench.figures.save import NOT_SHARED
+from workbench.view.page import NOT_SHARED
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -119,7 +119,7 @@ def is_dark() -> bool:
 
 def chart(figure: Figure, key: str, alt: str | None = None) -> None:
     """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG."""
-    from workbench.figures.style import for_dark
+    from workbench.view.style import for_dark
 
     config = {
         **NOT_SHARED,

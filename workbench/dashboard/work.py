@@ -20,8 +20,8 @@ from workbench.core.errors import InputError
 from workbench.dashboard.jobs import Teller
 from workbench.dashboard.widgets import Number
 from workbench.effects import check
-from workbench.figures.save import Section
 from workbench.logs import read_campaign
+from workbench.view.page import Section
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -133,7 +133,7 @@ def view_of(d: Diagnosis) -> View:
 def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
     """The gap over the one variable that explains it best, for a place of half the page's width."""
     from workbench.figures import diagnose_where
-    from workbench.reports.words import direction_names, words_of
+    from workbench.view.words import direction_names, words_of
 
     profiles = [] if d.where is None else [p for p in d.where.profiles if diagnose_where.worth_a_panel(p)]
     if not profiles:
@@ -156,7 +156,7 @@ def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
 def _numbers(d: Diagnosis) -> list[Number]:
     from workbench.core.names import powers
     from workbench.reports.diagnosis import words
-    from workbench.reports.words import words_of
+    from workbench.view.words import words_of
 
     s, w = d.shrink, words_of(d.campaign.machine)
     corrected = d.verdict.word != "no_gap"

@@ -16,14 +16,14 @@ from workbench.effects import check
 from workbench.face.view import View
 from workbench.figures.panels import Panels
 from workbench.figures.replay import input_profiles
-from workbench.figures.style import line
 from workbench.logs import Campaign
 from workbench.logs import read_campaign as read
 from workbench.machine import Axis, Hoist
 from workbench.plants import plant_of
-from workbench.reports.numbers import figures
-from workbench.reports.words import words_of
 from workbench.study.labels import metric_label
+from workbench.view.numbers import figures
+from workbench.view.style import line
+from workbench.view.words import words_of
 
 PathLike = str | os.PathLike[str]
 

@@ -22,11 +22,11 @@ from workbench.references import (
     motor_speed_rad_s,
     plan_motion,
 )  # fmt: skip
-from workbench.reports.numbers import figures
 from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_loop
 from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
 from workbench.study.labels import metric_label
 from workbench.study.run import motor_torque_limit_nm
+from workbench.view.numbers import figures
 
 LEAD_S, SETTLE_S = 0.5, 2.0
 PLANTS = ("lumped", "multibody")

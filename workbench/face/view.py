@@ -46,7 +46,7 @@ class View:
         return _chosen(self.tables, name, "table")(record)
 
     def plot(self, record: object, name: str) -> Figure:
-        from workbench.figures.save import without_sharing
+        from workbench.view.page import without_sharing
 
         without_sharing()
         return _chosen(self.figures, name, "figure")(record)

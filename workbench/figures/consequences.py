@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from workbench.consequences import Change, Consequences
-from workbench.figures.style import GREY, TEMPLATE, line
 from workbench.kinds import Kind
 from workbench.metrics import set_of
+from workbench.view.style import GREY, TEMPLATE, line
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

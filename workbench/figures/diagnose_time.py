@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.figures.panels import Panels, ranges_below_names
-from workbench.figures.style import LINE_AFTER, LINE_BEFORE, MEASURED, NOISE_DASH, REST, WINDOW
+from workbench.view.style import LINE_AFTER, LINE_BEFORE, MEASURED, NOISE_DASH, REST, WINDOW
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.names import powers
 from workbench.core.run import Array
-from workbench.figures.style import AFTER, BEFORE, BLUE, FAINT, GREY, NOISE, PURPLE, TEMPLATE, heading
+from workbench.view.style import AFTER, BEFORE, BLUE, FAINT, GREY, NOISE, PURPLE, TEMPLATE, heading
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -10,7 +10,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.location.records import Profile
 from workbench.diagnose.unexplained.records import Curve
-from workbench.figures.style import FAINT, GREY, MARKERS, SPARE, TEMPLATE, heading
+from workbench.view.style import FAINT, GREY, MARKERS, SPARE, TEMPLATE, heading
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

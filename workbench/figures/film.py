@@ -19,8 +19,8 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.figures import arm_parts as parts
 from workbench.figures.scene import Scene
-from workbench.figures.style import VERMILLION
 from workbench.machine import Hoist
+from workbench.view.style import VERMILLION
 
 HEIGHT = 640  # px
 STEP_S, MOST_SAMPLES = 0.02, 4000

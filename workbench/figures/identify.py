@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.figures.panels import Panels
-from workbench.figures.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE
+from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

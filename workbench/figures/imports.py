@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from workbench.core.run import Array
 from workbench.figures.panels import Panels
-from workbench.figures.style import BLUE
+from workbench.view.style import BLUE
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -13,8 +13,8 @@ from workbench.analysis.step import StepResponse, step_response
 from workbench.core.names import powers
 from workbench.core.run import Array
 from workbench.figures.panels import Panels
-from workbench.figures.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
 from workbench.kinds import Kind
+from workbench.view.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -10,7 +10,7 @@ import numpy as np
 from workbench.core.run import Run
 from workbench.figures.panels import ranges_below_names
 from workbench.figures.replay import run_grid
-from workbench.figures.style import BLUE, ORANGE, SPARE, line
+from workbench.view.style import BLUE, ORANGE, SPARE, line
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

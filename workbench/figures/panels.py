@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.figures.style import GREY, TEMPLATE
-from workbench.figures.thin import straightened, thin
+from workbench.view.style import GREY, TEMPLATE
+from workbench.view.thin import straightened, thin
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -9,11 +9,11 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.figures.panels import Panels
-from workbench.figures.style import BLACK, MARKERS, SPARE, label, line
-from workbench.figures.thin import MOST_POINTS
 from workbench.study.labels import SweptAxis, drawn_in, run_in_words, set_in
 from workbench.study.pareto import Front, cost
 from workbench.study.rows import Row
+from workbench.view.style import BLACK, MARKERS, SPARE, label, line
+from workbench.view.thin import MOST_POINTS
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from workbench.core.names import powers
-from workbench.figures.style import BLUE, GREY, ORANGE, on_dark
+from workbench.view.style import BLUE, GREY, ORANGE, on_dark
 
 WIDTH, HEIGHT = 320, 250
 INK, GROUND = "#222222", "white"

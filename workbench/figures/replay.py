@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.figures.panels import Panels, ranges_below_names
-from workbench.figures.style import AFTER, BEFORE, BLACK, GREY, ORANGE, PURPLE, line
+from workbench.view.style import AFTER, BEFORE, BLACK, GREY, ORANGE, PURPLE, line
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from workbench.core.run import Array
-from workbench.figures.style import BLUE, FAINT, GREY, ORANGE, SKY, VERMILLION, on_dark
-from workbench.figures.thin import thin
+from workbench.view.style import BLUE, FAINT, GREY, ORANGE, SKY, VERMILLION, on_dark
+from workbench.view.thin import thin
 
 WIDTH, ROW, GAP, LEFT, RIGHT, TOP, BOTTOM = 1000.0, 104.0, 16.0, 84.0, 12.0, 8.0, 34.0  # px
 INK, GROUND = "#222222", "white"

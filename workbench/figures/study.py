@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.figures.panels import Panels
-from workbench.figures.style import GREY, MARKERS, PURPLE, label, line
+from workbench.view.style import GREY, MARKERS, PURPLE, label, line
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

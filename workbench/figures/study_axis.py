@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from workbench.core.run import Run
 from workbench.figures.panels import Panels
-from workbench.figures.style import label, line
 from workbench.kinds import Kind
+from workbench.view.style import label, line
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

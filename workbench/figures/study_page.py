@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from workbench.figures.save import Section, save_page
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_axis import axis_overview
 from workbench.kinds import kind_of
@@ -17,6 +16,7 @@ from workbench.study.labels import set_in
 from workbench.study.rows import Row, with_payload
 from workbench.study.run import StudyResult, peak_limit
 from workbench.study.tables import run_table
+from workbench.view.page import Section, save_page
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

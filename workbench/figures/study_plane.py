@@ -10,7 +10,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.figures.panels import Panels
 from workbench.figures.study import MOST_COLUMNS, harder_worked_nm
-from workbench.figures.style import GREY, label, line
+from workbench.view.style import GREY, label, line
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workbench.figures.panels import Panels
-from workbench.figures.style import BLUE, TEMPLATE, VERMILLION, label, line
 from workbench.study.labels import drawn_in, metric_label
 from workbench.study.pareto import Correlation
 from workbench.study.rows import Row
+from workbench.view.style import BLUE, TEMPLATE, VERMILLION, label, line
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

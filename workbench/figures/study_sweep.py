@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workbench.figures.panels import Panels
-from workbench.figures.style import MARKERS, label, line
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.findings import NO_CHANGE
 from workbench.study.labels import Point, SweptAxis, drawn_in, shown
 from workbench.study.rows import Row, metrics_of
+from workbench.view.style import MARKERS, label, line
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.figures.panels import Panels
-from workbench.figures.style import BLUE, GREY, VERMILLION
+from workbench.view.style import BLUE, GREY, VERMILLION
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -14,7 +14,6 @@ from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.core.table import Table, words
 from workbench.figures.pareto import curves_over_time, pareto
-from workbench.figures.save import Section, save_page
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_axis import axis_overview
 from workbench.figures.study_plane import torque_speed_plane
@@ -33,6 +32,7 @@ from workbench.study.rows import Row, metrics_of, with_payload
 from workbench.study.run import peak_limit
 from workbench.study.scenario import Scenario
 from workbench.study.store import Finished
+from workbench.view.page import Section, save_page
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

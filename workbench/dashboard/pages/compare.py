@@ -21,13 +21,13 @@ from workbench.dashboard.widgets import SAME, chart, plain, text
 from workbench.figures.study import MOST_COLUMNS, overview
 from workbench.figures.study_axis import axis_overview
 from workbench.figures.study_plane import torque_speed_plane
-from workbench.figures.style import label
 from workbench.kinds import Kind, kind_of, studied
 from workbench.machine import Axis, Hoist
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, motor_torque_limit_nm, peak_limit
 from workbench.study.scenario import Scenario
+from workbench.view.style import label
 
 MOST_SAID = 3  # values by which a machine is told from another of its name
 

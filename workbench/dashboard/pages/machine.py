@@ -16,7 +16,6 @@ from workbench.dashboard.pages.compare import kept
 from workbench.dashboard.widgets import guarded, is_dark, plain
 from workbench.figures.film import HEIGHT, film
 from workbench.figures.scene import scene_of
-from workbench.figures.style import label
 from workbench.kinds import STUDIED, load_of, of_kind, studied
 from workbench.machine import Hoist
 from workbench.machine.files import machine_text
@@ -30,6 +29,7 @@ from workbench.references import (
 )
 from workbench.reports.loop.case import usual_controller
 from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
+from workbench.view.style import label
 
 LARGE = 900
 ALONE = "no other"

@@ -18,7 +18,6 @@ from workbench.dashboard.plant import EVERY_S, KEPT_S, PlantProcess
 from workbench.dashboard.widgets import guarded, is_dark, plain, problem, text
 from workbench.effects import find, ranges_of
 from workbench.figures.served import last_seconds, late_starts
-from workbench.figures.style import label
 from workbench.machine import Hoist
 from workbench.machine.files import machine_text
 from workbench.plants import HOIST
@@ -26,6 +25,7 @@ from workbench.references import allowed_carriage_speed_m_s, planned_kinds
 from workbench.reports.loop.case import usual_controller
 from workbench.serve.serve import HIGHEST_RATE_HZ, LOWEST_RATE_HZ, PORTS, ProtocolName, Wish, chosen_ready
 from workbench.simulate.loop import torque_limits
+from workbench.view.style import label
 
 PLANT, STARTED, PROBLEM = "plant process", "plant started as", "plant live problem"
 SENT = "plant live client"  # what the plant was told last

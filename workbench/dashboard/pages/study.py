@@ -40,7 +40,6 @@ from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_axis import axis_overview
 from workbench.figures.study_page import save_study_page, start_of_move
 from workbench.figures.study_plane import torque_speed_plane
-from workbench.figures.style import label
 from workbench.kinds import kind_of
 from workbench.logs.signal_files import FORMS
 from workbench.machine import Axis, Hoist, default_hoist
@@ -57,6 +56,7 @@ from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, labelled_runs, motor_torque_limit_nm, peak_limit, run_study
 from workbench.study.scenario import Scenario
 from workbench.study.side import damping_sentence, over_payload, over_ramps
+from workbench.view.style import label
 
 log = logging.getLogger(__name__)
 

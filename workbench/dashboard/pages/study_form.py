@@ -29,10 +29,10 @@ from workbench.dashboard.pages.study_desk import (
     within,
 )
 from workbench.dashboard.widgets import problem, text
-from workbench.figures.style import label
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist, shipped
 from workbench.references import BASELINE, planned_kinds
+from workbench.view.style import label
 
 LOADED, SHIPS_ASKED, NONE = "study file", "study ships asked", "choose one"
 PAYLOADS = (0.0, 1500.0, 3000.0, 4500.0, 6000.0, 7500.0, 9000.0)

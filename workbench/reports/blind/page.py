@@ -13,10 +13,10 @@ from workbench.blind.score import Sheet
 from workbench.core.table import Table
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.figures import blind as figures
-from workbench.figures.save import Section, save_page
 from workbench.reports.blind import tables
 from workbench.reports.blind.as_json import to_json
 from workbench.reports.blind.words import answer, sentences
+from workbench.view.page import Section, save_page
 
 
 def write_score(sheet: Sheet, folder: Path, power: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> None:

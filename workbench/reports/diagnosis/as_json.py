@@ -10,7 +10,7 @@ from workbench.core.json_records import plain, rounded
 from workbench.diagnose.records import Diagnosis
 from workbench.reports.diagnosis.details_json import details, estimates_json
 from workbench.reports.diagnosis.hypotheses import chosen_candidate
-from workbench.reports.words import words_of
+from workbench.view.words import words_of
 
 DIGITS = 5  # significant
 PARTS = 10**5  # that probabilities are counted in

@@ -13,7 +13,7 @@ from workbench.diagnose.location.records import Profile
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.records import Curve
 from workbench.diagnose.verdict.records import Candidate
-from workbench.reports.words import words_of
+from workbench.view.words import words_of
 
 DIGITS = 5  # significant
 ANGLE_DIGITS = 4

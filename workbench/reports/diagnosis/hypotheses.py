@@ -10,7 +10,7 @@ from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.verdict.records import Candidate, Hypothesis
 from workbench.reports.diagnosis.words import hypothesis_name, unit_of
-from workbench.reports.numbers import NOTHING, figures, with_error
+from workbench.view.numbers import NOTHING, figures, with_error
 
 WORTH_A_BAR = 1e-3  # of probability
 

@@ -14,13 +14,13 @@ from workbench.figures import diagnose_time, diagnose_where
 from workbench.figures.consequences import before_and_after
 from workbench.figures.diagnose_time import RunSeries
 from workbench.figures.diagnose_verdict import isolability, ranking, shrink_bars
-from workbench.figures.save import Section, save_page
 from workbench.machine import save_machine
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import tables as report
 from workbench.reports.diagnosis.as_json import to_json
 from workbench.reports.diagnosis.series import MOST_RUNS, own_values, series_of
-from workbench.reports.words import direction_names, words_of
+from workbench.view.page import Section, save_page
+from workbench.view.words import direction_names, words_of
 
 MOST_RANKED, MOST_CANDIDATES, MOST_PROFILES = 8, 24, 9
 

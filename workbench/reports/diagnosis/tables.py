@@ -6,8 +6,8 @@ from workbench.core.table import Column, Table, words
 from workbench.diagnose.records import Diagnosis
 from workbench.kinds import kind_of
 from workbench.reports.diagnosis.words import unit_of
-from workbench.reports.numbers import NOTHING, figures
-from workbench.reports.words import words_of
+from workbench.view.numbers import NOTHING, figures
+from workbench.view.words import words_of
 
 MOST_WINDOWS = 6  # of a run, that are listed
 

@@ -11,8 +11,8 @@ from workbench.effects import Effect, effects_for
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.plants import plant_of
-from workbench.reports.numbers import figures
-from workbench.reports.words import listed, words_of
+from workbench.view.numbers import figures
+from workbench.view.words import listed, words_of
 
 SHRINKS = 1.02  # factor: less is none
 RUN_AWAY = 100.0  # per cent of the speed's scale: a replay in open loop that is further off has left the motion

@@ -11,7 +11,6 @@ import numpy as np
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.figures.identify import correlation_matrix, level_history
 from workbench.figures.replay import friction_law
-from workbench.figures.save import Section, save_page
 from workbench.identify.identify import Identification
 from workbench.kinds import kind_of
 from workbench.machine import save_machine
@@ -19,7 +18,8 @@ from workbench.reports.identify import report
 from workbench.reports.identify.friction import combined_weight, force_balance, law
 from workbench.reports.replay import report as replay_report
 from workbench.reports.replay.page import INPUTS_NOTE, RESIDUAL_NOTE, inputs, notes_line, residuals, speeds
-from workbench.reports.words import direction_names
+from workbench.view.page import Section, save_page
+from workbench.view.words import direction_names
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -14,11 +14,11 @@ from workbench.identify.parameters import Free, fittable, free_parameters
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist, get_value
-from workbench.reports.numbers import change_percent, figures, with_error
 from workbench.reports.replay import report as replay_report
 from workbench.reports.replay.report import EXPLAINED, noise_is_floor
-from workbench.reports.words import direction_names, words_of
 from workbench.simulate.replay import ReplayResult
+from workbench.view.numbers import change_percent, figures, with_error
+from workbench.view.words import direction_names, words_of
 
 FAR = 3.0  # tolerances: a value beyond them stands in for something else
 COLUMNS = (words("parameter"), Column("nominal"), Column("identified"), Column("± std\nerror"), Column("change", "%"),

@@ -10,8 +10,8 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.core.table import Column, Table, words
 from workbench.figures.imports import proposed as drawn
-from workbench.figures.save import Section, save_page
 from workbench.imports.propose import Proposed
+from workbench.view.page import Section, save_page
 
 
 def mapping_table(proposed: Proposed) -> Table:

@@ -18,11 +18,11 @@ from workbench.core.table import Column, Table
 from workbench.core.whole_folder import write_json
 from workbench.effects import find
 from workbench.figures.loop import bode, gang_of_four, nyquist, steps
-from workbench.figures.save import Section, save_page
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.reports.loop.case import LoopCaseFile
-from workbench.reports.numbers import NOTHING, figures
+from workbench.view.numbers import NOTHING, figures
+from workbench.view.page import Section, save_page
 
 MARGINS = (
     Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),

@@ -19,7 +19,7 @@ from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.loop.report import drive_sentence, effect_sentences, event_words, least_sentence, load_sentence
-from workbench.reports.numbers import figures
+from workbench.view.numbers import figures
 
 COLUMNS = (
     words("what"), Column("kp"), Column("ki"), Column("weight"), Column("tracking", "%"), Column("peak", "%"),

@@ -10,8 +10,8 @@ from workbench.core.json_records import rounded
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.figures.models import models_apart, models_forces, models_speed
-from workbench.figures.save import Section, save_page
 from workbench.simulate.models import ModelsCompared, ModelsRun
+from workbench.view.page import Section, save_page
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -9,9 +9,9 @@ from workbench.core.table import Column, Table, words
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.reports.numbers import MOST, figures
-from workbench.reports.words import words_of
 from workbench.simulate.replay import Replay, ReplayResult
+from workbench.view.numbers import MOST, figures
+from workbench.view.words import words_of
 
 PAPER_PERCENT = 7.49  # RMSE of the paper's own machine, its Figure 8
 EXPLAINED = 1.3  # times the noise: what is left while moving is then little more than noise

@@ -11,8 +11,8 @@ import numpy as np
 from workbench.core.names import unit_of, words_of
 from workbench.core.table import Column, Table
 from workbench.core.table import words as word_column
-from workbench.figures.save import Section, save_page
 from workbench.figures.watch import parameters, statistic
+from workbench.view.page import Section, save_page
 from workbench.watch.fleet import STATES, Row
 from workbench.watch.store import KeptAlarm
 from workbench.watch.watch import Told, Watch

@@ -62,7 +62,7 @@ def save_page(
 
     numbers = itertools.count(1)
     page = render(
-        "figures/page.html.j2",
+        "view/page.html.j2",
         title=title,
         answer=answer,
         generator=generator,
