@@ -18,7 +18,6 @@ PACKAGE = ROOT / "workbench"
 # Each row may import the rows above it. Neighbours in one row do not know each other.
 LAYERS = [
     ("core",),
-    ("log_formats",),
     ("trace",),
     ("kinds",),
     ("machine", "plants"),
@@ -27,19 +26,19 @@ LAYERS = [
     ("logs", "control", "references", "metrics"),
     ("effects",),
     ("simulate",),
-    ("identify", "analysis", "imports"),
+    ("identify", "analysis"),
     ("study",),
     ("export", "testing", "serve"),
     ("consequences",),
     ("diagnose",),
     ("blind", "watch"),
     ("view",),
-    ("face", "dashboard"),
+    ("api", "dashboard"),
     ("cli",),
     ("__main__",),
 ]
 LEVEL = {name: level for level, row in enumerate(LAYERS) for name in row}
-MOVING = {"figures": "view", "reports": "view"}  # one room, not yet one folder
+MOVING = {"figures": "view", "reports": "view", "face": "view"}  # one room, not yet one folder
 
 # The physics' floor stays quick to import and knows no screens.
 FLOOR = ("core", "trace", "machine", "plants", "kinds", "engine")

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from workbench.core.errors import InputError, nearest
 from workbench.kinds import TIME, kind_of
-from workbench.log_formats.rates import Channel
+from workbench.logs.formats.rates import Channel
 from workbench.machine import Axis, Hoist
 
 # unit, lower case and without blanks, dots and asterisks -> (quantity, factor to SI)
