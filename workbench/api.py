@@ -24,12 +24,10 @@ from workbench.face.loop import LoopAnalysis, given
 from workbench.face.tune import Tuning
 from workbench.identify.identify import Identification
 from workbench.identify.identify import identify as fit_machine
-from workbench.kinds import load_of
 from workbench.logs import Campaign
 from workbench.logs import read_campaign as read
-from workbench.machine import Axis, Hoist, LinearAxis, RotaryAxis, default_hoist
-from workbench.machine import load_machine as load
-from workbench.plants import NO_EFFECTS
+from workbench.machines import NO_EFFECTS, Axis, Hoist, LinearAxis, RotaryAxis, default_hoist, load_of
+from workbench.machines import load_machine as load
 from workbench.references import (
     LimitPair,
     Limits,

@@ -17,7 +17,7 @@ from workbench.figures.panels import Panels
 from workbench.figures.replay import input_profiles
 from workbench.logs import Campaign
 from workbench.logs.mapping import Proposed
-from workbench.plants import plant_of
+from workbench.machines import plant_of
 from workbench.study.labels import metric_label
 from workbench.view.numbers import figures
 from workbench.view.page import Section, save_page
