@@ -41,9 +41,9 @@ from benchmarks.attack.mangle import (
     signals_of,
 )
 from workbench.core.errors import InputError
-from workbench.log_formats.opening import open_log
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.doubts import doubts_of
+from workbench.logs.formats.opening import open_log
 from workbench.machines import default_hoist
 from workbench.study.rows import read_rows
 

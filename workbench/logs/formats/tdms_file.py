@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workbench.core.errors import InputError
-from workbench.log_formats.declared import Limits, LogFormat, Opened
+from workbench.logs.formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
     from workbench.core.run import Array
@@ -23,7 +23,7 @@ def open_tdms(file: Path) -> Opened:
         from nptdms import TdmsFile
     except ImportError as error:
         raise InputError("TDMS files need the extra 'import': pip install '.[import]'") from error
-    from workbench.log_formats.rates import TIME, distinct, titled
+    from workbench.logs.formats.rates import TIME, distinct, titled
 
     # As a stream: of a path, the index file beside it would be opened too.
     tdms = TdmsFile.open(file.open("rb"))
@@ -44,7 +44,7 @@ def open_tdms(file: Path) -> Opened:
 def _pieces(known: dict[str, Any], longest: Any, wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
     import numpy as np
 
-    from workbench.log_formats.rates import TIME, Channel, at_times
+    from workbench.logs.formats.rates import TIME, Channel, at_times
 
     rows = max(len(known[name]) for name in wanted if name != TIME) if longest is None else len(longest)
     limits.check(rows, rows * len(wanted))
@@ -74,5 +74,5 @@ TDMS = LogFormat(
         "channels carry their rate (`wf_increment`), `time_s` is the time of the longest, and the others are taken at "
         "it, linear between their samples and missing beyond their ends."
     ),
-    imports=("nptdms", "workbench.log_formats.rates"),
+    imports=("nptdms", "workbench.logs.formats.rates"),
 )

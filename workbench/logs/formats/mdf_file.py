@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workbench.core.errors import InputError
-from workbench.log_formats.declared import Limits, LogFormat, Opened
+from workbench.logs.formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
     from workbench.core.run import Array
@@ -30,7 +30,7 @@ def open_mdf(file: Path) -> Opened:
         from asammdf import MDF
     except ImportError as error:
         raise InputError("MDF files need the extra 'import': pip install '.[import]'") from error
-    from workbench.log_formats.rates import TIME, distinct, titled
+    from workbench.logs.formats.rates import TIME, distinct, titled
 
     _without_temporary_files()
     # As a stream: a path may be copied, unpacked, or looked for under another name. What is attached stays packed.
@@ -97,7 +97,7 @@ def _pieces(
 ) -> Iterator[tuple[int, Array]]:
     import numpy as np
 
-    from workbench.log_formats.rates import TIME, Channel, at_times
+    from workbench.logs.formats.rates import TIME, Channel, at_times
 
     rows = int(mdf.groups[longest].channel_group.cycles_nr)
     limits.check(rows, rows * len(wanted))
@@ -124,5 +124,5 @@ MDF = LogFormat(
         "`time_s` is the time of the group with the most samples, and channels of other rates are taken at it, linear "
         "between their samples and missing beyond their ends."
     ),
-    imports=("asammdf", "asammdf.blocks.mdf_v3", "asammdf.blocks.mdf_v4", "workbench.log_formats.rates"),
+    imports=("asammdf", "asammdf.blocks.mdf_v3", "asammdf.blocks.mdf_v4", "workbench.logs.formats.rates"),
 )

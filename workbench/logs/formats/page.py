@@ -1,6 +1,6 @@
 """What docs/formats.md says of the log files, made from their declarations.
 
-`python -m workbench.log_formats.page docs/formats.md` writes it between its two marks.
+`python -m workbench.logs.formats.page docs/formats.md` writes it between its two marks.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ import sys
 import textwrap
 from pathlib import Path
 
-from workbench.log_formats.declared import MB, Limits
-from workbench.log_formats.known import formats
+from workbench.logs.formats.declared import MB, Limits
+from workbench.logs.formats.known import formats
 
-BEGIN, END = "<!-- log formats: made by workbench.log_formats.page -->\n", "<!-- end of log formats -->\n"
+BEGIN, END = "<!-- log formats: made by workbench.logs.formats.page -->\n", "<!-- end of log formats -->\n"
 
 
 def section() -> str:

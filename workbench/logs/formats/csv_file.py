@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from workbench.core.errors import InputError
-from workbench.log_formats.declared import Limits, LogFormat, Opened
+from workbench.logs.formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
     from workbench.core.run import Array
@@ -66,7 +66,7 @@ def _pieces(file: Path, raw: Sequence[str], wanted: Sequence[str]) -> Iterator[t
     import pyarrow as pa
     import pyarrow.csv
 
-    from workbench.log_formats.arrow import float_array
+    from workbench.logs.formats.arrow import float_array
 
     if _is_header_only(file):  # the fast reader takes that for a fault
         return
@@ -159,6 +159,6 @@ CSV = LogFormat(
         "missing sample. Semicolons, tabs, decimal commas, a row of units and compressed files are refused by name."
     ),
     isolated=False,
-    imports=("pyarrow.csv", "workbench.log_formats.arrow"),
+    imports=("pyarrow.csv", "workbench.logs.formats.arrow"),
     row_name=line_of,
 )

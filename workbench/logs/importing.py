@@ -16,11 +16,11 @@ from workbench.core.input_file import read_input
 from workbench.core.run import Array
 from workbench.core.whole_folder import check_free, whole_folder
 from workbench.core.yaml_strict import dumps
-from workbench.imports.propose import Proposal, Proposed
-from workbench.log_formats.drive_csv import TIME_UNITS, read_drive_csv, split_unit
-from workbench.log_formats.opening import open_log
-from workbench.log_formats.rates import TIME, Channel, at_times, distinct, fastest, titled
 from workbench.logs import Campaign, read_campaign
+from workbench.logs.formats.drive_csv import TIME_UNITS, read_drive_csv, split_unit
+from workbench.logs.formats.opening import open_log
+from workbench.logs.formats.rates import TIME, Channel, at_times, distinct, fastest, titled
+from workbench.logs.mapping import Proposal, Proposed
 
 TEXT = (".csv", ".txt", ".tsv", ".asc")
 _TIMES = ("time", "t", "zeit", "timestamp", TIME)

@@ -14,7 +14,7 @@ import struct
 import sys
 from pathlib import Path
 
-from workbench.log_formats.declared import Limits
+from workbench.logs.formats.declared import Limits
 
 _CREATE, _ADD, _RESTRICT, _VERSION = 444, 445, 446, 1
 _NO_NEW_PRIVILEGES = 38  # of prctl

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from workbench.core.errors import InputError
-from workbench.log_formats.csv_file import CSV
-from workbench.log_formats.declared import LogFormat
-from workbench.log_formats.mat_file import MAT
-from workbench.log_formats.mdf_file import MDF
-from workbench.log_formats.parquet_file import PARQUET
-from workbench.log_formats.tdms_file import TDMS
+from workbench.logs.formats.csv_file import CSV
+from workbench.logs.formats.declared import LogFormat
+from workbench.logs.formats.mat_file import MAT
+from workbench.logs.formats.mdf_file import MDF
+from workbench.logs.formats.parquet_file import PARQUET
+from workbench.logs.formats.tdms_file import TDMS
 
 FORMATS: list[LogFormat] = [CSV, PARQUET, MAT, MDF, TDMS]
 

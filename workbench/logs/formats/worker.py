@@ -33,8 +33,8 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.log_formats.confined import confine, limit
-from workbench.log_formats.declared import Limits, LogFormat, Opened, plain_errors
+from workbench.logs.formats.confined import confine, limit
+from workbench.logs.formats.declared import Limits, LogFormat, Opened, plain_errors
 
 IDLE_S = 30.0  # without a question for so long, a worker ends
 MOST_IDLE = 2
@@ -49,7 +49,7 @@ HEAD = struct.Struct("<cIQ")
 IMPORT, OPEN, READ, CLOSE = b"i", b"o", b"r", b"c"  # asked
 NAMES, PIECE, DONE, ERROR = b"n", b"p", b"d", b"e"  # answered
 # The path is that of this process, so that both load the same files; nothing of the working folder comes first.
-_CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); import workbench.log_formats.worker as w; w.main()"
+_CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); import workbench.logs.formats.worker as w; w.main()"
 _CALM = {
     "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1",
     "ARROW_DEFAULT_MEMORY_POOL": "system", "HDF5_PLUGIN_PRELOAD": "::",  # a file names no library to be loaded

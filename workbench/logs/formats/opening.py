@@ -13,9 +13,9 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.input_file import readable_file
 from workbench.core.run import Array
-from workbench.log_formats import worker
-from workbench.log_formats.declared import Limits, LogFormat, Opened, plain_errors
-from workbench.log_formats.known import format_of
+from workbench.logs.formats import worker
+from workbench.logs.formats.declared import Limits, LogFormat, Opened, plain_errors
+from workbench.logs.formats.known import format_of
 
 
 @dataclass(frozen=True)

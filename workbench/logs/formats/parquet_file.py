@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from workbench.core.errors import InputError
-from workbench.log_formats.declared import Limits, LogFormat, Opened
+from workbench.logs.formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
     from workbench.core.run import Array
@@ -30,7 +30,7 @@ def _pieces(log: object, wanted: Sequence[str], limits: Limits) -> Iterator[tupl
     """Batch by batch. The footer is believed where it says too much; what it says too little of is counted."""
     import pyarrow as pa
 
-    from workbench.log_formats.arrow import float_array
+    from workbench.logs.formats.arrow import float_array
 
     for group in range(log.metadata.num_row_groups):  # type: ignore[attr-defined]
         row_group = log.metadata.row_group(group)  # type: ignore[attr-defined]
@@ -53,5 +53,5 @@ PARQUET = LogFormat(
     suffixes=(".parquet", ".pq"),
     open=open_parquet,
     about="flat columns of numbers; null is a missing sample.",
-    imports=("pyarrow.parquet", "workbench.log_formats.arrow"),
+    imports=("pyarrow.parquet", "workbench.logs.formats.arrow"),
 )

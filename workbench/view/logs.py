@@ -1,49 +1,28 @@
-"""Read measured runs of a campaign; the views of campaigns and runs."""
+"""Campaigns, runs and imported logs as tables and figures."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from workbench.core.errors import InputError, nearest
-from workbench.core.run import Run
+from workbench.core.run import Array, Run
+from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
-from workbench.effects import check
-from workbench.face.view import View
 from workbench.figures.panels import Panels
 from workbench.figures.replay import input_profiles
 from workbench.logs import Campaign
-from workbench.logs import read_campaign as read
-from workbench.machines import Axis, Hoist, plant_of
+from workbench.logs.mapping import Proposed
+from workbench.machines import plant_of
 from workbench.study.labels import metric_label
 from workbench.view.numbers import figures
-from workbench.view.style import line
+from workbench.view.page import Section, save_page
+from workbench.view.style import BLUE, line
 from workbench.view.words import words_of
-
-PathLike = str | os.PathLike[str]
-
-
-def read_campaign(path: PathLike, *, runs: Sequence[str] | str | None = None) -> Campaign:
-    """Read a campaign: a folder with machine.yaml, runs.yaml and logs.
-
-    runs: names of the runs to read, all without it. InputError with file and place for what is wrong with the files.
-    """
-    return read(path, select=runs, check_effects=check)
-
-
-def campaign_of(campaign: Campaign | PathLike, machine: Hoist | Axis | None = None) -> Campaign:
-    """The campaign, read where a path is given; `machine` in place of its own. InputError for another kind of one."""
-    campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
-    if machine is None:
-        return campaign
-    if type(machine) is not type(campaign.machine):
-        kinds = type(machine).__name__, type(campaign.machine).__name__
-        raise InputError(f"is a {kinds[0]}, expected a {kinds[1]} such as the campaign's", place="machine")
-    return replace(campaign, machine=machine)
 
 
 def run_figure(run: Run, signals: Sequence[str] | None = None) -> Any:
@@ -112,3 +91,42 @@ def _inputs(campaign: Campaign) -> Any:
 
 
 CAMPAIGN = View({"runs": _runs}, {"input": _inputs}, _run_columns, index="run")
+
+
+def mapping_table(proposed: Proposed) -> Table:
+    rows = []
+    for p in proposed.proposals:
+        remark = ""
+        if p.guessed_unit:
+            said = f"its unit '{p.unit}' is not known" if p.unit else "its unit is not said"
+            remark = f"{said}: taken as SI; name the unit in the mapping, or a scale"
+        if p.others:
+            remark = "; ".join(part for part in (remark, f"also fits: {', '.join(p.others)}") if part)
+        rows.append([p.signal, p.column, p.unit or "–", f"{p.factor:.6g}", remark])
+    columns = [words("signal"), words("column"), words("unit"), Column("factor\nto SI"), words("remark")]
+    return Table(columns, rows)
+
+
+def write_page(signals: Sequence[tuple[str, str, Array, Array]], proposed: Proposed, name: str, path: Path) -> None:
+    """Replaces the page. InputError where it cannot be written."""
+    section = Section(
+        sentences=[f"Columns that are no signal: {', '.join(proposed.unused) or 'none'}."],
+        tables=[mapping_table(proposed)],
+        figures=[(drawn(signals), "Each signal in SI, at its own samples; up, hoisting and forward are positive.")],
+    )
+    hidden = path.with_name(f".{path.name}.part")
+    try:
+        save_page([section], hidden, f"Import of {name}")
+        os.replace(hidden, path)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
+
+
+def drawn(signals: Sequence[tuple[str, str, Array, Array]]) -> Any:
+    """signals: (signal, column, time in s, values in SI) of each."""
+    panels = Panels("Proposed signals", [signal.replace("_", " ") for signal, _, _, _ in signals])
+    for i, (signal, column, time_s, values) in enumerate(signals):
+        panels.line(i, 0, time_s, values, f"{signal}: {column}", {"color": BLUE, "width": 1.3})
+    figure = panels.figure(170 * len(signals) + 120)
+    figure.update_layout(showlegend=False)
+    return figure

@@ -13,14 +13,14 @@ from tests.support.commands import Commands
 from tests.support.noisy_runs import hoist_runs
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.imports.campaign import read_channels
-from workbench.imports.propose import propose, quantity_of, score, unit_of
-from workbench.log_formats.drive_csv import split_unit
-from workbench.log_formats.opening import open_log
-from workbench.log_formats.rates import Channel, at_times
 from workbench.logs import read_campaign
+from workbench.logs.formats.drive_csv import split_unit
+from workbench.logs.formats.opening import open_log
+from workbench.logs.formats.rates import Channel, at_times
+from workbench.logs.importing import read_channels
+from workbench.logs.mapping import propose, quantity_of, score, unit_of
 from workbench.machines import KINDS, TIME, default_hoist, save_machine
-from workbench.reports.imports.page import mapping_table
+from workbench.view.logs import mapping_table
 
 HOIST = default_hoist()
 RPM = np.pi / 30.0

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workbench.core.errors import InputError
-from workbench.log_formats.declared import Limits, LogFormat, Opened
+from workbench.logs.formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
     from workbench.core.run import Array

@@ -8,7 +8,7 @@ worker.py     the worker: what runs in it, and what this process sees of it
 confined.py   what a worker may touch: the one file that it parses
 """
 
-from workbench.log_formats.declared import OWN, UPLOADED, Limits, LogFormat
-from workbench.log_formats.known import format_of, formats, listed, suffixes
+from workbench.logs.formats.declared import OWN, UPLOADED, Limits, LogFormat
+from workbench.logs.formats.known import format_of, formats, listed, suffixes
 
 __all__ = ["OWN", "UPLOADED", "Limits", "LogFormat", "format_of", "formats", "listed", "suffixes"]
