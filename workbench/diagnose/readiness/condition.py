@@ -14,7 +14,8 @@ from workbench.diagnose.readiness.lateness import lateness
 from workbench.diagnose.readiness.records import Condition, RunCondition
 from workbench.diagnose.readiness.same_machine import listed
 from workbench.logs import Campaign
-from workbench.logs.channels import clipped, is_constant
+from workbench.logs.raw_run import is_constant
+from workbench.logs.samples import clipped
 from workbench.machines import kind_of
 
 __all__ = ["check_runs", "condition"]
