@@ -14,7 +14,7 @@ import pytest
 from tests.support.effect_machines import MACHINES
 from workbench.core.run import Run
 from workbench.effects import effects_for
-from workbench.identify.parameters import fittable
+from workbench.identify.model import fittable
 from workbench.kinds import KINDS, Kind, kind_of, of_kind, studied
 from workbench.machine import Axis, Hoist, value_names
 from workbench.machine.files import RECORDS

@@ -9,15 +9,15 @@ from typing import Any
 from workbench.consequences import consequences_table
 from workbench.core.errors import InputError
 from workbench.core.table import Table, words
+from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.diagnose import diagnose as find_cause
-from workbench.diagnose.records import Diagnosis
 from workbench.face.logs import PathLike, campaign_of
 from workbench.face.view import View
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.reports.diagnosis import hypotheses, tables
-from workbench.reports.diagnosis.page import sections_of
 from workbench.simulate.lowpass import check_band
+from workbench.view import diagnosis as tables
+from workbench.view.diagnosis import sections_of
 
 
 def diagnose(
@@ -66,8 +66,8 @@ def _columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
 
 VIEW = View(
     {
-        "candidates": lambda d: replace(hypotheses.candidates_table(d, brief=True), note=d.verdict.sentence),
-        "parameters": hypotheses.parameters_table,
+        "candidates": lambda d: replace(tables.candidates_table(d, brief=True), note=d.verdict.sentence),
+        "parameters": tables.parameters_table,
         "gap": tables.gap_table,
         "where": tables.where_table,
         "shrink": tables.shrink_table,

@@ -8,14 +8,14 @@ from typing import Any
 from workbench.core.table import Table
 from workbench.face.logs import PathLike, campaign_of
 from workbench.face.view import View
-from workbench.figures.identify import correlation_matrix
 from workbench.identify.identify import Identification
 from workbench.identify.identify import identify as fit_machine
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.reports.identify import page, report
-from workbench.reports.replay import page as replay_page
 from workbench.simulate.lowpass import check_band
+from workbench.view import identify as page
+from workbench.view import replay as replay_page
+from workbench.view.identify import correlation_matrix
 
 
 def identify(
@@ -38,7 +38,7 @@ def identify(
 
 
 def _parameters(i: Identification) -> Table:
-    return report.table(i.fit)
+    return page.table(i.fit)
 
 
 def _columns(i: Identification) -> Mapping[str, Sequence[Any]]:
@@ -54,7 +54,7 @@ def _columns(i: Identification) -> Mapping[str, Sequence[Any]]:
 VIEW = View(
     {
         "parameters": _parameters,
-        "replay": report.measures_table,
+        "replay": page.measures_table,
     },
     {
         "friction": page.friction,

@@ -10,9 +10,9 @@ from workbench.face.logs import PathLike, campaign_of
 from workbench.face.view import View
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
-from workbench.reports.replay import page, report
 from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import ReplayResult, replay_runs
+from workbench.view import replay as page
 
 
 def replay(
@@ -30,7 +30,7 @@ def replay(
 
 
 def _table(r: ReplayResult) -> Table:
-    return report.table(r.machine, r)
+    return page.table(r.machine, r)
 
 
 def columns(r: ReplayResult) -> Mapping[str, Sequence[Any]]:
