@@ -19,7 +19,7 @@ from workbench.dashboard import campaigns, machines
 from workbench.dashboard.pages.validate import in_words
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 from workbench.simulate.replay import replay_runs
 from workbench.view.identify import Shift as Estimate
 from workbench.view.identify import estimates

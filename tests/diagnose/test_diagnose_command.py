@@ -18,7 +18,7 @@ from workbench.cli.show import print_sections
 from workbench.core.errors import InputError
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import check, forget_users
-from workbench.machine import default_hoist, load_machine
+from workbench.machines import default_hoist, load_machine
 from workbench.view.diagnosis import brief_sections, candidates_table, progress_words
 
 OWN_EFFECT = '''\

@@ -27,7 +27,7 @@ from workbench.diagnose.hypotheses.scan import Atom
 from workbench.diagnose.readiness.checks import Rigid, as_well_shown, check_runs
 from workbench.effects import Effect, effects_for, find, forget_users, load_effects, ranges_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist, default_hoist, with_values
+from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.view.diagnosis_json import to_json
 
 Values = Mapping[str, float]

@@ -27,8 +27,8 @@ from workbench.diagnose.verdict.records import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.effects.declare import SUBSYSTEMS
 from workbench.figures.place import for_dark_ground, marked_machine
-from workbench.machine import load_machine
-from workbench.simulate.driven import Bench, pooled_rms
+from workbench.machines import load_machine
+from workbench.simulate.driven import InverseSimulation, pooled_rms
 from workbench.view import diagnosis, diagnosis_figures
 from workbench.view.diagnosis import save_diagnosis_page, write_diagnosis
 from workbench.view.diagnosis_figures import series_of
@@ -292,7 +292,7 @@ def test_a_phase_of_each_run_is_in_that_runs_prediction():
     d = dataclasses.replace(d, candidates=(heave,), verdict=verdict, corrected=corrected)
     for run, drawn, phase in zip(d.campaign.runs, series_of(d), phases, strict=True):
         machine = corrected.model_copy(update={"effects": {"heave": {**wave, "phase_rad": phase}}, "log": LogTraits()})
-        alone = Bench(machine, [run], d.gap.band_hz).balances()[0]
+        alone = InverseSimulation(machine, [run], d.gap.band_hz).balances()[0]
         assert drawn.after is not None
         np.testing.assert_allclose(drawn.after, alone.predicted, atol=0.02)
     assert ["heave", "phase_rad, run half", "2.00", "0.10"] in diagnosis.parameters_table(d).rows

@@ -29,9 +29,8 @@ from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge,
 from workbench.diagnose.verdict.probability import shared
 from workbench.diagnose.verdict.records import Candidate, Left, ReasonKind, Remainder, Verdict
 from workbench.effects import Effect, effects_for
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.load import Study
 
@@ -328,7 +327,7 @@ def harmful(search: SearchResult, names: Names) -> bool:
 
 def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effect]:
     """The effects to weigh. InputError for a name that is none, with the nearest."""
-    from workbench.plants import plant_of
+    from workbench.machines import plant_of
 
     known = effects_for(plant_of(campaign.machine).kind)
     if names is None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from workbench.consequences import consequences_table
+from workbench.core.errors import InputError
+from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.diagnose import Diagnosis
@@ -17,9 +20,7 @@ from workbench.diagnose.unexplained.words import OVER, over_what
 from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
 from workbench.figures.consequences import before_and_after
-from workbench.kinds import kind_of
-from workbench.machine import save_machine
-from workbench.plants import plant_of
+from workbench.machines import kind_of, plant_of, save_machine
 from workbench.view import diagnosis_figures as draw
 from workbench.view.diagnosis_figures import RunSeries
 from workbench.view.diagnosis_json import to_json
@@ -306,8 +307,9 @@ def where_table(d: Diagnosis) -> Table:
     """Each run's share of the energy of the gap, and the window with most of it; no rows without a gap."""
     columns = [words("run"), Column("of the gap's\nenergy", "%"), Column("windows", "s", "left")]
     rows = []
-    for name, share in {} if d.where is None else d.where.energy_by_run.items():
-        mine = [w for w in d.where.windows if w.run == name]
+    windows = d.where.windows if d.where else ()
+    for name, share in d.where.energy_by_run.items() if d.where else ():
+        mine = [w for w in windows if w.run == name]
         longest = sorted(mine, key=lambda w: w.from_s - w.to_s)[:MOST_WINDOWS]
         spans = [f"{w.from_s:.1f} to {w.to_s:.1f}" for w in mine if w in longest]
         rest = len(mine) - len(spans)
@@ -607,3 +609,56 @@ def save_diagnosis_page(d: Diagnosis, path: Path) -> None:
     """Write the page of a diagnosis; it needs no network."""
     title = f"Diagnosis of {d.campaign.machine.name} from campaign {d.campaign.name}"
     save_page(list(sections_of(d).values()), path, title, answer=d.verdict.sentence)
+
+
+# For notebooks.
+
+
+def _figure(section: str, number: int = 0) -> Callable[[Diagnosis], Any]:
+    def figure(d: Diagnosis) -> Any:
+        drawn = sections_of(d)[section].figures
+        if not drawn:
+            raise InputError(f"this diagnosis has nothing to draw there; its verdict is '{d.verdict.word}'")
+        return drawn[number][0]
+
+    return figure
+
+
+def _consequences_table(d: Diagnosis) -> Table:
+    if d.consequences is None:
+        return Table([words("control study")], [[d.why_no_consequences]])
+    return consequences_table(d.consequences)
+
+
+def _columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
+    """The ranking: one row a hypothesis, the likeliest first; probabilities sum to 1."""
+    rows = sorted(d.verdict.ranking, key=lambda row: -row.probability)
+    return {
+        "verdict": [row.verdict for row in rows],
+        "effects": [" + ".join(row.effects) for row in rows],
+        "probability": [row.probability for row in rows],
+    }
+
+
+VIEW = View(
+    {
+        "candidates": lambda d: replace(candidates_table(d, brief=True), note=d.verdict.sentence),
+        "parameters": parameters_table,
+        "gap": gap_table,
+        "runs": runs_table,
+        "where": where_table,
+        "shrink": shrink_table,
+        "condition": condition_table,
+        "visible": visible_table,
+        "consequences": _consequences_table,
+    },
+    {
+        "ranking": _figure("verdict"),
+        "where": _figure("where"),
+        "profiles": _figure("where", 1),
+        "isolability": _figure("isolability"),
+        "shrink": _figure("shrink"),
+        "consequences": _figure("consequences"),
+    },
+    _columns,
+)

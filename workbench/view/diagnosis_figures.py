@@ -14,7 +14,7 @@ from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.location.profiles import Profile
 from workbench.diagnose.unexplained.records import Curve
 from workbench.figures.panels import ranges_below_names
-from workbench.plants import plant_of
+from workbench.machines import plant_of
 from workbench.view.replay import run_grid, runs_figure, stretches, torque_residual
 from workbench.view.style import (
     AFTER,
@@ -100,10 +100,10 @@ def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
                 balance.run.time_s,
                 balance.measured,
                 balance.predicted,
-                better and better.balance.predicted,
+                None if better is None else better.balance.predicted,
                 100.0 * balance.motion.speed / run.speed_scale,
                 100.0 * run.simulated[speed] / run.speed_scale,
-                better and 100.0 * better.simulated[speed] / better.speed_scale,
+                None if better is None else 100.0 * better.simulated[speed] / better.speed_scale,
                 balance.moving,
                 tuple((w.from_s, w.to_s) for w in windows if w.run == name),
                 tuple(stretches(balance.run.time_s, ~balance.moving)),

@@ -11,16 +11,15 @@ import numpy as np
 
 from workbench.core.json_records import rounded
 from workbench.core.run import Array
+from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.figures.panels import Panels
 from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification, friction_speed
 from workbench.identify.model import fittable, free_parameters
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist, get_value, save_machine
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, get_value, kind_of, plant_of, save_machine
 from workbench.simulate.driven import sensor
 from workbench.simulate.lowpass import lowpass
 from workbench.simulate.replay import ReplayResult
@@ -162,7 +161,7 @@ def force_balance(machine: Hoist | Axis, result: ReplayResult) -> tuple[Array, A
     """
     gain, _ = sensor(machine)
     kind = kind_of(machine)
-    lever = kind.lever_of(machine)
+    lever = kind.transmission_of(machine)
     speeds, forces = [], []
     for run in result.runs:
         balance = run.balance
@@ -381,3 +380,29 @@ def history(identification: Identification) -> Figure:
     forward, backward = direction_names(machine)
     levels = {forward: identification.levels.forward, backward: identification.levels.backward}
     return level_history(levels, kind_of(machine).friction.unit)
+
+
+# For notebooks.
+
+
+def _columns(i: Identification) -> Mapping[str, Sequence[Any]]:
+    return {
+        "parameter": [free.key for free in i.fit.free],
+        "nominal": [free.nominal for free in i.fit.free],
+        "value": list(i.fit.value),
+        "std_error": list(i.fit.std_error),
+        "held_by_tolerance": [free.prior_std is not None for free in i.fit.free],
+    }
+
+
+VIEW = View(
+    {"parameters": lambda i: table(i.fit), "replay": measures_table},
+    {
+        "friction": friction,
+        "speed": lambda i: replay_view.speeds(i.machine, i.after),
+        "residual": lambda i: replay_view.residuals(i.machine, i.after, i.before),
+        "correlation": correlations,
+    },
+    _columns,
+    index="parameter",
+)

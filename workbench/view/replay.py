@@ -10,13 +10,12 @@ import numpy as np
 
 from workbench.core.json_records import rounded
 from workbench.core.run import Array, Run
+from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.figures.panels import Panels, ranges_below_names
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, kind_of, plant_of
 from workbench.simulate.replay import Replay, ReplayResult
 from workbench.view.numbers import MOST, figures
 from workbench.view.page import Section, save_page
@@ -379,3 +378,28 @@ def notes_line(campaign: Campaign) -> list[str]:
     """The reader's notes as one paragraph; none when it had nothing to say."""
     notes = campaign.all_notes
     return [f"Notes on the logs: {'; '.join(notes)}."] if notes else []
+
+
+# For notebooks.
+
+
+def _columns(r: ReplayResult) -> Mapping[str, Sequence[Any]]:
+    """One row a run; residual and noise in the unit of the machine's input, N m or N."""
+    names = ("speed_rmse_percent", "speed_rmse_percent_restarted_2s", "residual_rms", "residual_rms_moving")
+    return {
+        "run": [run.name for run in r.runs],
+        **{name: [getattr(run, name) for run in r.runs] for name in names},
+        "noise_rms": [run.balance.noise_rms for run in r.runs],
+    }
+
+
+VIEW = View(
+    {"runs": lambda r: table(r.machine, r)},
+    {
+        "speed": lambda r: speeds(r.machine, r),
+        "residual": lambda r: residuals(r.machine, r),
+        "input": lambda r: inputs(r.machine, r),
+    },
+    _columns,
+    index="run",
+)

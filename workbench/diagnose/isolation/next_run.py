@@ -15,7 +15,12 @@ from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.lines import Line, on_campaign, on_menu
 from workbench.diagnose.isolation.planned import Planned, menu
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
+
+LEAST = 0.35  # of the noise, rms: no model is more exact than that
+APART = 3.0  # standard deviations: then a run decides
+WORTH = 1.0  # more than now: less is not worth a run
+RIVALS = 3  # that the leading hypothesis is held against
 
 
 @dataclass(frozen=True)
@@ -29,12 +34,6 @@ class NextRun:
     signals: tuple[str, ...]
     separation: float
     now: float
-
-
-LEAST = 0.35  # of the noise, rms: no model is more exact than that
-APART = 3.0  # standard deviations: then a run decides
-WORTH = 1.0  # more than now: less is not worth a run
-RIVALS = 3  # that the leading hypothesis is held against
 
 
 @dataclass(frozen=True)

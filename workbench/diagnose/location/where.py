@@ -31,7 +31,7 @@ from workbench.diagnose.location.profiles import (
     wave_in_time,
 )
 from workbench.effects import Effect
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,10 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
-from workbench.simulate.blows import blows_of
-from workbench.simulate.driven import Bench
+from workbench.machines import Axis, Hoist, kind_of
+from workbench.simulate.driven import InverseSimulation
+from workbench.simulate.impacts import impacts_of
 from workbench.simulate.lowpass import LEAST_PERIODS, lowpass, noise_rms
 
 BAND_SHARE = 0.5  # of the band: farther below the wire's resonance the machine is nearly rigid
@@ -46,7 +45,7 @@ class Rigid:
     shown: float = 0.0
 
 
-def rigid_of(bench: Bench, j: int) -> Rigid:
+def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     """Run j of the bench as a rigid machine."""
     run, machine = bench.runs[j], bench.machine
     rows = bench.moving[j]
@@ -117,11 +116,11 @@ SPEED_SLIPS = (("rpm", 60.0 / (2.0 * math.pi)), ("degrees per second", 180.0 / m
 Ratios = list[tuple[str, float]]
 
 
-def check_machine(bench: Bench, rigid: Sequence[Rigid], file: object) -> list[str]:
+def check_machine(bench: InverseSimulation, rigid: Sequence[Rigid], file: object) -> list[str]:
     """Warnings. InputError for signals upside down or in another unit, and for runs of different machines."""
     _check_signs(bench, rigid, file)
     _check_units(bench, rigid, file)
-    struck = any(len(blows) for blows in bench.blows)
+    struck = any(len(blows) for blows in bench.impacts)
     return [*_check_one_machine(rigid, file, kind_of(bench.machine).holds_load, struck), *_odd(rigid)]
 
 
@@ -144,7 +143,7 @@ def _in_runs(which: Sequence[Rigid], all_runs: Sequence[Run]) -> str:
     return f"in {many} runs ({names})"
 
 
-def _check_signs(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
+def _check_signs(bench: InverseSimulation, rigid: Sequence[Rigid], file: object) -> None:
     """On a hoist the load shows whether torque or speed has the wrong sign; on an axis it can be either."""
     signal, runs, kind = bench.plant.input, bench.runs, kind_of(bench.machine)
     positive = f"{kind.directions.positive} is positive"
@@ -178,7 +177,7 @@ def _check_signs(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
         )
 
 
-def _check_units(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
+def _check_units(bench: InverseSimulation, rigid: Sequence[Rigid], file: object) -> None:
     """A speed k times too large gives 1/k of the inertia, and so does an axis' force k times too small."""
     off = [r for r in rigid if r.inertia is not None and not 1.0 / WRONG_UNIT < r.inertia < WRONG_UNIT]
     if not off:
@@ -267,7 +266,7 @@ NEAR = 0.1  # what geometry, layers and a yielding wire may make of it
 ALIKE = 0.8  # correlation: below, the two do not show the same motion
 
 
-def check_other_signals(bench: Bench, going: Sequence[int], file: object) -> list[str]:
+def check_other_signals(bench: InverseSimulation, going: Sequence[int], file: object) -> list[str]:
     """Warnings. InputError where two signals of one run contradict each other."""
     warnings: dict[str, list[str]] = {}
     for j in going:
@@ -281,7 +280,7 @@ def check_other_signals(bench: Bench, going: Sequence[int], file: object) -> lis
     return [f"{text} ({', '.join(names)})." for text, names in warnings.items()]
 
 
-def reference_slope(bench: Bench, j: int) -> float | None:
+def reference_slope(bench: InverseSimulation, j: int) -> float | None:
     """The slope of the motion over its logged reference; None without a reference, 0 if they are not related."""
     both = reference_of(bench.machine, bench.runs[j])
     return None if both is None else slope_of(*both)
@@ -295,7 +294,7 @@ def reference_of(machine: Hoist | Axis, run: Run) -> tuple[Array, Array] | None:
     return run[names[0]], run[names[1]]
 
 
-def _of_kind(bench: Bench, j: int, file: object) -> list[str]:
+def _of_kind(bench: InverseSimulation, j: int, file: object) -> list[str]:
     """Warnings about run j. InputError if two of its signals contradict each other."""
     run, kind = bench.runs[j], kind_of(bench.machine)
     if kind.cross_checks is None:
@@ -328,7 +327,7 @@ EVEN = 0.1  # of the largest acceleration: below it counts as cruising
 PAYLOADS_ALIKE = 0.02  # of the moved mass: less is no other payload
 
 
-def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
+def variety(bench: InverseSimulation, going: Sequence[int]) -> tuple[str, ...]:
     """Warnings as sentences; none if the campaign varies all of them."""
     sentences = []
     kind = kind_of(bench.machine)
@@ -358,7 +357,7 @@ def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _one_payload(bench: Bench, going: Sequence[int]) -> bool:
+def _one_payload(bench: InverseSimulation, going: Sequence[int]) -> bool:
     """Whether all runs carry about the same payload, judged by the weight."""
     weight = kind_of(bench.machine).weight
     if weight is None:
@@ -367,13 +366,13 @@ def _one_payload(bench: Bench, going: Sequence[int]) -> bool:
     return max(weights) - min(weights) < PAYLOADS_ALIKE * max(weights)
 
 
-def _speeds(bench: Bench, j: int) -> Array:
+def _speeds(bench: InverseSimulation, j: int) -> Array:
     """(k,) low-passed speeds of run j in motion."""
     run = bench.runs[j]
     return lowpass(run.time_s, bench.motions[j].speed, bench.band_hz)[bench.moving[j]]
 
 
-def _one_speed(bench: Bench, going: Sequence[int]) -> bool:
+def _one_speed(bench: InverseSimulation, going: Sequence[int]) -> bool:
     """Whether all phases of constant speed have the same speed; without such phases the speeds vary."""
     cruising, moving = [], 0
     for j in going:
@@ -401,7 +400,7 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
     InputError, naming the runs, for runs that are too short, that all stand still, that are of
     different machines, and for signals of the wrong sign or unit.
     """
-    bench = Bench(campaign.machine, campaign.runs, blows=blows_of(campaign.machine, campaign.runs))
+    bench = InverseSimulation(campaign.machine, campaign.runs, impacts=impacts_of(campaign.machine, campaign.runs))
     file = campaign.path / "runs.yaml"
     _check_lengths(bench, file)
     going = [j for j in range(len(bench.runs)) if moves(bench, j)]
@@ -429,7 +428,7 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
     return (*warnings, *odd, *variety(bench, going))
 
 
-def moves(bench: Bench, j: int) -> bool:
+def moves(bench: InverseSimulation, j: int) -> bool:
     """Whether run j moves: faster than at rest, and beyond the noise of its motion."""
     run, motion = bench.runs[j], bench.motions[j]
     speed = lowpass(run.time_s, motion.speed, bench.band_hz)[bench.inside[j]]
@@ -437,7 +436,7 @@ def moves(bench: Bench, j: int) -> bool:
     return bool(bench.moving[j].any()) and float(np.max(np.abs(speed))) > ABOVE_NOISE * noise
 
 
-def _check_lengths(bench: Bench, file: object) -> None:
+def _check_lengths(bench: InverseSimulation, file: object) -> None:
     needed = LEAST_PERIODS / bench.band_hz
     short = [run for run in bench.runs if run.duration_s < needed]
     if short:
@@ -449,7 +448,7 @@ def _check_lengths(bench: Bench, file: object) -> None:
         )
 
 
-def _check_enough(bench: Bench, going: Sequence[int], file: object) -> None:
+def _check_enough(bench: InverseSimulation, going: Sequence[int], file: object) -> None:
     moving = sum(float(np.count_nonzero(bench.moving[j])) * bench.runs[j].sample_time_s for j in going)
     needed = FEWEST / (2.0 * bench.band_hz)
     if moving < needed:
@@ -460,7 +459,7 @@ def _check_enough(bench: Bench, going: Sequence[int], file: object) -> None:
         )
 
 
-def _check_frozen(bench: Bench, going: Sequence[int], file: object) -> None:
+def _check_frozen(bench: InverseSimulation, going: Sequence[int], file: object) -> None:
     name = bench.plant.input
     for j in going:
         values = bench.inputs[j]

@@ -10,9 +10,9 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.readiness.checks import FAR, listed, reference_of, reference_slope
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.logs.channels import clipped, is_constant
+from workbench.machines import kind_of
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
 ORDER = 4  # of the differences: what is smooth over five samples leaves no trace in them
@@ -145,14 +145,14 @@ def noisier(run: Run, noises: Mapping[str, Array], random: np.random.Generator) 
     return replace(run, signals={**run.signals, **added})
 
 
-def logged_motion(bench: Bench, run: Run) -> tuple[str, ...]:
+def logged_motion(bench: InverseSimulation, run: Run) -> tuple[str, ...]:
     """Position and speed of the driven coordinate, as far as they are logged."""
     return tuple(name for name in (bench.plant.positions[0], bench.plant.speeds[0]) if name in run)
 
 
 def _predicted(problem: Problem, runs: list[Run] | tuple[Run, ...]) -> list[Array]:
     """Each run's low-passed input at the base values, on the problem's rows."""
-    bench = Bench(problem.machine, runs, problem.band_hz, blows=problem.bench.blows)
+    bench = InverseSimulation(problem.machine, runs, problem.band_hz, impacts=problem.bench.impacts)
     return [
         lowpass(run.time_s, raw, problem.band_hz)[rows]
         for run, (raw, _), rows in zip(runs, bench.predict([bench.base])[0], problem.rows, strict=True)
@@ -167,12 +167,12 @@ ANSWERED = 0.25  # coherence, at least: else three quarters of the predicted ene
 ANSWERED_FROM_HZ = 25.0
 
 
-def informative_band(bench: Bench, seed: int) -> float:
+def informative_band(bench: InverseSimulation, seed: int) -> float:
     """In Hz; at most the band of the bench."""
     random = np.random.default_rng(seed)
     noisy = [noisier(run, noises_of(run, logged_motion(bench, run)), random) for run in bench.runs]
     before = [raw for raw, _ in bench.predict([bench.base])[0]]
-    beside = Bench(bench.machine, noisy, bench.band_hz, blows=bench.blows)
+    beside = InverseSimulation(bench.machine, noisy, bench.band_hz, impacts=bench.impacts)
     after = [raw for raw, _ in beside.predict([beside.base])[0]]
     # The noise added once more is as large as that of the log: what it adds, the log's own has added already.
     with_noise = _spectrum(bench.runs, before)
