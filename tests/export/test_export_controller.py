@@ -23,7 +23,7 @@ from workbench.export.controller_text import ST, c_of, controller_files, express
 from workbench.export.drives import DRIVES, RampLimits, drive_settings, settings_text
 from workbench.export.fmu import host_compiler
 from workbench.export.model import model_of
-from workbench.machine import default_hoist, with_values
+from workbench.machines import default_hoist, with_values
 from workbench.simulate.loop import torque_limit_nm
 
 HOIST = default_hoist()

@@ -19,10 +19,8 @@ from workbench.control import Events, Settings
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.core.shown import Brief
-from workbench.kinds import kind_of
-from workbench.machine import AnyKind, Axis, Hoist
+from workbench.machines import NO_EFFECTS, AnyKind, Axis, Effects, Hoist, kind_of
 from workbench.metrics import set_of
-from workbench.plants import NO_EFFECTS, Effects
 from workbench.references import Limits, Plan, Step, plan_motion
 from workbench.simulate.loop import NO_EVENTS, LoopCase, Outcome, simulate_loop
 
@@ -95,11 +93,11 @@ def motions(
     """name -> the driven coordinate's speed at the controller's samples, all equally long; the same of its position,
     where the loop follows that."""
     loop = kind_of(machine).looped
-    per_way = loop.per_way(machine)
+    per_displacement = loop.per_displacement(machine)
     profiles = {name: plan.sample(sample_time_s, length_s) for name, plan in plans.items()}
     n = min(len(profile.speed_m_s) for profile in profiles.values())
-    positions = {name: (profile.position_m * per_way)[:n] for name, profile in profiles.items()}
-    speeds = {name: (profile.speed_m_s * per_way)[:n] for name, profile in profiles.items()}
+    positions = {name: (profile.position_m * per_displacement)[:n] for name, profile in profiles.items()}
+    speeds = {name: (profile.speed_m_s * per_displacement)[:n] for name, profile in profiles.items()}
     return speeds, positions if loop.position_loop else {}
 
 

@@ -9,9 +9,7 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Setting, Value
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Ranged, find, of, ranges_of
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist, value_names, with_values
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, kind_of, plant_of, value_names, with_values
 
 DIGITS = 8  # of a fitted number: far below its standard error
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
@@ -63,7 +61,7 @@ def refitted_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: F
         },
     )
     allowances = dict(machine.allowances)
-    for trace in kind_of(machine).traces:
+    for trace in kind_of(machine).nuisances:
         ranges = _ranges(problem, trace.effect)
         if trace.effect not in machine.effects and any(
             r.vanishes_at is not None and setting.get(r.symbol, r.vanishes_at) != r.vanishes_at for r in ranges

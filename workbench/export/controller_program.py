@@ -23,8 +23,7 @@ from workbench.control.settings import low_pass_gain, notch_coefficients
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.engine.stepped import Step
-from workbench.machine import Hoist
-from workbench.plants import HOIST
+from workbench.machines import HOIST, Hoist
 from workbench.simulate.loop import torque_limits
 
 AGREES = 1e-9  # of the torque limit
@@ -234,7 +233,7 @@ def _plausible(machine: Hoist, payload_kg: float, dt: float) -> list[Number]:
 
 def _feed_forward(w: _Writer, settings: PiSettings, machine: Hoist, payload_kg: float) -> None:
     """The lines of the feed-forward; its numbers are those of `control.feed_forward` for unit inputs."""
-    ff, dt, plant = settings.feed_forward, settings.sample_time_s, vars(HOIST.values(machine, payload_kg))
+    ff, dt, plant = settings.feed_forward, settings.sample_time_s, vars(HOIST.plant.values(machine, payload_kg))
 
     def torque(inertia: float, friction: float, reference: float, acceleration: float) -> float:
         p = {**plant, "ff_J": inertia, "ff_w": 0.0, "ff_F": friction, "T_hold": 0.0}
@@ -311,7 +310,7 @@ def record_of(
     limits = torque_limits(machine)
     hold = 0.3 * limits["u_all"] if hold_nm is None else hold_nm
     values: dict[str, Any] = {
-        **vars(HOIST.values(machine, payload_kg)),
+        **vars(HOIST.plant.values(machine, payload_kg)),
         **loop_values(settings, _ideal(machine), hold),
         **limits,
         "t_fail": t[round(FAILS_FROM * n)] - 0.5 * dt,

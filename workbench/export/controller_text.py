@@ -26,7 +26,7 @@ from workbench.export.controller_program import (
     checked,
 )
 from workbench.export.drives import RampLimits, drive_settings, settings_text
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 
 COMPARED = 20  # samples between two torques that the self-test in structured text compares
 INPUTS = ("speed_reference_rad_s", "speed_motor_rad_s", "motor_failed")

@@ -14,8 +14,7 @@ from jinja2 import Environment, StrictUndefined
 from workbench.control import PiSettings, feed_forward
 from workbench.core.yaml_strict import Document, dumps, load, validate
 from workbench.export.controller_program import check_exported
-from workbench.machine import Hoist
-from workbench.plants import HOIST
+from workbench.machines import HOIST, Hoist
 from workbench.study.scenario import LimitsBlock
 
 DRIVES = ("siemens-s120", "abb-acs880", "generic")
@@ -57,7 +56,7 @@ def drive_settings(
     """The parameters of one drive, each motor on its own: gains and inertia are divided by the number of motors; and
     what that drive's controller does not do as the exported one. KeyError for a drive that is not among DRIVES."""
     check_exported(settings)
-    motor, p = machine.motor, vars(HOIST.values(machine, payload_kg))
+    motor, p = machine.motor, vars(HOIST.plant.values(machine, payload_kg))
     fed = {**p, "ff_J": 1.0, "ff_w": 0.0, "ff_F": 0.0, "T_hold": 0.0}
     ki, top = settings.ki_nm_per_rad, motor.nominal_speed_rad_s
     names = {

@@ -21,12 +21,10 @@ from workbench.effects.active import Alone
 from workbench.export.controller_program import check_exported
 from workbench.export.physics import Physics
 from workbench.export.variables import ANY, NOT_NEGATIVE, POSITIVE, Range, Variable, meaning_of, range_of
-from workbench.kinds import STUDIED, kind_of, of_kind
-from workbench.machine import Axis, Hoist
-from workbench.plants import plant_of
+from workbench.machines import STUDIED, Axis, Hoist, kind_of, of_kind, plant_of
 from workbench.simulate.loop import torque_limits
 from workbench.simulate.plant_model import PlantModel
-from workbench.trace.expr import symbol, where
+from workbench.symbolic.expr import symbol, where
 
 STEP_S, AXIS_STEP_S = {"hoist": 0.001}, 0.0002  # a wire is soft beside the sharp standstill of an axis' friction
 LONGEST_STEP_S = 0.05

@@ -8,11 +8,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.kinds import Kind, Limits, kind_of
 from workbench.logs.channels import is_constant
 from workbench.logs.faults import Fault, seconds
 from workbench.logs.units import check_axis_units
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Kind, Limits, kind_of
 
 TOO_FAST = 2.0  # times nominal speed
 TOO_STRONG = 4.0  # times the motors' nominal torque together
@@ -113,7 +112,7 @@ def _rail(
 ) -> list[str]:
     """The integrated speed must keep the carriage on the rail. This detects a wrong unit in slow runs too."""
     steps = np.diff(time_s)
-    height = start_m + kind.lever_of(machine) * np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps)
+    height = start_m + kind.transmission_of(machine) * np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps)
     low, high, length = limits.lowest, limits.highest, limits.length
     beyond = max(low - float(height.min()), float(height.max()) - high, 0.0)
     if beyond == 0.0:

@@ -12,9 +12,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.kinds import Kind, kind_of
 from workbench.logs.faults import Fault
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Kind, kind_of
 
 FAR = 2.0  # of two signals of one motion: beyond it, or below its inverse, one is in another unit
 ALIKE = 0.9  # correlation: below, they do not show the same motion
@@ -170,10 +169,10 @@ def _twins(
     reference, follows = kind.reference
     twins = {reference: (follows, values[follows])} if follows in values else {}
     speed, placed = kind.plant.speeds[0], kind.plant.positions[kind.plant.placed]
-    if kind.lever is not None and placed in values:
+    if kind.transmission is not None and placed in values:
         v = values[speed]
         way = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(time_s))))
-        twins[placed] = (f"the integrated {speed}", kind.lever(machine) * way)
+        twins[placed] = (f"the integrated {speed}", kind.transmission(machine) * way)
     return {name: twin for name, twin in twins.items() if name in values}
 
 

@@ -14,8 +14,7 @@ from workbench.diagnose.hypotheses.knobs import Value
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.location.records import Delivered, Gap, RunResidual
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.replay import ReplayResult, replay_runs
 
 EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below (no model is exact)
@@ -56,7 +55,7 @@ def gap_of(problem: Problem, search: SearchResult, refitted: ReplayResult) -> Ga
     excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))
     stretched = abs(worst[1]) > STRETCHED
     kind = kind_of(problem.machine)
-    lift = None if kind.lever is None else kind.lever(problem.machine)
+    lift = None if kind.transmission is None else kind.transmission(problem.machine)
     gap = Gap(
         residual_rms=left,
         noise_rms=problem.noise,

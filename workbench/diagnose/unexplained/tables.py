@@ -17,8 +17,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.knobs import GAIN, Setting
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.kinds import Table, kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Table, kind_of
 from workbench.simulate.driven import changed, sensor
 from workbench.simulate.lowpass import lowpass
 
@@ -126,4 +125,4 @@ def gain_of(problem: Problem, setting: Setting) -> float:
 def lever_of(machine: Hoist | Axis, acts_on: str) -> float:
     """Input that a force (torque) at a place takes on a stiff machine: m/rad, or 1."""
     kind = kind_of(machine)
-    return kind.lever_of(machine) if kind.ports[acts_on].levered else 1.0
+    return kind.transmission_of(machine) if kind.ports[acts_on].on_moved else 1.0
