@@ -21,8 +21,8 @@ from workbench.control import LinearCascade, RotaryCascade
 from workbench.core.errors import InputError
 from workbench.machine import with_values
 from workbench.references import Limits, Step, plan_motion
-from workbench.reports.loop.case import loop_case
-from workbench.reports.loop.report import as_json, sentences
+from workbench.study.loop_design import loop_case
+from workbench.view.loop import as_json, sentences
 
 POINT = OperatingPoint(0.0, 0.0)
 DT = 0.001

@@ -35,13 +35,13 @@ def command(controller: Path, form: str, drive: str, out: Path, machine: Path | 
     include a list of what its controller does differently. If CONTROLLER is a scenario, its limits give the ramp.
     """
     from workbench.cli.show import print_text
+    from workbench.control.settings import read_controller
     from workbench.core.errors import InputError
     from workbench.core.whole_folder import check_free
     from workbench.effects import check
     from workbench.export.controller import controller_files, ramp_of, write_controller
     from workbench.kinds import STUDIED, of_kind, studied
     from workbench.machine import default_hoist, load_machine
-    from workbench.reports.loop.case import read_controller
 
     check_free(out)
     settings, ramp = read_controller(controller), ramp_of(controller)

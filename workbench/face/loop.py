@@ -13,18 +13,18 @@ from workbench.control import Settings
 from workbench.core.shown import Shown
 from workbench.face.logs import PathLike
 from workbench.face.view import View
-from workbench.figures import loop as loop_figures
 from workbench.machine import Axis, Hoist
 from workbench.plants import NO_EFFECTS
-from workbench.reports.loop import report
-from workbench.reports.loop.case import LoopCaseFile, loop_case
+from workbench.study.loop_design import DesignCase, loop_case
+from workbench.view import loop as loop_figures
+from workbench.view import loop as report
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LoopAnalysis(Shown):
     """The loop at every payload and height, with its margins. ms_limit: the bound on Ms that figures show."""
 
-    case: LoopCaseFile
+    case: DesignCase
     members: tuple[Member, ...]
     ms_limit: float
 

@@ -14,10 +14,10 @@ from workbench.core.shown import Shown
 from workbench.face.logs import PathLike
 from workbench.face.loop import given
 from workbench.face.view import View
-from workbench.figures import loop as loop_figures
 from workbench.machine import Axis, Hoist
-from workbench.reports.loop import tuning as report
-from workbench.reports.loop.case import LoopCaseFile, loop_case
+from workbench.study.loop_design import DesignCase, loop_case
+from workbench.view import loop as loop_figures
+from workbench.view import tune as report
 
 USUAL_WEIGHTS = Weights()
 
@@ -26,7 +26,7 @@ USUAL_WEIGHTS = Weights()
 class Tuning(Shown):
     """What was tuned, for which goal, and the outcome with all candidates."""
 
-    case: LoopCaseFile
+    case: DesignCase
     weights: Weights
     outcome: Tuned
 

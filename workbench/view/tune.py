@@ -17,8 +17,8 @@ from workbench.core.table import Column, Table, words
 from workbench.core.yaml_strict import dumps
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
-from workbench.reports.loop.case import LoopCaseFile
-from workbench.reports.loop.report import drive_sentence, effect_sentences, event_words, least_sentence, load_sentence
+from workbench.study.loop_design import DesignCase
+from workbench.view.loop import drive_sentence, effect_sentences, event_words, least_sentence, load_sentence
 from workbench.view.numbers import figures
 
 COLUMNS = (
@@ -74,7 +74,7 @@ def _line(tuned: Tuned, c: Candidate) -> list[str]:
     ]  # fmt: skip
 
 
-def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
+def sentences(case: DesignCase, tuned: Tuned, weights: Weights) -> list[str]:
     """The goal, the result, the reasons for the choice, and its cost."""
     win, start, goal = tuned.winner, tuned.shaped, tuned.goal
     asked = (

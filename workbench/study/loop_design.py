@@ -1,4 +1,4 @@
-"""The input of `loop` and `tune`: machine, controller, payloads and heights from the options of the command."""
+"""What `loop` and `tune` are asked: machine, controller, payloads and heights, from options, files or a scenario."""
 
 from __future__ import annotations
 
@@ -7,38 +7,23 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from workbench.analysis.usual import usual_controller, usual_heights, usual_settings
-from workbench.control import FORMS, SETTINGS, Events, PiSettings, Settings, form_of
+from workbench.analysis.tune import Trial, motions, usual_trial
+from workbench.analysis.usual import usual_heights, usual_settings
+from workbench.control import SETTINGS, Events, Settings
+from workbench.control.settings import read_settings
 from workbench.core.errors import InputError
-from workbench.core.yaml_strict import Document, load, validate
 from workbench.effects import check
 from workbench.kinds import LOOPED, kind_of, looped, of_kind
 from workbench.machine import AnyKind, Axis, Hoist, default_hoist, load_machine
+from workbench.study.load import Study, load_study
 
-if TYPE_CHECKING:
-    from workbench.analysis.tune import Trial
-    from workbench.study.load import Study
-
-__all__ = [
-    "MOST",
-    "USUAL_PAYLOADS_KG",
-    "LoopCaseFile",
-    "load_case",
-    "loop_case",
-    "numbers",
-    "read_controller",
-    "read_settings",
-    "usual_controller",
-    "usual_heights",
-]
 USUAL_PAYLOADS_KG = (0.0, 4500.0, 9000.0)
 MOST = 50  # members of a family
 
 
 @dataclass(frozen=True, eq=False)
-class LoopCaseFile:
+class DesignCase:
     """A machine with its drive, a controller with its source, the family, and the study if there is one."""
 
     machine: AnyKind
@@ -55,12 +40,8 @@ class LoopCaseFile:
 
     def trial(self) -> Trial:
         """The moves and events of the scenario under this family's payloads, or the usual moves."""
-        from workbench.analysis.tune import Trial, usual_trial
-
         if self.study is None:
             return usual_trial(self.machine, self.payloads_kg, self.settings.sample_time_s)
-        from workbench.analysis.tune import motions
-
         dt, length, first = self.settings.sample_time_s, self.study.duration_s, self.study.specs[0]
         speeds, positions = motions(self.machine, self.study.plans, dt, length)
         start, events, step_s = first.start_position_m, first.events, first.step_s
@@ -73,7 +54,7 @@ def load_case(
     controller: Path | None,
     payloads_kg: Sequence[float] | None,
     heights_m: Sequence[float] | None,
-) -> LoopCaseFile:
+) -> DesignCase:
     """InputError with file and place for input that cannot be read or does not fit."""
     known: Hoist | Axis | None = None
     if machine is not None:
@@ -91,7 +72,7 @@ def loop_case(
     payloads_kg: Sequence[float] | None,
     heights_m: Sequence[float] | None,
     scenario: str | os.PathLike[str] | None,
-) -> LoopCaseFile:
+) -> DesignCase:
     """The case of these values. None: the value of the scenario, otherwise the default.
 
     controller: the settings, and their source in words.
@@ -99,8 +80,6 @@ def loop_case(
     study: Study | None = None
     loads: Sequence[float] | None = None
     if scenario is not None:
-        from workbench.study.load import load_study
-
         study = load_study(scenario)
         # What the scenario itself says; a sweep's or a sample's points go their own ways from there.
         controller = controller or (study.scenario.controller, f"of {scenario}")
@@ -122,25 +101,7 @@ def loop_case(
     places = tuple(usual_heights(machine) if heights_m is None else heights_m)
     if len(wanted) * len(places) > MOST:
         raise InputError(f"{len(wanted)} payloads at {len(places)} heights, expected at most {MOST} loops in all")
-    return LoopCaseFile(machine, settings, origin, wanted, places, study)
-
-
-def read_settings(path: Path) -> Settings:
-    """The `controller` block of a file, of any kind of machine: an output of tune, or a scenario."""
-    document = load(path)
-    block = document.data.get("controller") if isinstance(document.data, dict) else None
-    if not isinstance(block, dict):
-        raise InputError("holds no block 'controller'", file=path)
-    inside = {place[1:]: line for place, line in document.lines.items() if place[:1] == ("controller",)}
-    return validate(FORMS[form_of(block)], Document(document.file, block, inside))
-
-
-def read_controller(path: Path) -> PiSettings:
-    """The same of a hoist. InputError where it is an axis'."""
-    settings = read_settings(path)
-    if not isinstance(settings, PiSettings):
-        raise InputError(f"holds an axis' controller, kind {settings.kind!r}; expected a hoist's", file=path)
-    return settings
+    return DesignCase(machine, settings, origin, wanted, places, study)
 
 
 def numbers(text: str, place: str) -> tuple[float, ...]:
