@@ -16,7 +16,7 @@ from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import linear_loop
 from workbench.analysis.step import step_response
 from workbench.control import PiSettings
-from workbench.machine import with_values
+from workbench.machines import with_values
 from workbench.study.loop_design import DesignCase
 from workbench.view.loop import (
     bode,

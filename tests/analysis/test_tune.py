@@ -21,7 +21,7 @@ from workbench.control import Notch, PiSettings
 from workbench.control.settings import read_controller
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
-from workbench.machine import Hoist, save_machine, with_values
+from workbench.machines import Hoist, save_machine, with_values
 from workbench.study.scenario import Scenario
 from workbench.view.tune import controller_text, warning
 

@@ -11,7 +11,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from workbench.core.errors import InputError
 from workbench.core.record import Frequency, KiGain, KpGain, RateLimit, Record, TrackingTime
 from workbench.core.yaml_strict import Document, load, validate
-from workbench.kinds import KINDS
+from workbench.machines import KINDS
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)]
 

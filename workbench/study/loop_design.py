@@ -7,15 +7,17 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from workbench.analysis.tune import Trial, motions, usual_trial
+from workbench.analysis.family import Member, Weakest, weakest
+from workbench.analysis.tune import Candidate, Trial, Tuned, Weights, motions, usual_trial
 from workbench.analysis.usual import usual_heights, usual_settings
 from workbench.control import SETTINGS, Events, Settings
 from workbench.control.settings import read_settings
 from workbench.core.errors import InputError
+from workbench.core.shown import Shown
 from workbench.effects import check
-from workbench.kinds import LOOPED, kind_of, looped, of_kind
-from workbench.machine import AnyKind, Axis, Hoist, default_hoist, load_machine
+from workbench.machines import LOOPED, AnyKind, Axis, Hoist, default_hoist, kind_of, load_machine, looped, of_kind
 from workbench.study.load import Study, load_study
 
 USUAL_PAYLOADS_KG = (0.0, 4500.0, 9000.0)
@@ -48,6 +50,54 @@ class DesignCase:
         return Trial(self.machine, self.payloads_kg, start, speeds, events, step_s, positions)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopAnalysis(Shown):
+    """The loop at every payload and height, with its margins. ms_limit: the bound on Ms that figures show."""
+
+    case: DesignCase
+    members: tuple[Member, ...]
+    ms_limit: float
+
+    @property
+    def weakest(self) -> Weakest:
+        """The smallest of each margin, with its loop; an unstable loop if there is any."""
+        return weakest(self.members)
+
+    @property
+    def plant(self) -> Any:
+        """Of the loop with the largest Ms: the sampled plant as a `control.StateSpace`; see `LinearLoop.plant_system`.
+        Those of another loop: `members[0].loop.plant_system()` and `.systems()`."""
+        return self.weakest.member["ms"].loop.plant_system()
+
+    @property
+    def open(self) -> Any:
+        """Of the same loop: L as a `control.StateSpace`."""
+        return self.weakest.member["ms"].loop.systems()[0]
+
+    @property
+    def closed(self) -> Any:
+        """Of the same loop: references, load torque and noise to the outputs and the torque wanted."""
+        return self.weakest.member["ms"].loop.systems()[2]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tuning(Shown):
+    """What was tuned, for which goal, and the outcome with all candidates."""
+
+    case: DesignCase
+    weights: Weights
+    outcome: Tuned
+
+    @property
+    def controller(self) -> Settings:
+        """The winner's settings, for scenarios, `simulate` and `loop`."""
+        return self.outcome.winner.settings
+
+    @property
+    def winner(self) -> Candidate:
+        return self.outcome.winner
+
+
 def load_case(
     machine: Path | None,
     scenario: Path | None,
@@ -62,31 +112,30 @@ def load_case(
         known = looped(read)
         if known is None:
             raise InputError(f"is {of_kind(read)}; a loop is analysed for {LOOPED}", file=machine)
-    given = None if controller is None else (read_settings(controller), f"of {controller}")
-    return loop_case(known, given, payloads_kg, heights_m, scenario)
+    given = None if controller is None else read_settings(controller)
+    return loop_case(known, given, payloads_kg, heights_m, scenario, f"of {controller}")
 
 
 def loop_case(
     machine: Hoist | Axis | None,
-    controller: tuple[Settings, str] | None,
+    controller: Settings | None,
     payloads_kg: Sequence[float] | None,
     heights_m: Sequence[float] | None,
     scenario: str | os.PathLike[str] | None,
+    origin: str = "as given",
 ) -> DesignCase:
-    """The case of these values. None: the value of the scenario, otherwise the default.
-
-    controller: the settings, and their source in words.
-    """
+    """The case of these values. None: the value of the scenario, otherwise the default. origin: the controller's."""
     study: Study | None = None
     loads: Sequence[float] | None = None
     if scenario is not None:
         study = load_study(scenario)
         # What the scenario itself says; a sweep's or a sample's points go their own ways from there.
-        controller = controller or (study.scenario.controller, f"of {scenario}")
+        if controller is None:
+            controller, origin = study.scenario.controller, f"of {scenario}"
         machine = study.machine if machine is None else machine
         loads = sorted({spec.payload_kg for spec in study.specs[:200]})
     machine = default_hoist() if machine is None else machine
-    settings, origin = controller or usual_settings(machine)
+    settings, origin = usual_settings(machine) if controller is None else (controller, origin)
     kind = kind_of(machine)
     if not isinstance(settings, SETTINGS[kind.name]):
         wants = " and ".join(SETTINGS[kind.name].GAINS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +16,12 @@ from workbench.control import Cascade
 from workbench.core.json_records import rounded
 from workbench.core.names import powers
 from workbench.core.run import Array
+from workbench.core.shown import View
 from workbench.core.table import Column, Table
 from workbench.core.whole_folder import write_json
 from workbench.effects import find
 from workbench.figures.panels import Panels
-from workbench.kinds import Kind, kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Kind, kind_of
 from workbench.study.loop_design import DesignCase
 from workbench.view.numbers import NOTHING, figures
 from workbench.view.page import Section, save_page
@@ -559,3 +559,24 @@ def steps(members: Sequence[Member], title: str = "Step responses of the linear 
     figure = panels.figure(height)
     figure.update_xaxes(gridcolor=FAINT)
     return figure
+
+
+def columns(members: Sequence[Member]) -> Mapping[str, Sequence[Any]]:
+    """One row per loop: operating point and margins."""
+    where = [place_of(member) for member in members]
+    places: dict[str, Sequence[Any]] = {name: [place[name] for place in where] for name in where[0]}
+    words = members[0].loop.kind.looped.motion_words
+    places["motion"] = [words[member.point.motion] for member in members]
+    return places | {name: [getattr(m.margins, name) for m in members] for name in vars(members[0].margins)}
+
+
+VIEW = View(
+    {"margins": lambda a: table(a.members)},
+    {
+        "bode": lambda a: bode(a.members),
+        "nyquist": lambda a: nyquist(a.members, a.ms_limit),
+        "sensitivity": lambda a: gang_of_four(a.members, a.ms_limit),
+        "steps": lambda a: steps(a.members),
+    },
+    lambda a: columns(a.members),
+)

@@ -19,9 +19,8 @@ from workbench.dashboard import session
 from workbench.dashboard.machines import controller, session_machine, set_controller, taken_over
 from workbench.dashboard.pages.study_desk import Desk, with_gains
 from workbench.dashboard.widgets import Number, beside, chart, guarded, numbers, plain, problem, table
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
-from workbench.machine.files import machine_text
+from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines.files import machine_text
 from workbench.study.loop_design import MOST, DesignCase
 from workbench.study.loop_design import numbers as numbers_in
 from workbench.view import loop as report
