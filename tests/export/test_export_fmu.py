@@ -48,7 +48,7 @@ from workbench.machines.kinds.two_inertia import (
 )
 from workbench.metrics import observer
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.loop import LoopCase, case_limits, simulate_loop
 from workbench.simulate.replay import simulate_replays
 
@@ -141,7 +141,7 @@ def described() -> dict[str, Model]:
 
 def replayed(machine: Hoist | Axis, run: Run, start_speed: float = 0.0) -> Array:
     """What `workbench replay` makes of a run: states (n, states)."""
-    return simulate_replays(machine, Bench(machine, [run], band_hz=1.0))[0]
+    return simulate_replays(machine, InverseSimulation(machine, [run], band_hz=1.0))[0]
 
 
 def torque_run(machine: Hoist, duration_s: float = 8.0) -> Run:
@@ -212,7 +212,7 @@ def test_an_axis_rests_where_its_plant_says_and_moves_as_the_replay(machine: Axi
     states = replayed(machine, Run("made", t, {plant.input: u, **zero}, 0.0, 0.3, 0.0))
     speed = states[:, len(plant.positions)]
     out = one.replay(t, u, plant.input, [plant.speeds[0]])[:, 0]
-    # The blow of a flank is sharper than any step; without play the standstill alone is.
+    # The impact of a flank is sharper than any step; without play the standstill alone is.
     assert np.max(np.abs(out - speed)) < (2e-6 if machine is LINEAR else 1e-3) * np.max(np.abs(speed))
 
 

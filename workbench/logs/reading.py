@@ -205,7 +205,7 @@ def _entry_of(
         else:
             v = values[speed][: first + 1]
             way = float(np.sum(0.5 * (v[1:] + v[:-1]) * np.diff(time_s[: first + 1])))
-        start = (start or 0.0) + kind.lever_of(machine) * way
+        start = (start or 0.0) + kind.transmission_of(machine) * way
     began = (entry.start_time_s or 0.0) + float(time_s[first] - time_s[0])
     return entry.model_copy(update={"start_position_m": start, "start_time_s": began})
 
