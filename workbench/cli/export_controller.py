@@ -35,13 +35,13 @@ def command(controller: Path, form: str, drive: str, out: Path, machine: Path | 
     include a list of what its controller does differently. If CONTROLLER is a scenario, its limits give the ramp.
     """
     from workbench.cli.show import print_text
+    from workbench.control.settings import read_controller
     from workbench.core.errors import InputError
     from workbench.core.whole_folder import check_free, whole_folder
     from workbench.effects import check
     from workbench.export.controller_text import controller_files
     from workbench.export.drives import ramp_of
     from workbench.machines import STUDIED, default_hoist, load_machine, of_kind, studied
-    from workbench.reports.loop.case import read_controller
 
     check_free(out)
     settings, ramp = read_controller(controller), ramp_of(controller)

@@ -31,12 +31,12 @@ VIEWS = {
     "Comparison": "workbench.face.study:COMPARISON",
     "Diagnosis": "workbench.face.diagnose:VIEW",
     "Identification": "workbench.face.identify:VIEW",
-    "LoopAnalysis": "workbench.face.loop:VIEW",
+    "LoopAnalysis": "workbench.view.loop:VIEW",
     "LoopResult": "workbench.face.simulate:VIEW",
     "ReplayResult": "workbench.face.replay:VIEW",
     "Run": "workbench.view.logs:RUN",
     "StudyResult": "workbench.face.study:VIEW",
-    "Tuning": "workbench.face.tune:VIEW",
+    "Tuning": "workbench.view.tune:VIEW",
 }
 NO_PANDAS = "to_pandas() needs pandas, which is optional; pip install pandas"
 
