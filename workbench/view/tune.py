@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +14,13 @@ from workbench.analysis.search import rounded_down
 from workbench.analysis.tune import GIVEN_AWAY, WIDER, Candidate, Tuned, Weights
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
+from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.yaml_strict import dumps
 from workbench.machines import Axis, Hoist, kind_of
-from workbench.reports.loop.case import LoopCaseFile
-from workbench.reports.loop.report import drive_sentence, effect_sentences, event_words, least_sentence, load_sentence
+from workbench.study.loop_design import DesignCase, Tuning
+from workbench.view import loop
+from workbench.view.loop import drive_sentence, effect_sentences, event_words, least_sentence, load_sentence
 from workbench.view.numbers import figures
 
 COLUMNS = (
@@ -73,7 +76,7 @@ def _line(tuned: Tuned, c: Candidate) -> list[str]:
     ]  # fmt: skip
 
 
-def sentences(case: LoopCaseFile, tuned: Tuned, weights: Weights) -> list[str]:
+def sentences(case: DesignCase, tuned: Tuned, weights: Weights) -> list[str]:
     """The goal, the result, the reasons for the choice, and its cost."""
     win, start, goal = tuned.winner, tuned.shaped, tuned.goal
     asked = (
@@ -172,3 +175,26 @@ def write_controller(tuned: Tuned, path: Path, machine: Hoist | Axis) -> None:
         raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def columns(tuning: Tuning) -> Mapping[str, Sequence[Any]]:
+    """One row a candidate of the front, the best tracking first."""
+    front = tuning.outcome.front()
+    of_settings, of_score = (*tuning.controller.GAINS, "set_point_weight"), vars(tuning.winner.score)
+    return {
+        **{name: [getattr(c.settings, name) for c in front] for name in of_settings},
+        **{name: [getattr(c.score, name) for c in front] for name in of_score},
+        **{name: [getattr(c, name) for c in front] for name in ("ms", "bandwidth_hz", "cost")},
+    }
+
+
+VIEW = View(
+    {"candidates": lambda t: table(t.outcome)},
+    {
+        "bode": lambda t: loop.bode(t.outcome.members),
+        "nyquist": lambda t: loop.nyquist(t.outcome.members, t.outcome.goal.ms_limit),
+        "sensitivity": lambda t: loop.gang_of_four(t.outcome.members, t.outcome.goal.ms_limit),
+        "steps": lambda t: loop.steps(t.outcome.members),
+    },
+    columns,
+)
