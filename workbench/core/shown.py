@@ -29,7 +29,7 @@ MOST_LISTED = 4
 VIEWS = {
     "Campaign": "workbench.view.logs:CAMPAIGN",
     "Comparison": "workbench.face.study:COMPARISON",
-"Diagnosis": "workbench.view.diagnosis:VIEW",
+    "Diagnosis": "workbench.view.diagnosis:VIEW",
     "Identification": "workbench.view.identify:VIEW",
     "LoopAnalysis": "workbench.view.loop:VIEW",
     "LoopResult": "workbench.face.simulate:VIEW",
