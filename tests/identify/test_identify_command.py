@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from workbench.machines.hoist import guide_friction
 
 from tests.support.commands import Commands
 from tests.support.simulated_campaign import TRUTH, simulated_campaign, true_machine
@@ -21,6 +20,7 @@ from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import Hoist, default_hoist, get_value, load_machine, value_names, with_values
+from workbench.machines.kinds.hoist import guide_friction
 from workbench.view import identify as identify_page
 from workbench.view.identify import combined_weight, force_balance, law, sentences, table
 
