@@ -54,7 +54,7 @@ def _load(context: click.Context, option: click.Parameter, files: tuple[Path, ..
 
 def numbers_or_none(text: str | None, parameter: str) -> tuple[float, ...] | None:
     """The numbers of an option such as `0,4500,9000`; None where it is not given."""
-    from workbench.reports.loop.case import numbers
+    from workbench.study.loop_design import numbers
 
     return None if text is None else numbers(text, parameter)
 
