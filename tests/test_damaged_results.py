@@ -20,7 +20,7 @@ from workbench.identify import identify as module
 from workbench.logs import Campaign
 from workbench.machine import default_hoist
 from workbench.reports.replay.report import _percent
-from workbench.study.findings import alarm, sentences, utilisation
+from workbench.study.conclude import alarm, sentences, utilisation
 from workbench.study.load import load_study
 from workbench.study.rows import INDEX, Row, check_whole, read_manifest, read_rows
 from workbench.study.store import Part

@@ -30,7 +30,6 @@ LAYERS = [
     ("identify", "analysis", "imports"),
     ("study",),
     ("export", "testing", "serve"),
-    ("consequences",),
     ("diagnose",),
     ("blind", "watch"),
     ("view",),

@@ -15,10 +15,9 @@ import pytest
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.reports.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
-from workbench.study.batch import run_batch
 from workbench.study.load import load_study
-from workbench.study.store import Finished, place_for, read_finished
+from workbench.study.store import Finished, place_for, read_finished, run_batch
+from workbench.view.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
 
 SCENARIO = """\
 format: 1

@@ -10,12 +10,11 @@ import pytest
 
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
-from workbench.figures.study_page import study_figures
-from workbench.study.decide import decision_table, verdict
-from workbench.study.findings import sentences
+from workbench.study.conclude import sentences
+from workbench.study.decide import verdict
 from workbench.study.load import load_study
 from workbench.study.run import StudyResult, peak_limit, run_study
-from workbench.study.tables import run_table
+from workbench.view.study import decision_table, run_table, study_figures
 
 TEXT = """
 name: axis

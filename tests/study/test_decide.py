@@ -15,30 +15,34 @@ from workbench.core.errors import InputError
 from workbench.dashboard.pages.study_desk import scenario_of, usual_desk
 from workbench.machine import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
-from workbench.study.answer import Answer, answer_of, read_answer, write_answer
-from workbench.study.ask import QUESTIONS
-from workbench.study.bound import from_the_bound
+from workbench.study.beside import ELASTOMER, QUESTIONS, RINGING, beside, damping_sentence, on_another_damping
+from workbench.study.conclude import (
+    Answer,
+    alarm,
+    answer_of,
+    from_the_bound,
+    read_answer,
+    sentences,
+    utilisation,
+    write_answer,
+)
 from workbench.study.decide import (
     ALIKE,
-    BEST,
     Candidate,
     Decision,
     Given,
     choices,
     criteria_for,
-    criteria_table,
-    decision_table,
     decisions,
     take_sentences,
     verdict,
     weight_that_turns,
 )
-from workbench.study.findings import alarm, sentences, utilisation
 from workbench.study.load import Study, changed, load_study, plan_study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, peak_limit, run_specs, run_study
 from workbench.study.scenario import CriterionBlock
-from workbench.study.side import ELASTOMER, RINGING, beside, damping_sentence, on_another_damping
+from workbench.view.study import BEST, criteria_table, decision_table
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCES = ("trapezoid", "ruckig", "ruckig_equal_time", "ruckig_least_peak", "optimal")

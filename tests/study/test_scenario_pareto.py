@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.study.pareto import fronts, knee, non_dominated
+from workbench.study.conclude import fronts, knee, non_dominated
 from workbench.study.rows import Row
 
 # Time against torque. (4, 6) and (6, 5) are beaten; the second (3, 3) is the first one again.

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from workbench.metrics import fixed_columns, metrics
-from workbench.study import tables
-from workbench.study.findings import sentences
+from workbench.study.conclude import rank_correlations, sentences
 from workbench.study.labels import drawn_columns, field_label, metric_label, run_in_words, swept_axes
-from workbench.study.pareto import rank_correlations
 from workbench.study.rows import Row
-from workbench.study.tables import run_table
+from workbench.view import study as tables
+from workbench.view.study import run_table
 
 LIMIT = 768.0
 JERK, ACCELERATION = "sweep.limits.jerk_m_s3", "sweep.limits.acceleration_m_s2"

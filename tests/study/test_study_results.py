@@ -16,15 +16,13 @@ from click.testing import CliRunner
 
 from workbench.cli.study import command
 from workbench.core.errors import InputError
-from workbench.figures.study_page import save_study_page
 from workbench.metrics import fixed_columns
-from workbench.study.batch import run_batch
-from workbench.study.findings import sentences
+from workbench.study.conclude import sentences
 from workbench.study.load import Study, load_study
 from workbench.study.rows import Row, index_table, read_rows
 from workbench.study.run import StudyResult, run_study
-from workbench.study.store import Chunk, SavedRuns, place_for
-from workbench.study.tables import run_table
+from workbench.study.store import Chunk, SavedRuns, place_for, run_batch
+from workbench.view.study import run_table, save_study_page
 
 SCENARIO = """\
 format: 1

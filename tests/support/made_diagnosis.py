@@ -12,7 +12,6 @@ import numpy as np
 
 from tests.support.log_campaign import csv_text
 from tests.support.simulated_campaign import simulated_campaign
-from workbench.consequences import consequences_of
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.isolation.records import Isolability, NextRun
@@ -29,6 +28,7 @@ from workbench.machine import Axis, Hoist, default_hoist, with_correction
 from workbench.plants import plant_of
 from workbench.simulate.driven import Balance, Bench, pooled_rms
 from workbench.simulate.replay import replay_runs
+from workbench.study.consequences import consequences_of
 from workbench.view.words import words_of
 
 Values = Mapping[str, Mapping[str, float]]

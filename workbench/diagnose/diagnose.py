@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from workbench.consequences import consequences_of
 from workbench.core.errors import InputError, nearest
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.hypotheses.base import base_knobs
@@ -35,6 +34,7 @@ from workbench.effects import Effect, effects_for
 from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.simulate.replay import replay_runs
+from workbench.study.consequences import consequences_of
 from workbench.study.load import Study
 
 BASELINES = ("tolerances", "nominal")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from workbench.consequences import Consequences
 from workbench.core.shown import Shown
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.records import Isolability, NextRun
@@ -16,6 +15,7 @@ from workbench.diagnose.verdict.judge import Judged
 from workbench.diagnose.verdict.records import Candidate, Verdict
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
+from workbench.study.consequences import Consequences
 
 
 @dataclass(frozen=True, repr=False)

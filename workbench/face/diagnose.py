@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from workbench.consequences import consequences_table
 from workbench.core.errors import InputError
 from workbench.core.table import Table, words
 from workbench.diagnose.diagnose import diagnose as find_cause
@@ -18,6 +17,7 @@ from workbench.machine import Axis, Hoist
 from workbench.reports.diagnosis import hypotheses, tables
 from workbench.reports.diagnosis.page import sections_of
 from workbench.simulate.lowpass import check_band
+from workbench.study.consequences import consequences_table
 
 
 def diagnose(

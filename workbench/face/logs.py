@@ -14,7 +14,6 @@ from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.effects import check
 from workbench.face.view import View
-from workbench.figures.panels import Panels
 from workbench.figures.replay import input_profiles
 from workbench.logs import Campaign
 from workbench.logs import read_campaign as read
@@ -22,6 +21,7 @@ from workbench.machine import Axis, Hoist
 from workbench.plants import plant_of
 from workbench.study.labels import metric_label
 from workbench.view.numbers import figures
+from workbench.view.panels import Panels
 from workbench.view.style import line
 from workbench.view.words import words_of
 

@@ -11,7 +11,6 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.table import Column, Table, words
 from workbench.face.logs import run_figure
 from workbench.face.view import View
-from workbench.figures.study import overview
 from workbench.kinds import load_of
 from workbench.machine import Hoist, default_hoist
 from workbench.references import (
@@ -27,6 +26,7 @@ from workbench.simulate.multibody_loop import check_multibody, simulate_multibod
 from workbench.study.labels import metric_label
 from workbench.study.run import motor_torque_limit_nm
 from workbench.view.numbers import figures
+from workbench.view.study_figures import overview
 
 LEAD_S, SETTLE_S = 0.5, 2.0
 PLANTS = ("lumped", "multibody")

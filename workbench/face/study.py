@@ -11,14 +11,13 @@ from workbench.core.table import Column, Table, words
 from workbench.core.yaml_strict import Document
 from workbench.face.logs import PathLike
 from workbench.face.view import View
-from workbench.figures.study_page import study_figures
 from workbench.machine import Axis, Hoist, default_hoist
-from workbench.study import tables
 from workbench.study.compare import Comparison, plain, plain_percent, why_unmatched
 from workbench.study.compare import compare as compare_rows
 from workbench.study.load import Study, changed, load_study, plan_study, read_standalone
 from workbench.study.rows import Row, index_table, read_rows
 from workbench.study.run import StudyResult, run_study
+from workbench.view.study import peaks_figure, run_table, runs_figure, start_figure
 
 
 def study(
@@ -59,16 +58,6 @@ def _rows(result: StudyResult | PathLike) -> Sequence[Row]:
     return result.rows if isinstance(result, StudyResult) else read_rows(Path(result))
 
 
-def _figure(number: int, needs: str) -> Any:
-    def figure(result: StudyResult) -> Any:
-        figures = study_figures(result)
-        if len(figures) <= number:
-            raise InputError(f"there is nothing to draw: it takes {needs}")
-        return figures[number]
-
-    return figure
-
-
 def _columns(result: StudyResult) -> Mapping[str, Sequence[Any]]:
     """The index of the study: what a run was, what a sweep set, its metrics."""
     table = index_table(result.rows)
@@ -76,12 +65,8 @@ def _columns(result: StudyResult) -> Mapping[str, Sequence[Any]]:
 
 
 VIEW = View(
-    {"runs": lambda s: tables.run_table(s.rows)},
-    {
-        "runs": _figure(0, "a run that ends"),
-        "start": _figure(1, "a run that ends"),
-        "peaks": _figure(2, "two payloads"),
-    },
+    {"runs": lambda result: run_table(result.rows)},
+    {"runs": runs_figure, "start": start_figure, "peaks": peaks_figure},
     _columns,
     index="run_id",
 )

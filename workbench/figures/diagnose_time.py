@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.figures.panels import Panels, ranges_below_names
+from workbench.view.panels import Panels, ranges_below_names
 from workbench.view.style import LINE_AFTER, LINE_BEFORE, MEASURED, NOISE_DASH, REST, WINDOW
 
 if TYPE_CHECKING:

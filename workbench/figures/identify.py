@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.figures.panels import Panels
+from workbench.view.panels import Panels
 from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from workbench.core.run import Array
-from workbench.figures.panels import Panels
+from workbench.view.panels import Panels
 from workbench.view.style import BLUE
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.figures.panels import Panels, ranges_below_names
+from workbench.view.panels import Panels, ranges_below_names
 from workbench.view.style import AFTER, BEFORE, BLACK, GREY, ORANGE, PURPLE, line
 
 if TYPE_CHECKING:

@@ -7,13 +7,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.shown import Shown
 from workbench.kinds import kind_of
 from workbench.logs.signal_files import Labelled
-from workbench.machine import Axis, Hoist
+from workbench.machine import AnyKind, Axis, Hoist
 from workbench.metrics import RunFacts, columns, run_metrics, set_of
 from workbench.references import Plan
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
@@ -157,11 +159,26 @@ def _reason(spec: RunSpec, result: LoopResult) -> str:
 
 @dataclass(frozen=True, repr=False)
 class StudyResult(Shown):
-    """All rows in the order of the scenario, and the signals of the runs by run_id."""
+    """All rows in the order of the scenario, and the signals of the runs by run_id. folder: where they are kept."""
 
     study: Study
     rows: Sequence[Row]
     runs: Mapping[str, Run] = field(default_factory=dict)
+    folder: Path | None = None
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return self.study.scenario.name
+
+    @property
+    def machine(self) -> AnyKind:
+        return self.study.machine
+
+    @property
+    def scenario(self) -> dict[str, Any]:
+        """As its file has it, complete."""
+        return self.study.scenario.model_dump(mode="json", exclude_none=True)
 
 
 def run_study(study: Study) -> StudyResult:

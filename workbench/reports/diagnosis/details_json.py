@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from workbench import __version__
-from workbench.consequences import as_json
 from workbench.core.json_records import plain
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.location.records import Profile
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.records import Curve
 from workbench.diagnose.verdict.records import Candidate
+from workbench.study.consequences import as_json
 from workbench.view.words import words_of
 
 DIGITS = 5  # significant

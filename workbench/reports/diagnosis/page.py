@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from workbench.consequences import consequences_table
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.records import Unknown
 from workbench.diagnose.unexplained.words import OVER
 from workbench.figures import diagnose_time, diagnose_where
-from workbench.figures.consequences import before_and_after
 from workbench.figures.diagnose_time import RunSeries
 from workbench.figures.diagnose_verdict import isolability, ranking, shrink_bars
 from workbench.machine import save_machine
@@ -19,6 +17,8 @@ from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import tables as report
 from workbench.reports.diagnosis.as_json import to_json
 from workbench.reports.diagnosis.series import MOST_RUNS, own_values, series_of
+from workbench.study.consequences import consequences_table
+from workbench.view.consequences import before_and_after
 from workbench.view.page import Section, save_page
 from workbench.view.words import direction_names, words_of
 
