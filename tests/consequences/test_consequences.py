@@ -17,7 +17,7 @@ from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.tune import Goal
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.machine import Hoist, default_hoist, with_correction, with_values
+from workbench.machines import Hoist, default_hoist, with_correction, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion, planned_kinds
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.study.consequences import Consequences, as_json, consequences_of, consequences_table, small_study

@@ -11,7 +11,7 @@ from workbench.core.table import Column, Table, words
 from workbench.core.yaml_strict import Document
 from workbench.face.logs import PathLike
 from workbench.face.view import View
-from workbench.machine import Axis, Hoist, default_hoist
+from workbench.machines import Axis, Hoist, default_hoist
 from workbench.study.compare import Comparison, plain, plain_percent, why_unmatched
 from workbench.study.compare import compare as compare_rows
 from workbench.study.load import Study, changed, load_study, plan_study, read_standalone

@@ -12,7 +12,7 @@ from workbench.analysis.family import Member, Weakest, weakest
 from workbench.analysis.step import StepResponse, step_response
 from workbench.core.names import powers
 from workbench.core.run import Array
-from workbench.kinds import Kind
+from workbench.machines import Kind
 from workbench.view.panels import Panels
 from workbench.view.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
 

@@ -12,8 +12,7 @@ import numpy as np
 from workbench.control import Events
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.kinds import kind_of, load_of
-from workbench.machine import Axis, Hoist, with_values
+from workbench.machines import Axis, Hoist, kind_of, load_of, with_values
 from workbench.metrics import set_of
 from workbench.references import BASELINE, LimitPair, Limits, motion_time_s, planned_kinds
 from workbench.study.decide import Given, candidates, criteria_for

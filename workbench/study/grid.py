@@ -19,8 +19,7 @@ from workbench.control import Events, Settings
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array
 from workbench.core.yaml_strict import Place, dotted, problem_lines
-from workbench.kinds import kind_of, load_of
-from workbench.machine import AnyKind, Axis, Hoist
+from workbench.machines import AnyKind, Axis, Hoist, kind_of, load_of
 from workbench.references import (
     LimitPair,
     Limits,

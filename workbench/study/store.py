@@ -39,8 +39,7 @@ from workbench.core.run import Run
 from workbench.core.whole_folder import is_free, what_is_in, write_json
 from workbench.core.yaml_strict import dumps, load, validate
 from workbench.effects.registry import files_behind
-from workbench.kinds import LOOPED, looped, of_kind
-from workbench.machine import AnyKind, load_machine, save_machine
+from workbench.machines import LOOPED, AnyKind, load_machine, looped, of_kind, save_machine
 from workbench.study.load import Study
 from workbench.study.rows import (
     INDEX,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from workbench.kinds import Kind
+from workbench.machines import Kind
 from workbench.metrics import set_of
 from workbench.study.consequences import Change, Consequences
 from workbench.view.style import GREY, TEMPLATE, faint, line

@@ -18,8 +18,7 @@ from workbench.core.run import Run
 from workbench.dashboard import session
 from workbench.dashboard.pages.study_desk import scenario_file
 from workbench.dashboard.widgets import SAME, chart, plain, text
-from workbench.kinds import Kind, kind_of, studied
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Kind, kind_of, studied
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, motor_torque_limit_nm, peak_limit

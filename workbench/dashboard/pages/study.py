@@ -35,12 +35,11 @@ from workbench.dashboard.pages.study_desk import (
 from workbench.dashboard.pages.study_form import controls, desk_key, set_desk
 from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, problem, table, text
 from workbench.figures.signals import Stretch, browser
-from workbench.kinds import kind_of
 from workbench.logs.signal_files import FORMS
-from workbench.machine import Axis, Hoist, default_hoist
-from workbench.machine.files import machine_text
+from workbench.machines import Axis, Hoist, default_hoist, kind_of
+from workbench.machines.files import machine_text
+from workbench.machines.plants import HOIST
 from workbench.metrics import Metric, View, columns, shown_in
-from workbench.plants import HOIST
 from workbench.references import BASELINE
 from workbench.study.beside import damping_sentence, over_payload, over_ramps
 from workbench.study.conclude import SIGN, alarm, fronts, sentences, utilisation
