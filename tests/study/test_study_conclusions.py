@@ -138,7 +138,7 @@ def test_the_scatter_is_said_with_its_quantiles_and_what_it_hangs_on():
     (text,) = [sentence for sentence in sentences(rows, LIMIT) if "median" in sentence]
     assert f"{np.median(peaks):.0f} N m in the median" in text
     assert f"{np.quantile(peaks, 0.05):.0f} to {np.quantile(peaks, 0.95):.0f} N m in nine of ten" in text
-    assert text.endswith("it goes with carriage mass (rank correlation +1.00).")
+    assert text.endswith("it depends most on carriage mass (rank correlation +1.00).")
 
 
 def test_rank_correlation_is_that_of_scipy_with_ties():

@@ -1,4 +1,5 @@
-"""Side studies, metrics only: the heaviest payload, other payloads, other limits, another damping, equal times."""
+"""What is simulated and reckoned beside a study, metrics only: other payloads and limits, equal times, another damping,
+the number that a scenario asks for, and the least peak that there is in the trapezoid's time."""
 
 from __future__ import annotations
 
@@ -12,19 +13,29 @@ import numpy as np
 from workbench.control import Events
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.machines import Axis, Hoist, kind_of, load_of, with_values
+from workbench.machines import Axis, Hoist, Load, kind_of, load_of, with_values
 from workbench.metrics import set_of
-from workbench.references import BASELINE, LimitPair, Limits, motion_time_s, planned_kinds
+from workbench.references import (
+    BASELINE,
+    LimitPair,
+    Limits,
+    Shape,
+    motion_time_s,
+    move_shape,
+    planned_kind,
+    planned_kinds,
+)
+from workbench.references.least_peak import least_peak, peak_force_n
+from workbench.references.limits import raised
 from workbench.study.decide import Given, candidates, criteria_for
 from workbench.study.grid import RunSpec
 from workbench.study.labels import field_label, listed, words_of
 from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row, metrics_of
-from workbench.study.run import run_specs
+from workbench.study.run import peak_limit, run_specs
 from workbench.study.scenario import Scenario, key_in
 
 _ONLY_METRICS: dict[str, Any] = {"outputs": {"signals": "none"}, "sweep": None, "sample": None}
-
 _LOOKED_AT = 1024  # runs among which the heaviest payload is sought
 
 
@@ -56,80 +67,12 @@ def over_ramps(
     accelerations, jerks: in m/s² and m/s³, of a rotary axis in rad/s² and rad/s³.
     """
     kind = kind_of(machine)
-    unit = kind.moved.unit
-    sweep = {
-        f"limits.{key_in(unit, name)}": [float(value) for value in values]
-        for name, values in (("acceleration_m_s2", accelerations), ("jerk_m_s3", jerks))
-    }
+    limits = {"acceleration_m_s2": accelerations, "jerk_m_s3": jerks}
+    sweep = {f"limits.{key_in(kind.moved.unit, name)}": list(map(float, values)) for name, values in limits.items()}
     changes = {**_ONLY_METRICS, "sweep": sweep}
     if kind.payload:
         changes["payloads_kg"] = (max(scenario.payloads_kg or (0.0,)),)
     return plan_study(changed(scenario, changes), machine)
-
-
-RINGING = 0.02  # damping ratio assumed for a wire or coupling that rings; a wire's range: the machine `lightly_damped`
-PAPER_S = 0.1  # c/k of the paper's wire
-# Damping ratio of a jaw coupling with an elastomer spider: relative damping 0.8 of DIN 740-2, as makers of the usual
-# spiders of 92 and 98 Shore A state it, over 4 pi.
-ELASTOMER = 0.064
-HARDLY = 2.0  # per cent that a figure may move and still depend little on the damping
-
-
-def damping_sentence(scenario: Scenario, machine: Hoist | Axis) -> str | None:
-    """What another wire or coupling makes of the answer; None where a run fails."""
-    return on_another_damping(plan_study(scenario, machine))
-
-
-def on_another_damping(study: Study) -> str | None:
-    """The heaviest load on its wire or coupling and on one that rings; on a well damped one where its own rings. Of
-    the multi-body machine the lumped one says it. None where a run fails."""
-    own = heaviest_runs(study)
-    load = load_of(own[0].machine, own[0].payload_kg)
-    if load is None or load.rigid:
-        return (
-            "No damping is assumed: the axis is one stiff inertia, so that a vibration of what it carries, and what a "
-            "jerk limit saves of it, is in none of these figures."
-        )
-    rings = load.damping <= 1.5 * RINGING
-    if load.hangs:
-        name, path, swing, scale = "wire", "wire.damping_time_s", "wire_tension_swing_n", 1.0
-        damped_s, damped = PAPER_S, f"the paper's assumption of c/k = {PAPER_S:g} s"
-    else:
-        name, path, swing = "coupling", "coupling.damping_nm_s_per_rad", "settling_time_s"
-        scale, damped_s = load.stiffness_n_per_m, 2.0 * ELASTOMER / load.angular_frequency_rad_s
-        damped = "a coupling with an elastomer spider"
-    time_s = damped_s if rings else 2.0 * RINGING / load.angular_frequency_rad_s
-    changes = {path: scale * time_s}
-    other = [replace(spec, machine=with_values(spec.machine, changes)) for spec in own]
-    before, after = ([row for row, _ in run_specs(specs)] for specs in (own, other))
-    if not all(row.ok for row in (*before, *after)):
-        return None
-    judged, pairs = metrics_of(before), list(zip(before, after, strict=True))
-    metrics = [judged.by_name[judged.peak], judged.by_name[swing]]
-    moved = max(abs(b[m.name] / a[m.name] - 1.0) for a, b in pairs for m in metrics if a[m.name])
-    swept = ", ".join(field_label(column).of(value) for column, value in own[0].assigned.items())
-    where = " and ".join(part for part in (f"{own[0].payload_kg:g} kg" if load.hangs else "", swept) if part)
-    depends = "depends little" if 100.0 * moved < HARDLY else "depends"
-    lumped = "" if study.scenario.plant == "lumped" else ", on the lumped machine"
-    ratio = replace(load, damping_time_s=time_s).damping
-    figures = []
-    for a, b in pairs:
-        texts = [f"{m.label} {m.text(b[m.name])} {m.shown_unit} (else {m.text(a[m.name])})" for m in metrics]
-        figures.append(f"{words_of(a.reference)} {' and '.join(texts)}")
-    return (
-        f"The answer {depends} on the {name}'s damping{lumped}: {f'at {where}, ' if where else ''}at damping ratio "
-        f"{ratio:.2g}, {damped if rings else f'a {name} that rings'}, in place of the {load.damping:.2g} assumed, "
-        f"{'; '.join(figures)}."
-    )
-
-
-def heaviest_runs(study: Study) -> list[RunSpec]:
-    """At the heaviest payload the trapezoid and another planned reference, or what there is of them, else the first
-    reference; without sweep, sample and signals, on the lumped machine."""
-    runs = at_heaviest(study)
-    known = planned_kinds()
-    others = [spec for spec in runs if spec.reference in known and spec.reference != BASELINE]
-    return [spec for spec in runs if spec.reference == BASELINE] + others[:1] or runs[:1]
 
 
 TIMES = (1.0, 1.02, 1.05, 1.1, 1.2)  # of the quickest: where the curves over move time have their points
@@ -192,16 +135,24 @@ def _slowed(spec: RunSpec, wanted: Sequence[float], ratio: float) -> Iterator[Ru
     own = spec.limits
     assert own is not None
     unit = kind_of(spec.machine).moved.unit
+
+    def scaled(factor: float) -> LimitPair:
+        """Accelerations times the factor, jerks times it and the ratio."""
+        ways = (own.hoisting, own.lowering)
+        return LimitPair(
+            *(Limits(w.speed_m_s, factor * w.acceleration_m_s2, factor * ratio * w.jerk_m_s3) for w in ways)
+        )
+
     for time_s in wanted:
 
-        def late(log_factor: float, time_s: float = time_s, own: LimitPair = own) -> float:
-            return _duration_s(spec, _scaled(own, math.exp(log_factor), ratio)) - time_s
+        def late(log_factor: float, time_s: float = time_s) -> float:
+            return _duration_s(spec, scaled(math.exp(log_factor))) - time_s
 
         if ratio == 1.0 and abs(late(0.0)) < SAME_S:
             continue  # the study's own run
         if late(0.0) > -SAME_S or late(math.log(GENTLEST)) < 0.0:
             continue
-        limits = _scaled(own, math.exp(brentq(late, math.log(GENTLEST), 0.0, xtol=1e-6)), ratio)
+        limits = scaled(math.exp(brentq(late, math.log(GENTLEST), 0.0, xtol=1e-6)))
         a, j = limits.hoisting.acceleration_m_s2, limits.hoisting.jerk_m_s3
         assigned = {f"sweep.limits.{key_in(unit, 'acceleration_m_s2')}": float(f"{a:.4g}")}
         if planned_kinds()[spec.reference].needs_jerk:
@@ -212,24 +163,74 @@ def _slowed(spec: RunSpec, wanted: Sequence[float], ratio: float) -> Iterator[Ru
         )  # fmt: skip
 
 
-def _scaled(pair: LimitPair, factor: float, ratio: float) -> LimitPair:
-    """Accelerations times the factor, jerks times it and the ratio."""
-    ways = (
-        Limits(one.speed_m_s, factor * one.acceleration_m_s2, factor * ratio * one.jerk_m_s3)
-        for one in (pair.hoisting, pair.lowering)
-    )
-    return LimitPair(*ways)
-
-
 def _duration_s(spec: RunSpec, limits: LimitPair | None) -> float:
     assert limits is not None
     rail, load = kind_of(spec.machine).looped.rail(spec.machine), load_of(spec.machine, spec.payload_kg)
     return motion_time_s((spec.reference,), spec.moves, spec.start_position_m, limits, rail, load)
 
 
+RINGING = 0.02  # damping ratio assumed for a wire or coupling that rings; a wire's range: the machine `lightly_damped`
+PAPER_S = 0.1  # c/k of the paper's wire
+# Damping ratio of a jaw coupling with an elastomer spider: relative damping 0.8 of DIN 740-2, as makers of the usual
+# spiders of 92 and 98 Shore A state it, over 4 pi.
+ELASTOMER = 0.064
+HARDLY = 2.0  # per cent that a figure may move and still depend little on the damping
+
+
+def damping_sentence(scenario: Scenario, machine: Hoist | Axis) -> str | None:
+    """What another wire or coupling makes of the answer; None where a run fails."""
+    return on_another_damping(plan_study(scenario, machine))
+
+
+def on_another_damping(study: Study) -> str | None:
+    """The heaviest load on its wire or coupling and on one that rings; on a well damped one where its own rings. Of
+    the multi-body machine the lumped one says it. None where a run fails.
+
+    Of the planned references the trapezoid and another one, or what there is of them, else the first reference.
+    """
+    runs = at_heaviest(study)
+    others = [spec for spec in runs if spec.reference in planned_kinds() and spec.reference != BASELINE]
+    own = [spec for spec in runs if spec.reference == BASELINE] + others[:1] or runs[:1]
+    load = load_of(own[0].machine, own[0].payload_kg)
+    if load is None or load.rigid:
+        return (
+            "No damping is assumed: the axis is one stiff inertia. No figure holds a vibration of what it carries, nor "
+            "what a jerk limit saves of it."
+        )
+    rings = load.damping <= 1.5 * RINGING
+    if load.hangs:
+        name, path, swing, scale = "wire", "wire.damping_time_s", "wire_tension_swing_n", 1.0
+        damped_s, damped = PAPER_S, f"the paper's assumption of c/k = {PAPER_S:g} s"
+    else:
+        name, path, swing = "coupling", "coupling.damping_nm_s_per_rad", "settling_time_s"
+        scale, damped_s = load.stiffness_n_per_m, 2.0 * ELASTOMER / load.angular_frequency_rad_s
+        damped = "a coupling with an elastomer spider"
+    time_s = damped_s if rings else 2.0 * RINGING / load.angular_frequency_rad_s
+    other = [replace(spec, machine=with_values(spec.machine, {path: scale * time_s})) for spec in own]
+    before, after = ([row for row, _ in run_specs(specs)] for specs in (own, other))
+    if not all(row.ok for row in (*before, *after)):
+        return None
+    judged, pairs = metrics_of(before), list(zip(before, after, strict=True))
+    metrics = [judged.by_name[judged.peak], judged.by_name[swing]]
+    moved = max(abs(b[m.name] / a[m.name] - 1.0) for a, b in pairs for m in metrics if a[m.name])
+    swept = ", ".join(field_label(column).of(value) for column, value in own[0].assigned.items())
+    where = " and ".join(part for part in (f"{own[0].payload_kg:g} kg" if load.hangs else "", swept) if part)
+    ratio = replace(load, damping_time_s=time_s).damping
+    figures = []
+    for a, b in pairs:
+        texts = [f"{m.label} {m.text(b[m.name])} instead of {m.text(a[m.name])} {m.shown_unit}" for m in metrics]
+        figures.append(f"{words_of(a.reference)} has {' and '.join(texts)}")
+    return (
+        f"The answer depends {'little ' if 100.0 * moved < HARDLY else ''}on the {name}'s damping"
+        f"{'' if study.scenario.plant == 'lumped' else ', on the lumped machine'}: with damping ratio {ratio:.2g} "
+        f"({damped if rings else f'a {name} that rings'}) instead of the {load.damping:.2g} assumed"
+        f"{f', at {where},' if where else ''} {'; '.join(figures)}."
+    )
+
+
 POINTS = 8  # values a round: the lanes that run side by side
 CLOSE = 2e-3  # relative: how well the boundary is known
-MOST_SPECS, MOST_REFERENCES, MOST_LIMITS = 64, 2, 3
+MOST_ASKED, MOST_REFERENCES, MOST_LIMITS = 64, 2, 3
 
 
 def _deceleration(spec: RunSpec) -> float:
@@ -287,37 +288,22 @@ def answers(study: Study) -> list[Asked]:
         return []
     question, found = QUESTIONS[study.scenario.ask], []
     for reference in study.scenario.kinds[:MOST_REFERENCES]:
-        specs = _specs(study, reference, question)
-        left_out: frozenset[str] = frozenset()
+        own: dict[str, RunSpec] = {}  # without what only the sought field tells apart
+        for spec in study.specs[: MOST_ASKED * len(study.scenario.kinds)]:
+            if spec.reference == reference and not spec.problem:
+                alike = question.at(spec, question.first(study.specs[0]))
+                key = repr((alike.payload_kg, alike.machine, alike.events, alike.limits, alike.moves, alike.controller))
+                own.setdefault(key, replace(spec, record_every=0))
+        if not own:
+            raise InputError(f"no run with {reference} can be made", place="ask")
+        search = _Search(question, list(own.values()), study.scenario.decide, frozenset())
         for _ in range(MOST_LIMITS):
-            search = _Search(question, specs, study.scenario.decide, left_out)
             asked, binding = search.boundary(reference)
             found.append(asked)
             if asked.value is None or not binding:
                 break
-            left_out |= binding
+            search = replace(search, left_out=search.left_out | binding)
     return found
-
-
-def _specs(study: Study, reference: str, question: Question) -> list[RunSpec]:
-    """The study's runs of a reference, without what only the sought field tells apart."""
-    own: dict[str, RunSpec] = {}
-    for spec in study.specs[: MOST_SPECS * len(study.scenario.kinds)]:
-        if spec.reference == reference and not spec.problem:
-            alike = question.at(spec, question.first(study.specs[0]))
-            key = repr((alike.payload_kg, alike.machine, alike.events, alike.limits, alike.moves, alike.controller))
-            own.setdefault(key, replace(spec, record_every=0))
-    if not own:
-        raise InputError(f"no run with {reference} can be made", place="ask")
-    return list(own.values())
-
-
-@dataclass(frozen=True)
-class _Verdict:
-    """What is broken, in words, and the criteria that are."""
-
-    broken: tuple[str, ...]
-    names: frozenset[str]
 
 
 @dataclass(frozen=True)
@@ -330,36 +316,36 @@ class _Search:
     left_out: frozenset[str]
 
     def boundary(self, reference: str) -> tuple[Asked, frozenset[str]]:
-        """Between the last value that keeps the limits and the first that does not, and the criteria that bind."""
+        """Between the last value that keeps the limits and the first that does not, and the criteria that bind.
+
+        Bracketed by runs side by side and narrowed down until it is known to CLOSE.
+        """
         step = 2.0 if self.question.most else 0.5
-        values = self.question.first(self.specs[0]) * step ** np.arange(-3.0, 5.0)
-        good, bad, verdict = self._first_bad(None, values)
-        if verdict is None:
-            return Asked(reference, good, float(values[-1]), ()), frozenset()
-        if good is None:
-            return Asked(reference, None, bad, verdict.broken), frozenset()
-        while abs(bad - good) > CLOSE * good:
-            inner = np.linspace(good, bad, POINTS + 2)[1:-1]
-            better, nearer, closer = self._first_bad(good, inner)
-            good = good if better is None else better
-            bad, verdict = (bad, verdict) if closer is None else (nearer, closer)
-        return Asked(reference, good, bad, verdict.broken), verdict.names
+        values: Array = self.question.first(self.specs[0]) * step ** np.arange(-3.0, 5.0)
+        good: float | None = None
+        bad, broken, names = float(values[-1]), (), frozenset[str]()
+        while True:
+            beyond = None
+            for value, verdict in zip(values, self._judged(values), strict=True):
+                if verdict[0]:
+                    bad, (broken, names), beyond = float(value), verdict, value
+                    break
+                good = float(value)
+            if good is None or (beyond is None and not broken):
+                return Asked(reference, good, bad, broken), frozenset()
+            if abs(bad - good) <= CLOSE * good:
+                return Asked(reference, good, bad, broken), names
+            values = np.linspace(good, bad, POINTS + 2)[1:-1]
 
-    def _first_bad(self, good: float | None, values: Array) -> tuple[float | None, float, _Verdict | None]:
-        for value, verdict in zip(values, self._judged(values), strict=True):
-            if verdict.broken:
-                return good, float(value), verdict
-            good = float(value)
-        return good, float(values[-1]), None
-
-    def _judged(self, values: Array) -> list[_Verdict]:
+    def _judged(self, values: Array) -> list[tuple[tuple[str, ...], frozenset[str]]]:
+        """Of each value what is broken, in words, and the criteria that are."""
         runs = [replace(self.question.at(spec, float(value)), assigned={}) for value in values for spec in self.specs]
         rows = [row for row, _ in run_specs(runs)]
         verdicts, size = [], len(self.specs)
-        for k in range(len(values)):
+        for k in range(0, len(rows), size):
             broken: dict[str, None] = {}
             names: set[str] = set()
-            for spec, row in zip(runs[k * size : (k + 1) * size], rows[k * size : (k + 1) * size], strict=True):
+            for spec, row in zip(runs[k : k + size], rows[k : k + size], strict=True):
                 judged = set_of(kind_of(spec.machine).name)
                 criteria = criteria_for(judged, spec.machine, spec.payload_kg, self.given)
                 known = [c for c in criteria if c.name not in self.left_out and row.metrics.get(c.name) is not None]
@@ -367,8 +353,8 @@ class _Search:
                 over = [c for c in known if c.broken(row[c.name])]
                 names |= {c.name for c in over}
                 other = candidate.broken[: len(candidate.broken) - len(over)]  # what is no criterion stands first
-                broken |= dict.fromkeys([*other, *(f"{c.metric.label} {c.limit_words}" for c in over)])
-            verdicts.append(_Verdict(tuple(broken), frozenset(names)))
+                broken |= dict.fromkeys([*other, *(f"{c.metric.label} is not {c.limit_words}" for c in over)])
+            verdicts.append((tuple(broken), frozenset(names)))
         return verdicts
 
 
@@ -378,14 +364,120 @@ def asked_sentences(study: Study, found: Sequence[Asked]) -> list[str]:
     for reference in dict.fromkeys(one.reference for one in found):
         parts: list[str] = []
         for one in (one for one in found if one.reference == reference):
-            unit = QUESTIONS[name].unit
-            lead = "without that limit it is" if parts else f"The {name} with {words_of(reference)} is"
+            question = QUESTIONS[name]
+            lead = "Without that limit it is" if parts else f"The {name} with {words_of(reference)} is"
             if one.value is None:
-                side = "below" if QUESTIONS[name].most else "above"
-                parts.append(f"{lead} {side} {one.beyond:.4g} {unit} ({listed(one.broken[:2])})")
+                side = "below" if question.most else "above"
+                parts.append(f"{lead} {side} {one.beyond:.4g} {question.unit}: there {listed(one.broken[:2])}.")
             elif not one.broken:
-                parts.append(f"{lead} beyond {one.value:.4g} {unit}, where the search ends")
+                parts.append(f"{lead} beyond {one.value:.4g} {question.unit}, where the search ends.")
             else:
-                parts.append(f"{lead} {one.value:.4g} {unit} (beyond: {one.broken[0]})")
-        said.append(f"{'; '.join(parts)}.")
+                parts.append(f"{lead} {one.value:.4g} {question.unit}: beyond it {one.broken[0]}.")
+        said.append(" ".join(parts))
     return said
+
+
+FREE, EQUAL = "ruckig_least_peak", "ruckig_equal_time"
+SAME = 0.005  # relative: limits and peaks that are alike
+Moves = Sequence[Shape]
+
+
+def from_the_bound(study: Study) -> list[str]:
+    """At the heaviest payload the least peak in the trapezoid's time, from below and from above, how far the study's
+    planned references are from it, and which pair of limits is free in that time. [] without a trapezoid, with jogs or
+    a stop on the way, and where the load is not known or goes with its angle."""
+    specs = {spec.reference: spec for spec in at_heaviest(study)}
+    own = specs.get(BASELINE)
+    load = None if own is None else load_of(own.machine, own.payload_kg)
+    if own is None or own.limits is None or load is None or own.events.emergency_stop_s is not None:
+        return []
+    distances = _distances(own)
+    if not distances:
+        return []
+    limits, judged = own.limits, set_of(kind_of(own.machine).name)
+    limit, of_load, word, unit = peak_limit(own.machine), load.force_limit_n, judged.input_words, judged.input_unit
+    scale = limit / of_load if math.isfinite(of_load) else 1.0  # of a force at the load: one motor's torque
+
+    def moves_of(name: str) -> Moves:
+        return [move_shape(planned_kind(name), d, limits.towards(d), load) for d in distances]
+
+    def peak(moves: Moves) -> float:
+        return scale * max(peak_force_n(shape, load) for shape in moves)
+
+    moves = {name: moves_of(name) for name in specs if name in planned_kinds()}
+    where = f" at {own.payload_kg:g} kg" if judged.payload else ""
+    try:
+        still, any_end = (
+            [
+                least_peak(d, limits.towards(d).speed_m_s, shape.duration_s, load, still)
+                for d, shape in zip(distances, moves[BASELINE], strict=True)
+            ]
+            for still in (True, False)
+        )
+    except InputError:
+        return [f"No motion in the {BASELINE}'s time{where} keeps to {word}, speed and a taut wire."]
+    least, found, least_of_all = (
+        scale * max(forces)
+        for forces in ([b.dual_n for b in still], [b.primal_n for b in still], [b.dual_n for b in any_end])
+    )
+    said = (
+        f"Followed exactly, no motion in the {BASELINE}'s time{where} has a {word} peak below {_down(least_of_all)} "
+        f"{unit}, and none that leaves the load at rest one below {_down(least)} {unit} (one has {-_down(-found)} "
+        f"{unit}); {'pin' if judged.payload else 'viscous'} friction and the loop's errors are left out."
+    )
+    away = [(100.0 * (peak(own_moves) / least - 1.0), name) for name, own_moves in moves.items()]
+    for side, chosen in (("Above", [a for a in away if a[0] >= 0.0]), ("Below", [a for a in away if a[0] < 0.0])):
+        names = [f"{words_of(name)} by {abs(p):.0f} %{_longer(moves[name], moves[BASELINE])}" for p, name in chosen]
+        if names:
+            said += f" {side} {_down(least)} {unit} {'is' if len(names) == 1 else 'are'} {listed(names)}."
+    if not {EQUAL, FREE} & set(moves):
+        return [said]
+    equal, free = (moves.get(name) or moves_of(name) for name in (EQUAL, FREE))
+    return [said, _free_pair(own, limits.towards(distances[0]), load, (equal, peak(equal)), (free, peak(free)))]
+
+
+def _down(value: float) -> float:
+    """To four digits, never up: a bound stays one."""
+    unit = 10.0 ** (math.floor(math.log10(abs(value))) - 3)
+    return round(math.floor(value / unit) * unit, 12)
+
+
+def _distances(spec: RunSpec) -> list[float]:
+    """Of the moves from rest to rest; [] where there is a jog."""
+    here, distances = spec.start_position_m, []
+    for step in spec.moves:
+        if step.speed_m_s is not None:
+            return []
+        if step.dwell_s is None:
+            target = here + step.by_m if step.by_m is not None else step.to_m
+            assert target is not None
+            distances.append(target - here)
+            here = target
+    return list(dict.fromkeys(distances))
+
+
+def _longer(moves: Moves, base: Moves) -> str:
+    more = sum(shape.duration_s for shape in moves) - sum(shape.duration_s for shape in base)
+    return f" ({abs(more):.2g} s {'longer' if more > 0.0 else 'shorter'})" if abs(more) > 1e-3 else ""
+
+
+def _free_pair(
+    spec: RunSpec, own: Limits, load: Load, equal: tuple[Moves, float], free: tuple[Moves, float]
+) -> str:  # fmt: skip
+    """Which limit a jerk-limited move in the trapezoid's time exceeds and by how much, and of all pairs of acceleration
+    and jerk at the speed limit the one of the least peak."""
+    kind = kind_of(spec.machine)
+    unit, judged = kind.moved.unit, set_of(kind.name)
+    used, best, top = equal[0][0].limits, free[0][0].limits, load.top_speed_m_s
+    exceeded = raised(own, used, unit) or "no limit"
+    if top > 0.0 and used.speed_m_s > own.speed_m_s:
+        exceeded += f" ({100.0 * used.speed_m_s / top:.3g} % of the drive's top speed)"
+    peaks = [f"{judged.by_name[judged.peak].text(value)} {judged.input_unit}" for _, value in (equal, free)]
+    same = best.acceleration_m_s2 < (1.0 + SAME) * own.acceleration_m_s2
+    jerk = best.jerk_m_s3 if best.jerk_m_s3 < 1000.0 else float(f"{best.jerk_m_s3:.3g}")
+    return (
+        f"To keep that time {EQUAL} exceeds {exceeded}: {peaks[0]}. Of all pairs of acceleration and jerk at "
+        f"{own.speed_m_s:.3g} {unit}/s the least peak is at {best.acceleration_m_s2:.3g} {unit}/s² and "
+        f"{jerk:{'.3g' if jerk < 1000.0 else '.0f'}} {unit}/s³, {peaks[1]}"
+        f"{', the trapezoid but for its corners' if same else ''}."
+    )

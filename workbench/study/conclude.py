@@ -1,21 +1,16 @@
-"""Pareto fronts: the runs that no other run dominates, and the knee of each front.
+"""What a study says: its decision, the number that it asks for, then at most three findings that could change it.
 
-Both costs are better when smaller. A run is on the front when no other is at least as good in
-both and better in one.
-
-The knee: the front's costs are each brought to 0…1, from the best to the worst on the front; the
-chord joins its two ends; the knee is the run farthest below the chord. Beyond it on either side a
-little of one cost is bought dearly with the other. A front of fewer than three runs, or one that
-nowhere lies below its chord, has no knee. (Distance to the chord: I. Das, "On characterizing the
-'knee' of the Pareto curve", Structural Optimization 18, 1999, for two costs.)
-
-Which drawn fields a metric depends on: Spearman rank correlations."""
+The knee of a front: its costs are brought to 0…1, from the best to the worst on the front; the chord joins its two
+ends; the knee is the run farthest below the chord. A front of fewer than three runs, or one that nowhere lies below its
+chord, has no knee. (Distance to the chord: I. Das, "On characterizing the 'knee' of the Pareto curve", Structural
+Optimization 18, 1999, for two costs.)
+"""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,15 +22,17 @@ import numpy.typing as npt
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array
 from workbench.core.whole_folder import write_json
-from workbench.kinds import Load, kind_of, load_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.metrics import View, set_of, shown_in
-from workbench.references import BASELINE, LimitPair, Shape, move_shape, planned_kind, planned_kinds
-from workbench.references.least_peak import least_peak, peak_force_n
-from workbench.references.limits import raised
-from workbench.study.beside import Asked, answers, asked_sentences, at_heaviest, beside, on_another_damping
+from workbench.study.beside import (
+    Asked,
+    answers,
+    asked_sentences,
+    beside,
+    from_the_bound,
+    on_another_damping,
+)
 from workbench.study.decide import decisions, take_sentences
-from workbench.study.grid import RunSpec
 from workbench.study.labels import (
     Label,
     SweptAxis,
@@ -46,7 +43,6 @@ from workbench.study.labels import (
     run_in_words,
     shown,
     swept_axes,
-    words_of,
 )
 from workbench.study.load import Study
 from workbench.study.rows import (
@@ -64,7 +60,12 @@ from workbench.study.rows import (
 )
 from workbench.study.run import StudyResult, peak_limit
 
-NEAR = 1e-9
+ANSWER, EQUAL_TIME = "answer.json", "equal_time.parquet"
+MOST_FINDINGS, MOST_FAILED = 3, 3
+MOST_BYTES = 1_000_000
+QUANTILES = (0.05, 0.5, 0.95)
+NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
+AT_THE_LIMIT = 0.85  # rms over limit: three quarters of the time are spent there
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,6 @@ class Front:
     """The front of one group of runs. rows: from the smallest first cost to the largest; knee: one of them or None."""
 
     payload_kg: float
-    reference: str
     costs: tuple[str, str]
     rows: tuple[Row, ...]
     knee: Row | None
@@ -97,42 +97,35 @@ def knee(first: Array, second: Array) -> int | None:
     y = (second - second[-1]) / (second[0] - second[-1])
     depth = (1.0 - x - y) / np.sqrt(2.0)  # below the chord from (0, 1) to (1, 0)
     at = int(np.argmax(depth))
-    return at if depth[at] > NEAR else None
+    return at if depth[at] > 1e-9 else None
 
 
-def fronts(
-    rows: Sequence[Row], second: str = "", first: str = "move_time_s", *, by_reference: bool = False
-) -> list[Front]:
-    """The front of each payload: all references against one another, or each by itself.
+def fronts(rows: Sequence[Row], second: str = "", first: str = "move_time_s") -> list[Front]:
+    """The front of each payload: the runs that no other is at least as good as in both costs and better in one.
 
-    first, second: metrics to be kept small, without a second the largest torque or force; `wire_tension_swing_n` is
-    max_wire_tension_n − min_wire_tension_n where the rows have no such metric. Failed runs are left out. InputError
-    for a metric that the rows do not have.
+    first, second: metrics to be kept small, without a second the largest torque or force. Failed runs are left out.
+    InputError for a metric that the rows do not have.
     """
-    good = [row for row in rows if row.ok]
-    second = second or metrics_of(rows).peak
-    groups: dict[tuple[float, str], list[Row]] = {}
-    for row in good:
-        groups.setdefault((row.payload_kg, row.reference if by_reference else ""), []).append(row)
-    return [_front(payload, kind, members, (first, second)) for (payload, kind), members in sorted(groups.items())]
+    costs = first, second or metrics_of(rows).peak
+    found = []
+    for payload in sorted({row.payload_kg for row in rows if row.ok}):
+        own = [row for row in rows if row.ok and row.payload_kg == payload]
+        x, y = (np.array([cost(row, name) for row in own]) for name in costs)
+        known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+        chosen = known[non_dominated(x[known], y[known])]
+        at = knee(x[chosen], y[chosen])
+        front = tuple(own[i] for i in chosen)
+        found.append(Front(payload, costs, front, None if at is None else front[at]))
+    return found
 
 
 def cost(row: Row, name: str) -> float:
     """A row's cost; InputError for what it has no number of."""
-    if name == "wire_tension_swing_n" and name not in row.metrics:
+    if name == "wire_tension_swing_n" and name not in row.metrics:  # of an older version
         return row["max_wire_tension_n"] - row["min_wire_tension_n"]
     if name not in row.metrics:
         raise InputError(f"no metric '{name}'; {nearest(name, row.metrics)}")
     return row[name]
-
-
-def _front(payload_kg: float, reference: str, rows: Sequence[Row], costs: tuple[str, str]) -> Front:
-    first, second = (np.array([cost(row, name) for row in rows]) for name in costs)
-    known = np.flatnonzero(np.isfinite(first) & np.isfinite(second))
-    chosen = known[non_dominated(first[known], second[known])]
-    at = knee(first[chosen], second[chosen])
-    front = tuple(rows[i] for i in chosen)
-    return Front(payload_kg, reference, costs, front, None if at is None else front[at])
 
 
 @dataclass(frozen=True)
@@ -149,31 +142,20 @@ class Correlation:
 
 def rank_correlations(rows: Sequence[Row], columns: Sequence[str], metric: str) -> list[Correlation]:
     """Of each field with the metric, the strongest first; a field or metric that is constant is left out."""
+    from scipy.stats import rankdata
+
     good = [row for row in rows if row.ok]
     if len(good) < 3:
         return []
-    wanted = _ranks(np.array([row[metric] for row in good]))
-    correlations = []
+    wanted, correlations = rankdata([row[metric] for row in good]), []
     for column in columns:
         values = [row.assigned.get(column) for row in good]
         if any(value is None or isinstance(value, str) for value in values):
             continue
-        drawn = _ranks(np.array(values, dtype=float))
+        drawn = rankdata(values)
         if np.ptp(drawn) > 0.0 and np.ptp(wanted) > 0.0:
             correlations.append(Correlation(column, float(np.corrcoef(drawn, wanted)[0, 1])))
     return sorted(correlations, key=lambda field: -abs(field.value))
-
-
-def _ranks(values: Array) -> Array:
-    """Of equal values the mean of their ranks."""
-    _, where, count = np.unique(values, return_inverse=True, return_counts=True)
-    last = np.cumsum(count)
-    return np.asarray((last - (count - 1) / 2.0)[where], dtype=float)
-
-
-MOST_FAILED = 3
-NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
-AT_THE_LIMIT = 0.85  # rms over limit: three quarters of the time are spent there
 
 
 def sentences(rows: Sequence[Row], limit: float) -> list[str]:
@@ -184,63 +166,54 @@ def sentences(rows: Sequence[Row], limit: float) -> list[str]:
 def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     """Runs that failed, are at a limit, hunt, go slack or end elsewhere: each can turn the decision round."""
     good, axes = [row for row in rows if row.ok], swept_axes(rows)
-    failures = " ".join(_failures(rows))
-    said = [failures] if failures else []
+    failed = [row for row in rows if not row.ok]
+    said = [" ".join(f"{row.run_id} failed: {row.reason}." for row in failed[:MOST_FAILED])] if failed else []
+    if len(failed) > MOST_FAILED:
+        said[0] += f" {len(failed) - MOST_FAILED} more of {len(rows)} runs failed; the index says why."
     if not good:
         return said
     judged = metrics_of(good)
+
+    def which(some: Sequence[Row]) -> str:
+        names = [run_in_words(row, axes) for row in some]
+        if len(names) <= (3 if some[0].assigned else 6):
+            return f": {'; '.join(names)}"
+        return f" in {len(names)} of {len(good)} runs, the first {names[0]}"
+
     own_limits = any("drive." in column or "motor." in column for column in good[0].assigned)
     at_limit = [row for row in good if row[judged.peak] >= limit * (1.0 - 1e-9) and not own_limits]
     stuck = [row for row in at_limit if row[judged.rms] >= AT_THE_LIMIT * limit]
     if at_limit:
         value = f"{judged.by_name[judged.peak].text(limit)} {judged.input_unit}"
-        said.append(f"The {judged.input_words} limit of {value} is reached{_which(at_limit, good, axes)}.")
+        said.append(f"The {judged.input_words} limit of {value} is reached{which(at_limit)}.")
     if stuck:
         cannot = "motors cannot" if judged.payload else "drive cannot"
         said.append(
-            f"The {judged.input_words} is at its limit nearly all the time{_which(stuck, good, axes)}: the loop swings "
-            f"from limit to limit, or the {cannot} carry the load."
+            f"The {judged.input_words} is at its limit nearly all the time{which(stuck)}: the loop swings from limit "
+            f"to limit, or the {cannot} carry the load."
         )
     if hunting := [row for row in good if hunts(row)]:
         worst = max(hunting, key=swings_per_s)
         said.append(
-            f"The torque swings by more than nominal torque{_which(hunting, good, axes)}; most often "
-            f"{_name(worst, axes)}, {swings_per_s(worst):.0f} times a second of motion: the loop hunts."
+            f"The loop hunts: the torque swings by more than nominal torque{which(hunting)}; most often "
+            f"{run_in_words(worst, axes)}, {swings_per_s(worst):.0f} times a second of motion."
         )
     if slack := [row for row in good if row.get("slack_time_s") > 0.0]:
         longest = max(slack, key=lambda row: row["slack_time_s"])
         said.append(
-            f"The wire goes slack{_which(slack, good, axes)}; longest {longest['slack_time_s']:.2g} s "
-            f"({_name(longest, axes)}). It tightens again with a jerk."
+            f"The wire goes slack{which(slack)}; longest {longest['slack_time_s']:.2g} s "
+            f"({run_in_words(longest, axes)}). It tightens again with a jerk."
         )
     if astray := [row for row in good if is_astray(row)]:
         worst = max(astray, key=lambda row: abs(row[judged.end]))
         error, metric = worst[judged.end], judged.by_name[judged.end]
         amount = f"{abs(error):.2f} m" if judged.payload else f"{metric.text(abs(error))} {metric.shown_unit}"
+        farthest = f"; farthest off {run_in_words(worst, axes)}," if len(astray) > 1 else ","
         said.append(
-            f"The {judged.moved} does not end where its reference does{_which(astray, good, axes)}; farthest off "
-            f"{_name(worst, axes)}, {amount} {judged.sides[0] if error > 0.0 else judged.sides[1]} it."
+            f"The {judged.moved} does not end where its reference does{which(astray)}{farthest} {amount} "
+            f"{judged.sides[0] if error > 0.0 else judged.sides[1]} it."
         )
     return said
-
-
-def _failures(rows: Sequence[Row]) -> Iterator[str]:
-    failed = [row for row in rows if not row.ok]
-    yield from (f"{row.run_id} failed: {row.reason}." for row in failed[:MOST_FAILED])
-    if len(failed) > MOST_FAILED:
-        yield f"{len(failed) - MOST_FAILED} more of {len(rows)} runs failed; the index says why."
-
-
-def _which(rows: Sequence[Row], good: Sequence[Row], axes: Sequence[SweptAxis]) -> str:
-    """`: a, b, c` of a few runs; of many how many, and the first."""
-    names = [_name(row, axes) for row in rows]
-    if len(names) <= (3 if rows[0].assigned else 6):
-        return f": {('; ' if rows[0].assigned else ', ').join(names)}"
-    return f" in {len(names)} of {len(good)} runs, the first {names[0]}"
-
-
-def _name(row: Row, axes: Sequence[SweptAxis]) -> str:
-    return run_in_words(row, axes) if row.assigned else row.run_id
 
 
 def variations(rows: Sequence[Row], told: bool = False) -> list[str]:
@@ -250,8 +223,9 @@ def variations(rows: Sequence[Row], told: bool = False) -> list[str]:
         return []
     heaviest = max(row.payload_kg for row in good)
     here = [row for row in good if row.payload_kg == heaviest]
-    paid = any(".limits." in column for axis in axes for column in axis.columns)
-    said = [_knee(front, axes) for front in fronts(good)[-1:] if front.knee is not None] if paid else []
+    said = []
+    if any(".limits." in column for axis in axes for column in axis.columns) and fronts(here)[0].knee is not None:
+        said.append(_knee(fronts(here)[0], axes))
     said += [text for axis in axes for text in _effect(axis, here, heaviest)]
     if drawn_columns(good):
         said += scatter(good)
@@ -267,18 +241,20 @@ def variations(rows: Sequence[Row], told: bool = False) -> list[str]:
 
 def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float) -> Iterator[str]:
     """What an axis does at the heaviest payload, of all runs at a value the worst; only of references that read it."""
-    rows = [row for row in rows if any(reads(row.reference, column) for column in axis.columns)]
-    groups = {point: [row for row in rows if axis.at(row) == point] for point in axis.points}
+    groups: dict[Any, list[Row]] = {point: [] for point in axis.points}
+    for row in rows:
+        if any(reads(row.reference, column) for column in axis.columns):
+            groups[axis.at(row)].append(row)
     groups = {point: members for point, members in groups.items() if members}
     if len(groups) < 2:
         return
-    points, judged = list(groups), metrics_of(rows)
+    points, judged, own = list(groups), metrics_of(rows), [row for members in groups.values() for row in members]
     several = max(map(len, groups.values())) > 1
     at = f"at {payload_kg:g} kg" if judged.payload else ""
     where = f"{at}, the worst runs," if several and at else "in the worst runs" if several else at
     parts, same = [], []
     for metric in shown_in(View.SENTENCES, judged):
-        if not all(row.metrics.get(metric.name) is not None for row in rows):
+        if any(row.metrics.get(metric.name) is None for row in own):
             continue
         values = [metric.scale * metric.worst([row[metric.name] for row in groups[point]]) for point in points]
         if max(values) - min(values) > NO_CHANGE * max(map(abs, values)):
@@ -298,32 +274,29 @@ def _course(axis: SweptAxis, points: Sequence[tuple[float | str, ...]], values: 
     if not axis.numeric:
         return "is " + ", ".join(f"{v:.3g} {unit} with {shown(p[0])}" for p, v in zip(points, values, strict=True))
     text = f"goes from {values[0]:.3g} to {values[-1]:.3g} {unit}"
-    reach = max(abs(value) for value in values) * NO_CHANGE
+    reach, ends = max(abs(value) for value in values) * NO_CHANGE, (values[0], values[-1])
     low, high = int(np.argmin(values)), int(np.argmax(values))
-    if values[low] < min(values[0], values[-1]) - reach:
+    if values[low] < min(ends) - reach:
         return f"{text}, with its least, {values[low]:.3g} {unit}, at {axis.short(points[low])}"
-    if values[high] > max(values[0], values[-1]) + reach:
+    if values[high] > max(ends) + reach:
         return f"{text}, with its most, {values[high]:.3g} {unit}, at {axis.short(points[high])}"
     return text
 
 
 def _knee(front: Front, axes: Sequence[SweptAxis]) -> str:
     """Where a front of move time against the peak turns, and whether that is at the edge of what was swept."""
-    knee = front.knee
+    knee, judged = front.knee, metrics_of(front.rows)
     assert knee is not None
-    judged = metrics_of([knee])
     peak = judged.by_name[front.costs[1]]
     setting = ", ".join(axis.say(axis.at(knee)) for axis in axes)
     ends = [f"{row['move_time_s']:.4g} s for {peak.text(row[peak.name])}" for row in (front.rows[0], front.rows[-1])]
-    edges = [axis for axis in axes if _at_edge(axis, knee)]
-    said = (
+    edges = [axis.words for axis in axes if _at_edge(axis, knee)]
+    edge = f"; it lies at the edge of {listed(edges)}: widen that range" if edges else ""
+    return (
         f"{f'At {front.payload_kg:g} kg the' if judged.payload else 'The'} knee of move time against {peak.label} is "
         f"{knee.reference} with {setting}: {knee['move_time_s']:.4g} s and {peak.text(knee[peak.name])} "
-        f"{peak.shown_unit}, between {' and '.join(ends)} at the ends"
+        f"{peak.shown_unit}, between {' and '.join(ends)} at the ends{edge}."
     )
-    if edges:
-        said += f"; it lies at the edge of {listed([axis.words for axis in edges])}: widen that range"
-    return f"{said}."
 
 
 def _at_edge(axis: SweptAxis, row: Row) -> bool:
@@ -333,32 +306,27 @@ def _at_edge(axis: SweptAxis, row: Row) -> bool:
 
 def scatter(good: Sequence[Row]) -> list[str]:
     """Of a sample: the spread of the peak for each payload and reference, and what it depends on."""
-    texts = []
-    groups: dict[tuple[float, str], list[Row]] = {}
-    for row in good:
-        groups.setdefault((row.payload_kg, row.reference), []).append(row)
-    for (payload, reference), rows in groups.items():
+    judged, texts = metrics_of(good), []
+    metric = judged.by_name[judged.peak]
+    for payload, reference in dict.fromkeys((row.payload_kg, row.reference) for row in good):
+        rows = [row for row in good if (row.payload_kg, row.reference) == (payload, reference)]
         if len(rows) < 3:
             continue
-        judged = metrics_of(rows)
-        metric = judged.by_name[judged.peak]
-        low, middle, high, most = np.quantile([row[judged.peak] for row in rows], (0.05, 0.5, 0.95, 1.0))
+        low, middle, high, most = np.quantile([row[judged.peak] for row in rows], (*QUANTILES, 1.0))
         ranked = rank_correlations(rows, drawn_columns(good), judged.peak)
         strong = [f"{r.label.words} (rank correlation {r.value:+.2f})" for r in ranked if abs(r.value) >= 0.2][:3]
         texts.append(
             f"Over {len(rows)} runs {f'at {payload:g} kg ' if judged.payload else ''}with {reference} the "
             f"{metric.label} is {metric.text(middle)} {metric.unit} in the median, {metric.text(low)} to "
             f"{metric.text(high)} {metric.unit} in nine of ten, {metric.text(most)} {metric.unit} at most"
-            f"{f'; it goes with {listed(strong)}' if strong else ''}."
+            f"{f'; it depends most on {listed(strong)}' if strong else ''}."
         )
     return texts
 
 
 Light = Literal["green", "amber", "red"]
 WIRE_SAFETY = 4.5  # least breaking load over tension of a running rope, mechanism group M5 (ISO 4308-1)
-OVERSPEED = (
-    1.2  # of nominal speed, where the field is weakened: a drive's own limit (ABB ACS850 firmware manual, 20.01)
-)
+OVERSPEED = 1.2  # of nominal speed, where the field is weakened: a drive's own limit (ABB ACS850 manual, 20.01)
 AMBER, RED = 85.0, 99.9  # % of what is borne
 MANY = 1000.0  # % from which on a share is said in times
 SIGN = {"green": "●", "amber": "▲", "red": "■"}  # told apart without colour, too
@@ -366,12 +334,16 @@ SIGN = {"green": "●", "amber": "▲", "red": "■"}  # told apart without colo
 
 @dataclass(frozen=True)
 class Use:
-    """percent: of what is borne, in the run that uses most. bound: what that is, in words; where: that run."""
+    """percent: of what is borne, in the run that uses most. bound: what that is, in words; where: that run.
+
+    told: whether a finding says it too.
+    """
 
     what: str
     percent: float
     bound: str
     where: str
+    told: bool = False
 
     @property
     def used(self) -> str:
@@ -386,17 +358,25 @@ class Use:
 def utilisation(rows: Sequence[Row], machine: Hoist | Axis) -> list[Use]:
     """Torque peak, rms torque, overload, speed, wire, place of the stop; those that the runs know."""
     good, axes = [row for row in rows if row.ok], swept_axes(rows)
-    shares = _SHARES.get(kind_of(machine).name, _axis_shares)(machine)
     uses = []
-    for what, name, scale, bound in shares:
+    for what, name, scale, bound, told in _hoist_shares(machine) if metrics_of(rows).payload else _axis_shares(machine):
         known = [row for row in good if row.metrics.get(name) is not None]
         if known:
             worst = max(known, key=lambda row: abs(row[name]))
-            uses.append(Use(what, scale * abs(worst[name]), bound, run_in_words(worst, axes)))
-    return [*uses, *_hunting_use(good, axes), *_wire(good, axes)]
+            uses.append(Use(what, scale * abs(worst[name]), bound, run_in_words(worst, axes), told))
+    if hunting := [row for row in good if hunts(row)]:
+        worst = max(hunting, key=swings_per_s)
+        bound = f"{SWINGS_PER_S:g} a second of motion, each by more than nominal torque: the loop hunts"
+        percent = 100.0 * swings_per_s(worst) / SWINGS_PER_S
+        uses.append(Use("torque swings", percent, bound, run_in_words(worst, axes), True))
+    if factors := [row for row in good if row.get("wire_safety_factor") > 0.0]:
+        worst = min(factors, key=lambda row: row["wire_safety_factor"])
+        bound = f"a safety factor of {WIRE_SAFETY:g} (ISO 4308-1, M5)"
+        uses.append(Use("wire", 100.0 * WIRE_SAFETY / worst["wire_safety_factor"], bound, run_in_words(worst, axes)))
+    return uses
 
 
-Share = tuple[str, str, float, str]  # what, metric, per cent per unit of it, of what
+Share = tuple[str, str, float, str, bool]  # what, metric, per cent per unit of it, of what, whether a finding says it
 
 
 def _hoist_shares(machine: Any) -> tuple[Share, ...]:
@@ -404,12 +384,13 @@ def _hoist_shares(machine: Any) -> tuple[Share, ...]:
     overspeed = OVERSPEED if drive.field_weakening else 1.0
     fastest = f"{overspeed:g} times nominal speed, {overspeed * machine.motor.nominal_speed_rad_s:.4g} rad/s"
     cycle = f"{100 * drive.overload:.0f} % for {drive.overload_time_s:g} s in {drive.overload_period_s:g} s"
+    place = f"{1000 * ASTRAY_M:g} mm from the reference"
     return (
-        ("torque peak", "peak_torque_motor_nm", 100.0 / limit, f"the limit of {limit:.0f} N m per motor"),
-        ("rms torque", "rms_torque_motor_nm", 100.0 / nominal, f"nominal torque, {nominal:g} N m, without end"),
-        ("overload", "overload_use_percent", 1.0, cycle),
-        ("motor speed", "peak_speed_percent", 1.0 / overspeed, fastest),
-        ("place of the stop", "position_error_end_m", 100.0 / ASTRAY_M, f"{1000 * ASTRAY_M:g} mm from the reference"),
+        ("torque peak", "peak_torque_motor_nm", 100.0 / limit, f"the limit of {limit:.0f} N m per motor", True),
+        ("rms torque", "rms_torque_motor_nm", 100.0 / nominal, f"nominal torque, {nominal:g} N m, without end", False),
+        ("overload", "overload_use_percent", 1.0, f"the drive's overload cycle, {cycle}", False),
+        ("motor speed", "peak_speed_percent", 1.0 / overspeed, fastest, False),
+        ("place of the stop", "position_error_end_m", 100.0 / ASTRAY_M, place, True),
     )
 
 
@@ -420,183 +401,20 @@ def _axis_shares(machine: Any) -> tuple[Share, ...]:
     fastest = next(name for name in judged.by_name if name.startswith(("peak_velocity", "peak_speed")))
     shares: list[Share] = []
     if math.isfinite(drive.limit):
-        shares.append((f"{word} peak", judged.peak, 100.0 / drive.limit, f"the limit of {drive.limit:g} {unit}"))
+        shares.append((f"{word} peak", judged.peak, 100.0 / drive.limit, f"the limit of {drive.limit:g} {unit}", True))
     if drive.nominal is not None:
         without_end = f"nominal {word}, {drive.nominal:g} {unit}, without end"
-        shares.append((f"rms {word}", judged.rms, 100.0 / drive.nominal, without_end))
+        shares.append((f"rms {word}", judged.rms, 100.0 / drive.nominal, without_end, False))
     if drive.top_speed is not None:
         bound = f"the top speed, {drive.top_speed:g} {kind.moved.speed_unit}"
-        shares.append(("speed", fastest, 100.0 / drive.top_speed, bound))
+        shares.append(("speed", fastest, 100.0 / drive.top_speed, bound, False))
     return tuple(shares)
-
-
-_SHARES: dict[str, Callable[[Any], tuple[Share, ...]]] = {"hoist": _hoist_shares}
-
-
-def _hunting_use(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[Use]:
-    hunting = [row for row in good if hunts(row)]
-    if not hunting:
-        return []
-    worst = max(hunting, key=swings_per_s)
-    bound = f"{SWINGS_PER_S:g} a second of motion, each by more than nominal torque: the loop hunts"
-    return [Use("torque swings", 100.0 * swings_per_s(worst) / SWINGS_PER_S, bound, run_in_words(worst, axes))]
-
-
-def _wire(good: Sequence[Row], axes: Sequence[SweptAxis]) -> list[Use]:
-    factors = [row for row in good if (row.metrics.get("wire_safety_factor") or 0.0) > 0.0]
-    if not factors:
-        return []
-    worst = min(factors, key=lambda row: row["wire_safety_factor"])
-    bound = f"a safety factor of {WIRE_SAFETY:g} (ISO 4308-1, M5)"
-    return [Use("wire", 100.0 * WIRE_SAFETY / worst["wire_safety_factor"], bound, run_in_words(worst, axes))]
 
 
 def alarm(uses: Sequence[Use]) -> str | None:
     """One sentence on what is at or beyond its bound; None where nothing is."""
     over = [f"{use.what} {use.used} {use.bound} ({use.where})" for use in uses if use.light == "red"]
     return f"Overload: {'; '.join(over)}." if over else None
-
-
-FREE, EQUAL = "ruckig_least_peak", "ruckig_equal_time"
-SAME = 0.005  # relative: limits and peaks that are alike
-Moves = Sequence[Shape]
-
-
-def from_the_bound(study: Study) -> list[str]:
-    """At the heaviest payload the least peak in the trapezoid's time, from below and from above, how far the study's
-    planned references are from it, and which pair of limits is free in that time. [] without a trapezoid, with jogs or
-    a stop on the way, and where the load is not known or goes with its angle."""
-    specs = {spec.reference: spec for spec in at_heaviest(study)}
-    own = specs.get(BASELINE)
-    load = None if own is None else load_of(own.machine, own.payload_kg)
-    if own is None or own.limits is None or load is None or own.events.emergency_stop_s is not None:
-        return []
-    distances = _distances(own)
-    if not distances:
-        return []
-    asked = _Asked(own, load)
-    moves = {name: _moves(name, distances, own.limits, load) for name in specs if name in planned_kinds()}
-    where = f" at {own.payload_kg:g} kg" if set_of(kind_of(own.machine).name).payload else ""
-    try:
-        still, any_end = (
-            [
-                least_peak(d, own.limits.towards(d).speed_m_s, shape.duration_s, load, still)
-                for d, shape in zip(distances, moves[BASELINE], strict=True)
-            ]
-            for still in (True, False)
-        )
-    except InputError:
-        return [f"No motion in the {BASELINE}'s time{where} keeps to {asked.word}, speed and a taut wire."]
-    least, found, least_of_all = (
-        asked.scale * max(forces)
-        for forces in ([b.dual_n for b in still], [b.primal_n for b in still], [b.dual_n for b in any_end])
-    )
-    away = [(100.0 * (asked.peak(own_moves) / least - 1.0), name) for name, own_moves in moves.items()]
-    beside = "pin" if kind_of(own.machine).name == "hoist" else "viscous"
-    said = (
-        f"Followed exactly, no motion in the {BASELINE}'s time{where} has a {asked.word} peak below "
-        f"{_down(least_of_all)} {asked.unit}, and none that leaves the load at rest one below {_down(least)} "
-        f"{asked.unit} (one has {-_down(-found)} {asked.unit}); {beside} friction and the loop's errors are left out."
-    )
-    for side, chosen in (("Above", [a for a in away if a[0] >= 0.0]), ("Below", [a for a in away if a[0] < 0.0])):
-        names = [
-            f"{words_of(name)} by {abs(percent):.0f} %{_longer(moves[name], moves[BASELINE])}"
-            for percent, name in chosen
-        ]
-        said += (
-            f" {side} {_down(least)} {asked.unit} {'is' if len(names) == 1 else 'are'} {listed(names)}."
-            if names
-            else ""
-        )
-    return [said, *_free_pair(moves, distances, own.limits, asked)]
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """What motions ask of the drive, in the unit of the study's tables: of a hoist one motor's torque."""
-
-    spec: RunSpec
-    load: Load
-
-    @property
-    def word(self) -> str:
-        return set_of(kind_of(self.spec.machine).name).input_words
-
-    @property
-    def scale(self) -> float:
-        """Of a force at the load."""
-        limit, of_load = peak_limit(self.spec.machine), self.load.force_limit_n
-        return limit / of_load if math.isfinite(of_load) else 1.0
-
-    def peak(self, moves: Moves) -> float:
-        return self.scale * max(peak_force_n(shape, self.load) for shape in moves)
-
-    @property
-    def unit(self) -> str:
-        return set_of(kind_of(self.spec.machine).name).input_unit
-
-    def said(self, peak: float) -> str:
-        judged = set_of(kind_of(self.spec.machine).name)
-        return f"{judged.by_name[judged.peak].text(peak)} {self.unit}"
-
-
-def _down(value: float) -> float:
-    """To four digits, never up: a bound stays one."""
-    unit = 10.0 ** (math.floor(math.log10(abs(value))) - 3)
-    return round(math.floor(value / unit) * unit, 12)
-
-
-def _distances(spec: RunSpec) -> list[float]:
-    """Of the moves from rest to rest; [] where there is a jog."""
-    here, distances = spec.start_position_m, []
-    for step in spec.moves:
-        if step.speed_m_s is not None:
-            return []
-        if step.dwell_s is None:
-            target = here + step.by_m if step.by_m is not None else step.to_m
-            assert target is not None
-            distances.append(target - here)
-            here = target
-    return list(dict.fromkeys(distances))
-
-
-def _moves(name: str, distances: Sequence[float], limits: LimitPair, load: Load) -> Moves:
-    return [move_shape(planned_kind(name), d, limits.towards(d), load) for d in distances]
-
-
-def _longer(moves: Moves, base: Moves) -> str:
-    more = sum(shape.duration_s for shape in moves) - sum(shape.duration_s for shape in base)
-    return f" ({abs(more):.2g} s {'longer' if more > 0.0 else 'shorter'})" if abs(more) > 1e-3 else ""
-
-
-def _free_pair(moves: Mapping[str, Moves], distances: Sequence[float], limits: LimitPair, asked: _Asked) -> list[str]:
-    """Where the study takes a jerk-limited move in the trapezoid's time: which limit that exceeds and by how much, and
-    of all pairs of acceleration and jerk at the speed limit the one of the least peak."""
-    if not {EQUAL, FREE} & set(moves):
-        return []
-    unit = kind_of(asked.spec.machine).moved.unit
-    equal, free = (moves.get(name) or _moves(name, distances, limits, asked.load) for name in (EQUAL, FREE))
-    own, used, top = limits.towards(distances[0]), equal[0].limits, asked.load.top_speed_m_s
-    exceeded = raised(own, used, unit) or "no limit"
-    if top > 0.0 and used.speed_m_s > own.speed_m_s:
-        exceeded += f" ({100.0 * used.speed_m_s / top:.3g} % of the drive's top speed)"
-    best = free[0].limits
-    same = best.acceleration_m_s2 < (1.0 + SAME) * own.acceleration_m_s2
-    return [
-        f"To keep that time {EQUAL} exceeds {exceeded}: {asked.said(asked.peak(equal))}. Of all pairs of acceleration "
-        f"and jerk at {own.speed_m_s:.3g} {unit}/s the least peak is at "
-        f"{best.acceleration_m_s2:.3g} {unit}/s² and {_short(best.jerk_m_s3)} {unit}/s³, {asked.said(asked.peak(free))}"
-        f"{', the trapezoid but for its corners' if same else ''}."
-    ]
-
-
-def _short(value: float) -> str:
-    return f"{value:.3g}" if value < 1000.0 else f"{float(f'{value:.3g}'):.0f}"
-
-
-ANSWER, EQUAL_TIME = "answer.json", "equal_time.parquet"
-MOST_FINDINGS = 3
-MOST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -610,9 +428,13 @@ class Answer:
 
 def answer_of(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> Answer:
     """simulate: runs beside the study may be made, for equal times, another damping and the number asked for."""
-    rivals, asked = _run_beside(study) if simulate else ([], [])
+    rivals: list[Row] = []
+    asked: list[Asked] = []
+    if simulate:
+        with suppress(InputError):  # a comparison that cannot be planned leaves the study's own rows as they are
+            rivals, asked = beside(study), answers(study)
     taken = take_sentences(decisions(rows, study.machine, study.scenario.decide, rivals))
-    alarmed = alarm(utilisation(rows, study.machine))
+    alarmed = alarm([use for use in utilisation(rows, study.machine) if not use.told])
     first = [*asked_sentences(study, asked), *taken, *([alarmed] if alarmed else [])]
     found = [*troubles(rows, peak_limit(study.machine)), *variations(rows, told=bool(taken))]
     if simulate and len(found) < MOST_FINDINGS and (damping := on_another_damping(study)) is not None:
@@ -620,13 +442,6 @@ def answer_of(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> An
     if len(found) < MOST_FINDINGS and not study.scenario.sweep and not study.scenario.sample:
         found += from_the_bound(study)[:1]  # of the base values: a sweep has others
     return Answer((*first, *found[:MOST_FINDINGS]), tuple(rivals), tuple(asked))
-
-
-def _run_beside(study: Study) -> tuple[list[Row], list[Asked]]:
-    """A comparison that cannot be planned leaves the study's own rows as they are."""
-    with suppress(InputError):
-        return beside(study), answers(study)
-    return [], []
 
 
 def answer(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> list[str]:

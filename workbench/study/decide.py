@@ -17,7 +17,7 @@ from functools import cached_property
 from workbench.core.errors import InputError, nearest
 from workbench.machines import Axis, Hoist, kind_of, load_of
 from workbench.metrics import Metric, MetricSet, View, find, set_with, shown_in
-from workbench.study.labels import listed, reads, swept_axes, words_of
+from workbench.study.labels import SweptAxis, listed, reads, swept_axes, words_of
 from workbench.study.rows import Row, hunts, is_astray, metrics_of
 from workbench.study.scenario import CriterionBlock
 
@@ -117,7 +117,8 @@ class Candidate:
     """A reference with its chosen values at a payload. values: of each criterion, the worst of its runs.
 
     setting: the chosen values, in words; broken: why it is out; shares: u of each criterion; total: their weighted sum;
-    beside: not in the study, but run for the comparison.
+    beside: not in the study, but run for the comparison. keeps: of one that is out, the values of a swept condition at
+    which it keeps every limit.
     """
 
     payload_kg: float
@@ -127,6 +128,7 @@ class Candidate:
     runs: int
     broken: tuple[str, ...]
     beside: bool = False
+    keeps: str = ""
     shares: Mapping[str, float] = field(default_factory=dict)
     total: float = math.nan
 
@@ -204,7 +206,9 @@ def decisions(
 
 def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[Candidate]:
     """Rows as candidates: those that are alike in reference and chosen values are one."""
-    axes = [axis for axis in swept_axes(rows) if axis.columns[0].startswith(CHOSEN)]
+    varied = swept_axes(rows)
+    axes = [axis for axis in varied if axis.columns[0].startswith(CHOSEN)]
+    conditions = [axis for axis in varied if axis not in axes]
     read = {
         kind: [axis for axis in axes if any(reads(kind, column) for column in axis.columns)]
         for kind in {row.reference for row in rows}
@@ -220,7 +224,19 @@ def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[C
         values = {c.name: float(c.metric.worst([row[c.name] for row in good])) if good else math.nan for c in criteria}
         values.setdefault(TIME, max((row[TIME] for row in good), default=math.nan))
         broken = tuple(_broken(own, good, values, criteria))
-        yield Candidate(own[0].payload_kg, reference, setting, values, len(own), broken)
+        keeps = _kept(own, conditions[0], criteria) if broken and len(conditions) == 1 else ""
+        yield Candidate(own[0].payload_kg, reference, setting, values, len(own), broken, keeps=keeps)
+
+
+def _kept(own: Sequence[Row], axis: SweptAxis, criteria: Sequence[Criterion]) -> str:
+    """The values of a condition at which all runs keep every limit, in words."""
+    kept = []
+    for point in axis.points:
+        here = [row for row in own if axis.at(row) == point]
+        values = {c.name: float(c.metric.worst([row[c.name] for row in here])) for c in criteria if here[0].ok}
+        if all(row.ok for row in here) and not list(_broken(here, here, values, criteria)):
+            kept.append(axis.short(point))
+    return f"{axis.words} {listed(kept)}" if kept else ""
 
 
 def _broken(
@@ -266,7 +282,9 @@ def _take(alike: Sequence[Decision], always: bool) -> str:
     where = "" if not judged.payload else " at every payload" if always and len(alike) > 1 else f" at {loads}"
     if taken is None:
         least = min(decision.candidates, key=lambda c: len(c.broken))
-        return f"Take none of them{where}: {least.words} breaks least, {'; '.join(least.broken)}."
+        said = f"Take none of these{where}: {least.words} breaks least, {'; '.join(least.broken)}."
+        at = f"At {decision.payload_kg:g} kg it" if judged.payload else "It"
+        return f"{said} {at} keeps every limit with {least.keeps}." if least.keeps else said
     figures = [
         f"{c.metric.label} {c.text(taken.values[c.name])}"
         for c in decision.criteria
@@ -300,9 +318,9 @@ def _against(decision: Decision, taken: Candidate, rival: Candidate) -> str:
     ):
         a, b, metric = rival.values[criterion.name], taken.values[criterion.name], criterion.metric
         worse = metric.worse_by(a, b)
-        if abs(worse) < max(metric.visible, 0.005 * abs(a)):
+        if abs(worse) < max(metric.visible, 0.005 * abs(a)) or metric.text(a) == metric.text(b):
             continue
-        change = f"{metric.label} {metric.text(b)} for {metric.text(a)} {metric.shown_unit}".strip()
+        change = f"{metric.label} {metric.text(b)} instead of {metric.text(a)} {metric.shown_unit}".strip()
         (costs if worse > 0.0 else gains).append(change)
     close = rival.total - taken.total < ALIKE * taken.total
     said = f"Against {rival.words} it {f'gains {listed(gains[:3])}' if gains else 'gains nothing that counts'}"

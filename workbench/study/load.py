@@ -186,8 +186,7 @@ def _copy_origin(
 
 # What decides a study's numbers: an edit of any of it makes another study.
 _PHYSICS = (
-    "control", "effects", "engine", "machine", "metrics", "multibody", "plants", "references", "simulate", "study",
-    "trace",
+    "control", "effects", "engine", "machines", "metrics", "references", "simulate", "study", "symbolic",
 )  # fmt: skip
 
 

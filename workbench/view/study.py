@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.table import Column, Table, words
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.conclude import (
     QUANTILES,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.kinds import Kind
+from workbench.machines import Kind
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.conclude import NO_CHANGE, Correlation, Front, cost
 from workbench.study.labels import SweptAxis, drawn_in, metric_label, run_in_words, set_in, shown
