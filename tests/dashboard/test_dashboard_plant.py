@@ -18,6 +18,7 @@ pytest.importorskip("streamlit")
 from benchmarks.serve import Client as UdpClient
 from benchmarks.serve import Served
 from tests.support.dashboard_app import errors, page
+from workbench.analysis.usual import usual_controller
 from workbench.core.errors import InputError
 from workbench.dashboard.pages.plant import WINDOWS
 from workbench.dashboard.plant import KEPT_S, PlantProcess
@@ -36,7 +37,6 @@ from workbench.figures.served import last_seconds, late_starts
 from workbench.machines import default_hoist
 from workbench.machines.files import machine_text
 from workbench.references import Limits, time_optimal
-from workbench.reports.loop.case import usual_controller
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish
 from workbench.serve.session import Session

@@ -351,7 +351,9 @@ def test_the_sentence_on_damping_compares_the_wire_assumed_with_one_that_rings()
     scenario = load_study(ROOT / "scenarios" / "payloads.yaml").scenario
     said = damping_sentence(scenario, default_hoist())
     assert said is not None
-    assert "with damping ratio 0.02 (a wire that rings) instead of the 0.63 assumed, at 9000 kg, the trapezoid has" in said
+    assert (
+        "with damping ratio 0.02 (a wire that rings) instead of the 0.63 assumed, at 9000 kg, the trapezoid has" in said
+    )
     ringing = damping_sentence(scenario, shipped_hoist("lightly_damped"))
     assert ringing is not None
     assert "with damping ratio 0.63 (the paper's assumption of c/k = 0.1 s) instead of the 0.016" in ringing

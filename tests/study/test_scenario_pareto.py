@@ -66,9 +66,6 @@ def test_each_payload_has_its_front_and_failed_runs_are_not_on_it() -> None:
     assert (full.payload_kg, full.knee, [r.run_id for r in full.rows]) == (9000.0, None, ["b"])
 
 
-
-
-
 def test_tension_swing_is_largest_minus_smallest_tension() -> None:
     (front,) = fronts([row("a", 1.0, 5.0), row("b", 2.0, 6.0)], second="wire_tension_swing_n")
     assert [r.run_id for r in front.rows] == ["a"]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ValidationError
 
+from workbench.core import shown as core_shown
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.table import Column, Table, words
@@ -32,7 +33,7 @@ from workbench.study.conclude import (
 from workbench.study.decide import Decision, choices, decisions
 from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
 from workbench.study.load import plan_study
-from workbench.study.rows import Row, metrics_of, with_payload
+from workbench.study.rows import Row, index_table, metrics_of, with_payload
 from workbench.study.run import StudyResult, peak_limit
 from workbench.study.scenario import Scenario
 from workbench.study.store import Finished
@@ -556,3 +557,17 @@ def write_study_report(result: Finished, path: Path) -> None:
         raise InputError(f"the report cannot be written: {error.strerror or error}", file=path) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _columns(result: StudyResult) -> Mapping[str, Sequence[Any]]:
+    """The index of the study: what a run was, what a sweep set, its metrics."""
+    table = index_table(result.rows)
+    return {name: table[name].to_pylist() for name in table.column_names}
+
+
+VIEW = core_shown.View(
+    {"runs": lambda result: run_table(result.rows)},
+    {"runs": runs_figure, "start": start_figure, "peaks": peaks_figure},
+    _columns,
+    index="run_id",
+)
