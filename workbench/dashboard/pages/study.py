@@ -36,9 +36,8 @@ from workbench.dashboard.pages.study_form import controls, desk_key, set_desk
 from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, problem, table, text
 from workbench.figures.signals import Stretch, browser
 from workbench.logs.signal_files import FORMS
-from workbench.machines import Axis, Hoist, default_hoist, kind_of
+from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
 from workbench.machines.files import machine_text
-from workbench.machines.plants import HOIST
 from workbench.metrics import Metric, View, columns, shown_in
 from workbench.references import BASELINE
 from workbench.study.beside import damping_sentence, over_payload, over_ramps
@@ -478,7 +477,7 @@ def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, sente
 
 def forces_of(run: Run) -> list[str]:
     """The forces that the multi-body machine alone has, in the run's order."""
-    lumped = {signal.name for signal in HOIST.signals}
+    lumped = {signal.name for signal in HOIST.plant.signals}
     return [name for name in run.signals if name.startswith("force_") and name not in lumped]
 
 
