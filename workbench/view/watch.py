@@ -12,8 +12,8 @@ import numpy as np
 from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array
 from workbench.core.table import Column, Table, words
-from workbench.figures.panels import Panels
 from workbench.view.page import Section, save_page
+from workbench.view.panels import Panels
 from workbench.view.style import BLUE, GREY, VERMILLION
 from workbench.watch.fleet import STATES, Row, by_state
 from workbench.watch.judge import Cause, Judge

@@ -17,7 +17,7 @@ from workbench.core.errors import InputError
 from workbench.core.record import Finite, Payload, Position, Record
 from workbench.core.run import Run
 from workbench.core.yaml_strict import load, validate
-from workbench.logs.formats import suffixes
+from workbench.logs.formats.known import suffixes
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Column, Entry, Name, read_runs
 from workbench.machines import Axis, Hoist, kind_of
@@ -107,8 +107,8 @@ class Arrivals:
     def read(self, arrived: Arrived) -> Run:
         """The log, checked and repaired as a campaign's. InputError for what is wrong with it."""
         assert arrived.entry is not None
-        how = self._machine, self._kind.signals, self.columns, None, self._runs
-        (run,), _ = read_run(arrived.entry, arrived.file, *how, whole=True)
+        machine = self._machine
+        (run,), _ = read_run(arrived.entry, arrived.file, machine, self.columns, None, self._runs, whole=True)
         return run
 
 

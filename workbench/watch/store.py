@@ -397,12 +397,12 @@ def _cycle(k: int, keys: tuple[str, ...], data: Mapping[str, Any]) -> Cycle:
     """ValueError, TypeError or KeyError where no watch has written it."""
     row, m = _Row.model_validate({name: data[name] for name in _Row.model_fields}), len(keys)
     e = row.estimate
-    arrays = [np.asarray(values, dtype=float) for values in (e.values, e.errors, e.resolution)]
+    values, errors, resolution = (np.asarray(x, dtype=float) for x in (e.values, e.errors, e.resolution))
     if row.number != k:
         raise ValueError(f"cycle {k} is missing")
-    if tuple(e.keys) != keys or [array.shape for array in arrays] != [(m,), (m,), (m, m)]:
+    if tuple(e.keys) != keys or (values.shape, errors.shape, resolution.shape) != ((m,), (m,), (m, m)):
         raise ValueError("estimates of other parameters")
-    made = Estimate(keys, *arrays, e.residual_rms, e.noise_rms)
+    made = Estimate(keys, values, errors, resolution, e.residual_rms, e.noise_rms)
     of_log = row.digest, row.file, row.start_position_m, tuple(row.notes)
     return Cycle(row.name, row.payload_kg, row.start_s, row.duration_s, made, *of_log)
 
