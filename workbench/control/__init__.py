@@ -1,15 +1,17 @@
 """Controllers as pure step functions: time step and memory are passed in."""
 
-from workbench.control.cascade import cascade, cascade_values
 from workbench.control.events import BRAKE, Events
 from workbench.control.pi import (
     NEVER,
     PI,
     Controller,
     LagStep,
+    cascade,
+    cascade_values,
     delay_weights,
     feed_forward,
     full_pi,
+    hoist_loop,
     lag_step,
     loop_values,
     losing_a_motor,
@@ -54,6 +56,7 @@ __all__ = [
     "feed_forward",
     "form_of",
     "full_pi",
+    "hoist_loop",
     "lag_step",
     "loop_values",
     "losing_a_motor",
