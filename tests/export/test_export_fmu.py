@@ -25,7 +25,7 @@ from workbench.engine.stepped import observe
 from workbench.export import fmu as compiling
 from workbench.export.fmu import c_files, write_fmu, write_sources
 from workbench.export.model import Model, Start, model_of
-from workbench.export.variables import BASE, meaning_of, range_of
+from workbench.export.variables import meaning_of, range_of, symbols
 from workbench.machines import (
     KINDS,
     PLANTS,
@@ -212,7 +212,7 @@ def test_an_axis_rests_where_its_plant_says_and_moves_as_the_replay(machine: Axi
     states = replayed(machine, Run("made", t, {plant.input: u, **zero}, 0.0, 0.3, 0.0))
     speed = states[:, len(plant.positions)]
     out = one.replay(t, u, plant.input, [plant.speeds[0]])[:, 0]
-    # The impact of a flank is sharper than any step; without play the standstill alone is.
+    # The blow of a flank is sharper than any step; without play the standstill alone is.
     assert np.max(np.abs(out - speed)) < (2e-6 if machine is LINEAR else 1e-3) * np.max(np.abs(speed))
 
 
@@ -534,7 +534,7 @@ def test_every_parameter_has_a_meaning_a_range_and_a_known_unit():
     for model in described().values():
         for v in model.variables:
             assert v.meaning, v.name
-            assert v.unit == "" or v.unit in BASE, v.name
+            assert v.unit == "" or v.unit in symbols()["endings"].values(), v.name
 
 
 def test_without_a_compiler_there_is_one_clear_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
