@@ -30,6 +30,7 @@ from workbench.control.settings import (
     RotaryCascade,
     Settings,
     form_of,
+    refuse,
 )
 
 __all__ = [
@@ -60,5 +61,6 @@ __all__ = [
     "lag_step",
     "loop_values",
     "losing_a_motor",
+    "refuse",
     "weight_before",
 ]
