@@ -14,7 +14,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.effects import joined, of
 from workbench.engine.source import state_symbols
-from workbench.machines import NO_EFFECTS, Axis, Effects, Hoist, Kind, kind_of
+from workbench.machines import NO_EFFECTS, Axis, Effects, Hoist, Plant, kind_of
 from workbench.symbolic.derive import derivative, values
 from workbench.symbolic.emit import evaluate
 from workbench.symbolic.expr import Expr, Scalar, symbol
@@ -88,8 +88,7 @@ class EvenMotion:
     spring it would be felt. `fixed` is the position that a point is given by: a hoist's height, an axis' own.
     """
 
-    def __init__(self, kind: Kind, effects: Effects, p: SimpleNamespace, outputs: Sequence[str]) -> None:
-        plant = kind.plant
+    def __init__(self, plant: Plant, effects: Effects, p: SimpleNamespace, outputs: Sequence[str]) -> None:
         self.plant, self.effects, self.p = plant, effects, p
         self.fixed = plant.placed
         q, y = state_symbols(plant, effects)
@@ -203,7 +202,7 @@ def linearise(
     else:
         outputs = (*OUTPUTS, *((loop.position,) if height_free else ()))
     outputs = tuple(dict.fromkeys(outputs))
-    even = EvenMotion(kind, joined(own.effects, effects), p, outputs)
+    even = EvenMotion(plant, joined(own.effects, effects), p, outputs)
     sign = {"hoisting": 1.0, "lowering": -1.0, "at_rest": 0.0}[point.motion]
     at = even.settled(point.height_m, sign * loop.even_speed(machine))
     J = even.slopes(at)

@@ -12,7 +12,8 @@ import numpy as np
 
 from workbench.analysis.linearise import LinearPlant, OperatingPoint, linearise
 from workbench.analysis.loop import Complex, Sampled, linear_controller, loop_of
-from workbench.control import Settings
+from workbench.control import Notch, Settings
+from workbench.control.settings import notch_coefficients
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.machines import HOIST, NO_EFFECTS, Axis, ClosedLoop, Effects, Hoist, kind_of
@@ -48,6 +49,12 @@ def anti_resonances(plant: LinearPlant, point: OperatingPoint, loop: ClosedLoop 
         AntiResonance(float(abs(z)) / (2.0 * math.pi), float(-z.real / abs(z)), point, loop.swing, where)
         for z in sorted(light, key=abs)
     ]
+
+
+def resonances_hz(plant: LinearPlant) -> list[float]:
+    """Of the plant's own modes, the motor free, those with damping below LIGHT."""
+    poles = np.linalg.eigvals(plant.A)
+    return [float(abs(s)) / (2.0 * math.pi) for s in poles if s.imag > 1e-6 and -s.real < LIGHT * abs(s)]
 
 
 def phase_lags_deg(drive: Any, settings: Settings, frequency_hz: float) -> dict[str, float]:
@@ -112,7 +119,7 @@ class Search:
 
     turns: by how much the phase of 1 + L turns along the grid when the loop is stable, per member:
     by Nyquist's criterion all stable gains share it. zeros: each member's anti-resonances. lags_deg(Hz): the phase
-    that each part of drive and sampling costs.
+    that each part of drive and sampling costs. resonances_hz: lightly damped modes with the motor free.
     """
 
     frequency_hz: Array
@@ -125,6 +132,18 @@ class Search:
     zeros: Sequence[Sequence[AntiResonance]]
     lags_deg: Callable[[float], dict[str, float]]
     everywhere: str = "for every payload"
+    resonances_hz: Sequence[float] = ()
+
+    def with_notch(self, before: Notch | None, notch: Notch | None) -> Search:
+        """The search of settings with another notch in place of the one before."""
+        back = np.exp(-2j * math.pi * self.frequency_hz * self.dt)  # one sample earlier
+
+        def response(notch: Notch | None) -> Complex:
+            b0, b1, b2, a1, a2 = notch_coefficients(notch, self.dt)
+            return np.asarray((b0 + b1 * back + b2 * back**2) / (1.0 + a1 * back + a2 * back**2))
+
+        factor = response(notch) / response(before)
+        return replace(self, per_kp=self.per_kp * factor, per_ki=self.per_ki * factor)
 
     def why_no_wider(self, kp: float, ki: float) -> str:
         """What ends the bandwidth that the widest gains give the slowest member."""
@@ -202,6 +221,7 @@ def make_search(
         f, responses, per_kp, per_ki, turns, inertia, settings.sample_time_s,
         [anti_resonances(plant, point, kind.looped) for plant, point in zip(linear, points, strict=True)],
         partial(phase_lags_deg, machine.drive, settings), everywhere.replace("at every", "for every"),
+        sorted(hz for plant in linear for hz in resonances_hz(plant)),
     )  # fmt: skip
 
 
