@@ -19,8 +19,7 @@ from workbench.machines import Load
 from workbench.references.kind import Move, Ramp, planned
 from workbench.references.least_peak import gentle_move, least_peak_limits, peak_force_n
 from workbench.references.library.planned import _equal_time_ramp, _trapezoid_ramp, _trapezoid_s
-from workbench.references.shape import Shape
-from workbench.references.time_optimal import shortest_move
+from workbench.references.shape import Shape, shortest_move
 
 EI_VIBRATION = 0.05  # of an unshaped step's, that the EI shaper leaves at its own frequency
 OVERSHOOT = 0.01  # of a step; a load that swings less far is not shaped
