@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from workbench.consequences import Consequences, consequences_of
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Run
 from workbench.core.shown import Shown
@@ -35,6 +34,7 @@ from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.impacts import own_impacts
 from workbench.simulate.replay import ReplayResult, replay_runs
+from workbench.study.consequences import Consequences, consequences_of
 from workbench.study.load import Study
 
 MOSTLY = {
