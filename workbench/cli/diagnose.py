@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from workbench.cli.options import campaign_argument, effects_option
+from workbench.cli.options import campaign_argument, effects_option, of_a_campaign
 
 if TYPE_CHECKING:
     from workbench.diagnose.diagnose import Diagnosis
@@ -40,9 +40,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Seed of random numbers; the same seed gives the same output.",
 )
-@click.option("--runs", help="Names of the runs to use, separated by commas. Default: all.")
-@click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml to start from.")
-@click.option("--band", type=float, help="Band of the torque residual (-3 dB) in Hz. Default: from the machine.")
+@of_a_campaign
 @click.option(
     "--study",
     "scenario",
