@@ -14,7 +14,7 @@ from benchmarks import calibrate, practice
 from workbench.blind import criteria, measures
 from workbench.blind.criteria import Share
 from workbench.diagnose.verdict.probability import calibration
-from workbench.reports.blind import tables
+from workbench.view import blind as tables
 
 EVIDENCE = dict.fromkeys(calibrate.EVIDENCE, 0.0)
 GUIDE = {"subsystem": "guide", "regime": "speed"}
@@ -96,7 +96,7 @@ def test_the_sheet_has_a_column_for_each_kind_and_source_and_one_for_all_of_a_ki
     other = made([VISCOUS], "named", [VISCOUS])
     other["label"] = {**other["label"], "source": "multibody"}
     simulated = [{**row, "label": {**row["label"], "source": "simulator"}} for row in [*ANSWERS, axis]]
-    sheet = tables.sheet([*simulated, other])
+    sheet = tables.sheet_table([*simulated, other])
     assert sheet.heads == (
         "measured", "axis, asked %", "axis, simulator", "hoist, asked %", "hoist, multibody", "hoist, simulator",
         "hoist, all",
@@ -382,7 +382,7 @@ def test_recorded_machines_come_first_each_a_column_and_names_that_say_the_same_
     row = {**row, "label": {**row["label"], **recorded}}
     first, *_ = measures.groups([*ANSWERS, row])
     assert first == "recorded, emps"
-    assert tables.sheets([*ANSWERS, row])[0].columns[1].head == "recorded,\nasked"
+    assert tables.sheet_table([*ANSWERS, row]).columns[1].head == "recorded,\nasked"
     assert criteria.right_or_alike(row) and not criteria.right(row) and not criteria.wrong(row)
     assert not criteria.right_or_alike({**row, "names": ["inertia_error"]})
     assert criteria.wrong({**row, "names": ["inertia_error"]})

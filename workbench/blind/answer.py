@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from workbench.blind.baselines import sparse_regression
+from workbench.blind.make import validation
 from workbench.core.errors import InputError
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
 from workbench.diagnose.verdict.judge import same_but_freer
@@ -123,10 +123,19 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
         none={"chi2": base.chi2, "prior": base.prior, "samples": d.search.problem.samples},
         visible={name: (parameter, amount) for name, (parameter, amount) in d.isolability.visible.items()},
         next_run=asdict(d.next_run) if d.next_run else None,
-        sparse=sparse_regression(d.search),
+        sparse=_sparse(d),
         warnings=tuple(map(str, d.warnings)),
         **spent,
     )
+
+
+def _sparse(d: Diagnosis) -> tuple[str, ...] | None:
+    """In a checkout with pysindy."""
+    try:
+        named: tuple[str, ...] | None = validation("baselines").sparse_regression(d.search)
+    except InputError:
+        return None
+    return named
 
 
 def _held_out(d: Diagnosis) -> list[tuple[list[str], float]]:

@@ -10,7 +10,9 @@ import numpy as np
 
 from workbench.blind import criteria
 from workbench.blind.criteria import Row, Share
+from workbench.blind.make import validation
 from workbench.blind.score import Score
+from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.effects import find
 
@@ -60,6 +62,20 @@ class Fit:
 
     threshold: Array
     std: Array
+
+
+def power_of_rig(scores: Sequence[Score]) -> Power | None:
+    """The power of the runs of one machine, from all its folders, and what one more run would buy, in a checkout. None
+    where machines were drawn, or are not the same in all folders."""
+    first = scores[0]
+    if not first.truth.rig or any(score.truth.rig != first.truth.rig for score in scores):
+        return None
+    rows = [row for score in scores for row in score.rows]
+    try:
+        one_more = validation("next_run").one_more_run(first)
+    except InputError:
+        one_more = None
+    return power_of(first.with_rows(rows), *(one_more or ()))
 
 
 def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str = "") -> Power | None:

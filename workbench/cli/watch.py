@@ -105,7 +105,7 @@ def command(
     import time
     import traceback
 
-    from workbench.reports.watch.page import write_page
+    from workbench.view.watch import write_page
     from workbench.watch.cause import diagnosed
     from workbench.watch.change import HEALTHY
     from workbench.watch.fleet import Plan, read_fleet
@@ -156,7 +156,7 @@ def command(
 def _watch_one(plan: Plan, every: float, over: Callable[[], bool], *, rebuild: bool) -> int:
     from workbench.effects import check
     from workbench.machines import load_machine
-    from workbench.reports.watch.page import answer
+    from workbench.view.watch import answer
     from workbench.watch import watch as at_work
     from workbench.watch.fleet import opened
 
@@ -181,7 +181,7 @@ def _watch_fleet(
     settle: float,
 ) -> int:  # fmt: skip
     from workbench.cli.show import print_table
-    from workbench.reports.watch.page import fleet_table
+    from workbench.view.watch import fleet_table
     from workbench.watch.fleet import run_fleet
 
     rows, alarms = run_fleet(plans, cluster, state, every, over, once=once, settle_s=settle, say=_say)
