@@ -155,8 +155,8 @@ def read(kind: str, content: bytes, folder: Path) -> tuple[str, str]:
         rebuild(state, HOIST, RULES)
         again = Store(state, HOIST, RULES)
         whole = Store(finished_state() / "state", HOIST, RULES, wait_s=5.0)
-        said, cycles = whole.said(), whole.cycles()  # it may have gone on by a cycle before it met the damage
-        same = {at: again.said().get(at) for at in said} == said
+        known, cycles = whole.said(), whole.cycles()  # it may have gone on by a cycle before it met the damage
+        same = {at: again.said().get(at) for at in known} == known
         same = same and [c.digest for c in again.cycles()][: len(cycles)] == [c.digest for c in cycles]
         again.close()
         whole.close()

@@ -189,12 +189,12 @@ def test_thresholds_of_a_known_logistic_law_are_recovered():
     middles = (0.5, 1.0, 2.0)
     sizes = [np.exp(rng.uniform(-2.0, 2.5, 400)) for _ in middles]
     passed = [rng.random(400) < 1.0 / (1.0 + (m / x) ** 3.0) for m, x in zip(middles, sizes, strict=True)]
-    fit = thresholds([list(x) for x in sizes], [list(p) for p in passed])
+    threshold, std = thresholds([list(x) for x in sizes], [list(p) for p in passed])
     true = np.log(np.multiply(middles, 9.0 ** (1.0 / 3.0)))
-    assert fit.threshold == pytest.approx(true, abs=0.3)
-    assert np.all(np.abs(fit.threshold - true) < 3.5 * fit.std)
-    assert np.all((fit.std > 0.03) & (fit.std < 0.3))
-    assert len(thresholds([], []).threshold) == 0
+    assert threshold == pytest.approx(true, abs=0.3)
+    assert np.all(np.abs(threshold - true) < 3.5 * std)
+    assert np.all((std > 0.03) & (std < 0.3))
+    assert len(thresholds([], [])[0]) == 0
 
 
 def power_score(rig: Rig) -> Any:

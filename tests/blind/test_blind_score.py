@@ -172,18 +172,15 @@ def test_intervals_are_wilsons(count: int, of: int, low: float, high: float):
 UNLISTED = "unlisted: a fan"
 
 
-def test_a_place_is_right_by_the_likeliest_one_and_weighed_by_its_probability():
+def test_a_place_is_right_by_the_likeliest_one():
     motor = {"subsystem": "motor", "regime": "speed"}
     row = made([UNLISTED], "unknown", where=motor, places=[("guide", 0.3), ("motor", 0.6), ("drum", 0.1)])
     assert criteria.likeliest_place(row) == "motor"
     assert criteria.place_right(row)
-    assert criteria.probability_of_place(row) == pytest.approx(0.6)
     wrong = made([UNLISTED], "unknown", where=motor, places=[("guide", 0.8), ("motor", 0.2)])
     assert not criteria.place_right(wrong)
-    assert criteria.probability_of_place(wrong) == pytest.approx(0.2)
     single = made([UNLISTED], "unknown", where=motor)  # an answer of one place, without probabilities
     assert not criteria.place_right(single)
-    assert criteria.probability_of_place(single) == 0.0
     assert share("unknown_place", [row, wrong, single]) == (1, 3)
 
 

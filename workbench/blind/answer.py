@@ -82,13 +82,10 @@ def answer(folder: Path, withheld: Sequence[str] = (), most_effects: int = 2) ->
         diagnosis = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
         return _kept(diagnosis, folder, tuple(withheld), spent())
     except InputError as error:
-        return _none_given(folder, "refused", str(error), tuple(withheld), spent())
+        word, why = "refused", str(error)
     except Exception:  # a defect is an answer that counts as wrong, and no reason to lose the others
-        return _none_given(folder, "failed", traceback.format_exc(limit=-3), tuple(withheld), spent())
-
-
-def _none_given(folder: Path, word: str, why: str, withheld: tuple[str, ...], spent: Mapping[str, Any]) -> Answer:
-    return Answer(folder.name, word, withheld, ranking=[(word, [], 1.0)], warnings=(why,), **spent)
+        word, why = "failed", traceback.format_exc(limit=-3)
+    return Answer(folder.name, word, tuple(withheld), ranking=[(word, [], 1.0)], warnings=(why,), **spent())
 
 
 def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[str, Any]) -> Answer:
@@ -108,7 +105,10 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
             name: {e.name: (e.value, e.std_error) for e in rows}
             for name, rows in (d.candidates[0].parameters if d.candidates else {}).items()
         },
-        held_out=[([], d.shrink.before), *_held_out(d)],
+        held_out=[
+            ([], d.shrink.before),
+            *((list(row.effects), row.held_out_rms) for row in d.candidates if row.held_out_rms is not None),
+        ],
         before=d.shrink.before,
         after=d.shrink.after,
         noise=d.shrink.noise,
@@ -136,10 +136,6 @@ def _sparse(d: Diagnosis) -> tuple[str, ...] | None:
     except InputError:
         return None
     return named
-
-
-def _held_out(d: Diagnosis) -> list[tuple[list[str], float]]:
-    return [(list(row.effects), row.held_out_rms) for row in d.candidates if row.held_out_rms is not None]
 
 
 def _weighed(w: Any, base: int) -> dict[str, Any]:

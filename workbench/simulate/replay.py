@@ -18,6 +18,7 @@ from workbench.effects import logged
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant
 from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms
+from workbench.simulate.impacts import own_impacts
 
 RESTART_S = 2.0
 
@@ -59,9 +60,15 @@ class ReplayResult(Shown):
     machine: Hoist | Axis
 
 
-def replay_runs(machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> ReplayResult:
-    """Replay the measured input of every run on the machine; see `ReplayResult`."""
-    bench = InverseSimulation(machine, runs, band_hz)
+def replay_runs(
+    machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None, impacts: Sequence[Array] | None = None
+) -> ReplayResult:
+    """Replay the measured input of every run on the machine; see `ReplayResult`.
+
+    impacts: times of each run, s, beside which no residual is judged; those of the machine's own play without it.
+    """
+    given = own_impacts(machine, runs) if impacts is None else impacts
+    bench = InverseSimulation(machine, runs, band_hz, impacts=given)
     balances, states, starts = bench.balances(), simulate_replays(bench), bench.starts()
     replays, driven = [], bench.plant.speeds[0]
 

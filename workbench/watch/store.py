@@ -58,10 +58,6 @@ class DamagedError(InputError):
     """watch.sqlite holds what no watch has written."""
 
 
-class OldFormatError(InputError):
-    """watch.sqlite is of an earlier version, and is made anew from its cycles."""
-
-
 Number = Annotated[float, Field(ge=-1e100, le=1e100, strict=True, allow_inf_nan=False)]
 
 
@@ -114,6 +110,14 @@ class Copies:
     said: Mapping[int, Said] = field(default_factory=dict)
 
 
+class OldFormatError(InputError):
+    """watch.sqlite is of an earlier version, and is made anew from its cycles, which are those of today."""
+
+    def __init__(self, copies: Copies, folder: Path) -> None:
+        super().__init__(f"{FILE} is of an earlier version", file=folder)
+        self.copies = copies
+
+
 class Store:
     """One machine's watch in a folder. InputError where the folder belongs to another machine or other rules, another
     watch has it, or what it holds is damaged."""
@@ -160,9 +164,10 @@ class Store:
             found = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
         if found != "ok":
             self._damaged(found)
-        if kept.get("format") == BEFORE:
-            raise OldFormatError(f"{FILE} is of an earlier version", file=self.folder)
-        _check_settings(kept, self._settings, self.folder)
+        old = kept.get("format") == BEFORE
+        _check_settings(kept | ({"format": str(FORMAT)} if old else {}), self._settings, self.folder)
+        if old:
+            raise OldFormatError(Copies(self.cycles(), self.said("1")), self.folder)
 
     def close(self) -> None:
         with contextlib.suppress(sqlite3.Error, AttributeError):
@@ -271,9 +276,9 @@ class Store:
         with self._sound():
             return [_cycle(k, self._keys, _parsed(row)) for k, row in enumerate(rows)]
 
-    def said(self) -> dict[int, Said]:
-        """By the cycle of each alarm."""
-        rows = self._do("SELECT cycle, diagnosis, told, reported FROM alarms ORDER BY cycle")
+    def said(self, reported: str = "reported") -> dict[int, Said]:
+        """By the cycle of each alarm. reported: its column."""
+        rows = self._do(f"SELECT cycle, diagnosis, told, {reported} FROM alarms ORDER BY cycle")
         with self._sound():
             return {int(cycle): _said(*values) for cycle, *values in rows}
 
@@ -370,21 +375,6 @@ def read_copies(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
         for row in pyarrow.parquet.read_table(folder / "alarms.parquet", memory_map=False).to_pylist():
             said[row["cycle"]] = _said(row["diagnosis_json"] or None, row["told"], row["reported"])
     return Copies(cycles, said)
-
-
-def read_old(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
-    """From a watch.sqlite of the format before, whose cycles are those of today."""
-    keys, file = watched_keys(machine), folder / FILE
-    try:
-        with contextlib.closing(sqlite3.connect(file)) as db:
-            kept = dict(db.execute("SELECT name, value FROM settings"))
-            _check_settings({**kept, "format": str(FORMAT)}, _settings(machine, rules), folder)
-            cycles = [_cycle(k, keys, _parsed(row)) for k, row in enumerate(db.execute(_CYCLES).fetchall())]
-            rows = db.execute("SELECT cycle, diagnosis, told FROM alarms").fetchall()
-        return Copies(cycles, {cycle: _said(diagnosis, told, True) for cycle, diagnosis, told in rows})
-    except (sqlite3.Error, ValueError, TypeError, KeyError) as error:
-        reason = f"is damaged ({_reason(error)}); move it away, and the logs are read again"
-        raise InputError(reason, file=file) from error
 
 
 def _parsed(row: Sequence[Any]) -> dict[str, Any]:

@@ -29,7 +29,6 @@ from workbench.watch.store import (
     UnwritableError,
     digest_of,
     read_copies,
-    read_old,
 )
 
 Say = Callable[[str], None]
@@ -81,7 +80,7 @@ class Watch:
             self.store = Store(state, machine, rules, wait_s=wait_s, say=say)
         except OldFormatError as old:
             say(f"{old}; its cycles are judged anew")
-            _renew(state, machine, rules, read_old(state, machine, rules))
+            _renew(state, machine, rules, old.copies)
             self.store = Store(state, machine, rules, wait_s=wait_s, say=say)
         self._diagnose, self._hook, self._say, self._line, self._page = diagnose, hook, say, line, page
         self._said_once: set[str] = set()
