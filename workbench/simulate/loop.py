@@ -13,14 +13,13 @@ import numpy as np
 
 from workbench.control import (
     BRAKE,
-    PI,
     Controller,
     Events,
     PiSettings,
     Settings,
     cascade,
     cascade_values,
-    full_pi,
+    hoist_loop,
     lag_step,
     loop_values,
     losing_a_motor,
@@ -34,6 +33,7 @@ from workbench.engine import kernels
 from workbench.machines import NO_EFFECTS, AnyKind, Drive, Hoist, kind_of
 from workbench.metrics import set_of
 from workbench.metrics.axis import SETTLED
+from workbench.references.library.wire import through_shaper
 from workbench.simulate.plant_model import PlantModel
 
 NO_EVENTS = Events()
@@ -116,12 +116,9 @@ def _cascaded(case: LoopCase) -> bool:
 def loop_controller(case: LoopCase) -> Controller:
     """An axis' cascade. Of a hoist the plain loop where nothing beside it is asked for, else the full one; of a motor
     that fails where one does."""
-    drive = case.machine.drive
     if _cascaded(case):
-        return cascade(kind_of(case.machine).looped, drive.speed_delay_s > 0.0)
-    settings = cast(PiSettings, case.controller)
-    plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
-    loop = PI if plain else full_pi(drive.speed_delay_s > 0.0, settings.feed_forward.through_the_wire)
+        return cascade(kind_of(case.machine).looped, case.machine.drive.speed_delay_s > 0.0)
+    loop = hoist_loop(cast(PiSettings, case.controller), case.machine.drive)
     return loop if case.events.motor_fails_s is None else losing_a_motor(loop)
 
 
@@ -132,7 +129,7 @@ def loop_numbers(case: LoopCase, hold: float, step_s: float) -> dict[str, float]
     if not _cascaded(case):
         settings = cast(PiSettings, case.controller)
         return {
-            **loop_values(settings, case.machine.drive, hold),
+            **loop_values(settings, case.machine.drive, hold, case.payload_kg),
             **case_limits(case),
             **case.events.values(),
             **of_drive,
@@ -160,15 +157,17 @@ def _position_reference(case: LoopCase) -> Array:
 
 def _references(cases: Sequence[LoopCase]) -> list[Array]:
     """One (references, n) array a case; cases that share a reference share the array."""
-    known: dict[tuple[int, int, float], Array] = {}
+    known: dict[tuple[Any, ...], Array] = {}
     arrays = []
     for case in cases:
         # An axis' speed is summed up from where it starts.
         start = case.start_position_m if _cascaded(case) and case.position_reference is None else 0.0
-        key = id(case.speed_reference_rad_s), id(case.position_reference), start
+        shaper = case.controller.input_shaper
+        key = id(case.speed_reference_rad_s), id(case.position_reference), start, shaper
         if key not in known:
             speed = np.asarray(case.speed_reference_rad_s, dtype=float)
-            known[key] = np.stack([_position_reference(case), speed] if _cascaded(case) else [speed])
+            rows = np.stack([_position_reference(case), speed] if _cascaded(case) else [speed])
+            known[key] = through_shaper(shaper, rows, case.controller.sample_time_s)
             if not np.all(np.isfinite(known[key])):  # a limit would make a torque of it, and nobody would know
                 raise ValueError(f"case {case.name}: the speed reference is not finite throughout")
         arrays.append(known[key])

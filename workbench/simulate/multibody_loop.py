@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from workbench.control import refuse
 from workbench.core.run import Array
 from workbench.engine.stepped import Step, observe
 from workbench.machines import HOIST, Hoist
@@ -53,6 +54,7 @@ def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: f
 
 def _drive(case: LoopCase, p: SimpleNamespace, hold_nm: float) -> Driven:
     """The sampled controller, its torque held between samples or behind a lag, and the brake of the events."""
+    refuse(case.controller, "the multi-body machine runs", "load_damping", "input_shaper")
     sample_time = case.controller.sample_time_s
     controller = loop_controller(case)
     references = case.speed_reference_rad_s
