@@ -8,13 +8,6 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from tests.support import axes
-from tests.support.dashboard_app import errors, figures, page
-from workbench.control import LinearCascade
-from workbench.core.errors import InputError
-from workbench.dashboard import machines
-from workbench.dashboard.pages.compare import Kept
-from workbench.dashboard.pages.study import beside_ramps
 from workbench.dashboard.pages.study_desk import (
     Desk,
     desk_of,
@@ -28,6 +21,14 @@ from workbench.dashboard.pages.study_desk import (
     with_gains,
 )
 from workbench.dashboard.pages.study_form import desk_key
+
+from tests.support import axes
+from tests.support.dashboard_app import errors, figures, page
+from workbench.control import LinearCascade
+from workbench.core.errors import InputError
+from workbench.dashboard import machines
+from workbench.dashboard.pages.compare import Kept
+from workbench.dashboard.pages.study import beside_ramps
 from workbench.machines import default_hoist, kind_of, shipped, with_values
 from workbench.machines.files import machine_text
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis

@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("streamlit")
 
 from streamlit.testing.v1 import AppTest
+from workbench.dashboard.work import VIEW, View, read_view, write_view
 
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import hoist_columns, write_campaign
@@ -26,7 +27,6 @@ from workbench.dashboard.jobs import Job, Teller, new_id, write_record
 from workbench.dashboard.pages import gap
 from workbench.dashboard.pages.gap import TAB
 from workbench.dashboard.server import SCRIPT
-from workbench.dashboard.work import VIEW, View, read_view, write_view
 from workbench.diagnose import diagnose as orchestration
 from workbench.diagnose.records import Diagnosis
 from workbench.effects import check

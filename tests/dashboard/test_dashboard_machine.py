@@ -19,8 +19,6 @@ from workbench.dashboard import campaigns
 from workbench.dashboard.pages import compare as kept
 from workbench.dashboard.pages.machine import LARGE
 from workbench.figures import arm_parts
-from workbench.figures.film import HEIGHT, VIRIDIS, film, film_data, look_of
-from workbench.figures.scene import Scene, scene_of
 from workbench.logs import read_campaign
 from workbench.machines import default_hoist
 from workbench.reports.loop.case import usual_controller
@@ -28,6 +26,7 @@ from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.study.load import plan_study
 from workbench.study.run import run_study
 from workbench.study.scenario import Scenario
+from workbench.view.film import HEIGHT, VIRIDIS, Scene, film, film_data, look_of, scene_of
 
 
 @pytest.fixture(scope="module")

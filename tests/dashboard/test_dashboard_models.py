@@ -13,13 +13,14 @@ import pytest
 
 pytest.importorskip("streamlit")
 
+from workbench.dashboard.work import VIEW, models, read_view
+
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.dashboard import campaigns, jobs, session
 from workbench.dashboard.jobs import Teller
 from workbench.dashboard.pages import validate
-from workbench.dashboard.work import VIEW, models, read_view
 from workbench.logs import read_campaign
 from workbench.machines import Hoist
 from workbench.machines.files import machine_text

@@ -19,8 +19,8 @@ from workbench.core.run import Array, Run
 from workbench.dashboard import campaigns
 from workbench.dashboard.pages.signals import RAMP, part_of, runs_table, with_computed
 from workbench.dashboard.pages.study import force_table, forces_of
-from workbench.figures.signals import BEFORE_S, Stretch, browser, start_of_move
 from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet
+from workbench.view.signals import BEFORE_S, Stretch, browser, start_of_move
 from workbench.view.style import line
 
 

@@ -19,14 +19,6 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from tests.support.dashboard_app import errors, figures, page
-from workbench.cli import cli
-from workbench.core.errors import InputError
-from workbench.core.yaml_strict import loads
-from workbench.dashboard import machines, session, widgets
-from workbench.dashboard.pages import compare as kept
-from workbench.dashboard.pages.compare import difference, machine_told_apart
-from workbench.dashboard.pages.study import OWN
 from workbench.dashboard.pages.study_desk import (
     desk_of,
     from_address,
@@ -35,6 +27,15 @@ from workbench.dashboard.pages.study_desk import (
     shipped_files,
     usual_desk,
 )
+
+from tests.support.dashboard_app import errors, figures, page
+from workbench.cli import cli
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import loads
+from workbench.dashboard import machines, session, widgets
+from workbench.dashboard.pages import compare as kept
+from workbench.dashboard.pages.compare import difference, machine_told_apart
+from workbench.dashboard.pages.study import OWN
 from workbench.dashboard.server import OPTIONS, SCRIPT
 from workbench.figures.study import peak_torque_over_payload
 from workbench.machines import Hoist, default_hoist, with_values

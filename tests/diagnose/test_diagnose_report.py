@@ -25,7 +25,6 @@ from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.verdict.records import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.effects.declare import SUBSYSTEMS
-from workbench.figures.place import for_dark_ground, marked_machine
 from workbench.machines import load_machine
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import page as diagnosis_page
@@ -34,6 +33,7 @@ from workbench.reports.diagnosis.as_json import probabilities, to_json
 from workbench.reports.diagnosis.page import save_diagnosis_page, write_diagnosis
 from workbench.reports.diagnosis.series import own_values, series_of
 from workbench.simulate.driven import Bench, pooled_rms
+from workbench.view.place import for_dark_ground, marked_machine
 
 FIXED = [
     "format", "campaign", "verdict", "effects", "ranking", "alike", "next_run", "where", "parameters",

@@ -9,10 +9,10 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from workbench.dashboard.pages.study_desk import scenario_of, usual_desk
 
 from tests.support import axes
 from workbench.core.errors import InputError
-from workbench.dashboard.pages.study_desk import scenario_of, usual_desk
 from workbench.machines import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
 from workbench.study.answer import Answer, answer_of, read_answer, write_answer

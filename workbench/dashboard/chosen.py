@@ -26,12 +26,24 @@ from streamlit.runtime.scriptrunner import get_script_run_ctx
 from workbench.core.errors import InputError
 from workbench.dashboard import session
 from workbench.dashboard.uploads import Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
-from workbench.dashboard.widgets import plain, problem
+from workbench.dashboard.widgets import held, plain, problem
 from workbench.effects import check
-from workbench.kinds import LOOPED, STUDIED, looped, of_kind, studied
 from workbench.log_formats import suffixes
 from workbench.logs import Campaign, read_campaign
-from workbench.machine import Axis, Hoist, default_hoist, load_machine, shipped, shipped_hoist, with_values
+from workbench.machines import (
+    LOOPED,
+    STUDIED,
+    Axis,
+    Hoist,
+    default_hoist,
+    load_machine,
+    looped,
+    of_kind,
+    shipped,
+    shipped_hoist,
+    studied,
+    with_values,
+)
 
 DEFAULT, RINGING, AXIS = "default hoist", "lightly damped hoist", "ball-screw axis"
 UPLOADED = "upload a machine.yaml"
@@ -83,7 +95,7 @@ def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> 
     offered, last = _offered(takes), session.get(_CHOSEN, str, DEFAULT)
     here = last if last in offered else DEFAULT
     options = [*offered, UPLOADED]
-    choice = st.selectbox("Machine", options, key=session.held(key, here, options))
+    choice = st.selectbox("Machine", options, key=held(key, here, options))
     if choice == UPLOADED:
         try:
             machine = _uploaded(key, takes, expected)
@@ -119,7 +131,7 @@ def _with_drive(machine: Hoist | Axis, name: str, key: str) -> Hoist | Axis:
     values = {**session.get(f"drive of {name}", dict, own)}
     with st.expander("Drive", expanded=False, icon=":material/bolt:"):
         for field, label in DRIVE_TIMES.items():
-            widget = session.held(f"{key.partition(' ')[0]} {field} {own[field]:g}", values[field])
+            widget = held(f"{key.partition(' ')[0]} {field} {own[field]:g}", values[field])
             values[field] = st.number_input(label, 0.0, 200.0, step=0.5, key=widget, format="%g")
     session.put(f"drive of {name}", values)
     changed = {f"drive.{field}": 1e-3 * value for field, value in values.items() if value != own[field]}
@@ -141,7 +153,7 @@ def _uploaded(key: str, takes: Takes, expected: str) -> Hoist | Axis | None:
 def chosen_machine(key: str) -> Hoist | Axis:
     """The machine that the select box `key` names. InputError for a file that is not one."""
     offered = _offered(looped)
-    choice = st.selectbox("Machine", [*offered, UPLOADED], key=session.held(key, DEFAULT, [*offered, UPLOADED]))
+    choice = st.selectbox("Machine", [*offered, UPLOADED], key=held(key, DEFAULT, [*offered, UPLOADED]))
     machine = offered.get(choice) or _uploaded(key, looped, LOOPED)
     if machine is None:
         st.stop()
@@ -203,7 +215,7 @@ def campaign_or_none(key: str) -> Campaign | None:
     here, own = offered(), uploaded()
     options = [*here, *own, UPLOAD]
     last = last_name() if last_name() in options else options[0]
-    choice = st.selectbox("Campaign", options, key=session.held(key, last, options))
+    choice = st.selectbox("Campaign", options, key=held(key, last, options))
     if choice == UPLOAD:
         _upload(key)
         return None

@@ -4,7 +4,6 @@
     stored(upload, name, most)  an uploaded file's bytes under the page's own name, size-limited
     work_folder()               folder of jobs and uploaded campaigns that the address names, `?work=…`
     get(key, kind, default)     typed read of the session's state; put(key, value) writes
-    held(key, value)            the key of a widget that shows this value, unless the visitor has just set it anew
 
 Two sessions share nothing but caches of pure functions of values. The id in the address is one that nobody guesses:
 whoever has the address sees its work, and nobody else does.
@@ -19,7 +18,6 @@ import stat
 import tempfile
 import time
 import weakref
-from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -132,17 +130,3 @@ def get(key: str, kind: type[T], default: T) -> T:
 
 def put(key: str, value: Any) -> None:
     st.session_state[key] = value
-
-
-def held(key: str, value: Any, options: Collection[Any] | None = None) -> str:
-    """The widget shows `value` where that has changed since it was drawn last, else what the visitor has set in it,
-    also where another page was looked at meanwhile; `value` again where what it shows is none of the options.
-
-    It is written anew each time: a browser shows a widget's own beginning where it was not drawn in between.
-    """
-    was, shown = st.session_state.get(f"{key} was", (None, None))
-    now = st.session_state.get(key, shown) if was == (value,) else value
-    if options is not None and now not in options:
-        now = value
-    st.session_state[key], st.session_state[f"{key} was"] = now, ((value,), now)
-    return key

@@ -9,13 +9,10 @@ import streamlit as st
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.dashboard import session
-from workbench.dashboard.campaigns import last_campaign
-from workbench.dashboard.machines import controller, hoist_of_session
+from workbench.dashboard.chosen import hoist_of_session, last_campaign
+from workbench.dashboard.desk import controller
 from workbench.dashboard.pages.compare import kept
-from workbench.dashboard.widgets import guarded, is_dark, plain
-from workbench.figures.film import HEIGHT, film
-from workbench.figures.scene import scene_of
+from workbench.dashboard.widgets import guarded, held, is_dark, plain
 from workbench.machines import STUDIED, Hoist, load_of, of_kind, studied
 from workbench.machines.files import machine_text
 from workbench.references import (
@@ -26,8 +23,8 @@ from workbench.references import (
     plan_motion,
     planned_kinds,
 )
-from workbench.reports.loop.case import usual_controller
 from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
+from workbench.view.film import HEIGHT, film, scene_of
 from workbench.view.style import label
 
 LARGE = 900
@@ -48,7 +45,7 @@ def show() -> None:
     """Draws the page."""
     with st.sidebar, guarded():
         shown = _chosen()
-        large = st.toggle("Large", key=session.held("machine large", False), help="For a large screen or a projector.")
+        large = st.toggle("Large", key=held("machine large", False), help="For a large screen or a projector.")
     with guarded():
         scenes = [replace(scene_of(drawn.machine, drawn.run), name=drawn.name) for drawn in shown]
     machine, height = shown[0].machine, LARGE if large else HEIGHT
@@ -66,10 +63,8 @@ def _chosen() -> list[Shown]:
     campaign = last_campaign()
     studies = {name: study for name, study in kept().items() if studied(study.machine) is not None}
     there = [QUICK, *([STUDY] if studies else []), *([MEASURED] if campaign is not None else [])]
-    if st.session_state.get("machine source") not in there:
-        st.session_state["machine source"] = QUICK
-    what = st.radio("Run", there, key=session.held("machine source", QUICK))
-    if what == QUICK or (what == MEASURED and campaign is None):
+    what = st.radio("Run", there, key=held("machine source", QUICK, there))
+    if what == QUICK:
         return _quick()
     if what == MEASURED and campaign is not None:
         machine = studied(campaign.machine)
@@ -94,17 +89,17 @@ def _chosen() -> list[Shown]:
 
 def _quick() -> list[Shown]:
     machine = hoist_of_session("machine machine")
-    payload = st.slider("Payload (kg)", 0, 12000, step=250, key=session.held("machine payload", 4500))
+    payload = st.slider("Payload (kg)", 0, 12000, step=250, key=held("machine payload", 4500))
     kinds = list(planned_kinds())
-    reference = st.selectbox("Reference", kinds, key=session.held("machine reference", kinds[0]), format_func=label)
+    reference = st.selectbox("Reference", kinds, key=held("machine reference", kinds[0]), format_func=label)
     beside = st.selectbox(
         "Beside it", [ALONE, *(kind for kind in kinds if kind != reference)], key="machine beside",
         format_func=lambda kind: kind if kind == ALONE else label(kind),
     )  # fmt: skip
-    ramp = st.slider("Ramp time (s)", 0.3, 3.0, step=0.1, key=session.held("machine ramp", 1.2),
+    ramp = st.slider("Ramp time (s)", 0.3, 3.0, step=0.1, key=held("machine ramp", 1.2),
                      help="From rest to full speed.")  # fmt: skip
-    now = controller(machine)
-    settings = now if isinstance(now, PiSettings) else usual_controller(machine)
+    settings = controller(machine)
+    assert isinstance(settings, PiSettings)
     said = f"{machine_text(machine)}{settings.model_dump_json()}"
     both = [reference] if beside == ALONE else [reference, beside]
     return [

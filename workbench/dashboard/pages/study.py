@@ -20,22 +20,21 @@ from workbench.core.names import powers, words_of
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.dashboard import session
-from workbench.dashboard.machines import session_machine, set_controller
-from workbench.dashboard.pages import compare
-from workbench.dashboard.pages.study_desk import (
+from workbench.dashboard.chosen import session_machine
+from workbench.dashboard.desk import (
     ADDRESS_KEY,
     Desk,
+    controls,
     files_of,
     from_address,
     in_address,
     named,
-    scenario_of,
+    set_desk,
     usual_desk,
 )
-from workbench.dashboard.pages.study_form import controls, desk_key, set_desk
-from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, problem, table, text
+from workbench.dashboard.pages import compare
+from workbench.dashboard.widgets import Number, chart, guarded, held, numbers, plain, problem, table, text
 from workbench.figures.pareto import pareto
-from workbench.figures.signals import Stretch, browser
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_axis import axis_overview
 from workbench.figures.study_page import save_study_page, start_of_move
@@ -54,6 +53,7 @@ from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, labelled_runs, motor_torque_limit_nm, peak_limit, run_study
 from workbench.study.scenario import Scenario
 from workbench.study.side import damping_sentence, over_payload, over_ramps
+from workbench.view.signals import Stretch, browser
 from workbench.view.style import label
 
 log = logging.getLogger(__name__)
@@ -72,7 +72,12 @@ Good = tuple[Scenario, Hoist | Axis, StudyResult]
 
 def show() -> None:
     """Draws the page."""
-    _from_link()
+    linked = st.query_params.get(ADDRESS_KEY)
+    if linked and not any(str(key).startswith("desk ") for key in st.session_state):  # nothing is set yet
+        try:
+            set_desk(*from_address(linked))
+        except InputError as error:
+            problem(error)
     bad: list[InputError] = []
     with st.sidebar:
         machine = session_machine("study machine")
@@ -102,9 +107,8 @@ def show() -> None:
 def run_first() -> None:
     """The runs of the study that the page begins with, ahead of a visitor."""
     machine = default_hoist()
-    scenario = scenario_of(usual_desk(machine), machine)
     for run in (results, beside_payloads, beside_ramps, on_damping):
-        run(scenario, machine)
+        run(usual_desk(machine).scenario, machine)
 
 
 # ---- what is run --------------------------------------------------------------------------------------------------
@@ -187,30 +191,15 @@ def _told() -> Iterator[None]:
         place.empty()
 
 
-def _from_link() -> None:
-    """A session that has set nothing yet begins as its address says."""
-    linked = st.query_params.get(ADDRESS_KEY)
-    if not linked or any(str(key).startswith("study desk") for key in st.session_state):
-        return
-    try:
-        desk, machine = from_address(linked)
-    except InputError as error:
-        problem(error)
-        return
-    hoist = bool(kind_of(machine).payload)
-    set_desk(desk, None if hoist else machine, machine)
-
-
 def _ran(desk: Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> Good:
-    """The study that is asked for, told to the other pages and to the address; where it cannot be run, the error under
-    its control's name, and the last one of this kind of machine that was."""
-    key = f"{GOOD} {desk_key(machine)}"
+    """The study that is asked for, told to the address; where it cannot be run, the error under its control's name,
+    and the last one of this kind of machine that was."""
+    key = f"{GOOD} {desk.kind}"
     try:
         if bad:
             raise bad[0]
-        scenario = scenario_of(desk, machine)
         with _told():
-            good = (scenario, machine, results(scenario, machine))
+            good = (desk.scenario, machine, results(desk.scenario, machine))
     except InputError as error:
         problem(named(error, machine, desk))
         last: Good | tuple[()] = session.get(key, tuple, ())
@@ -219,8 +208,7 @@ def _ran(desk: Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> Good:
         st.caption("Shown below: the last settings that could be run.")
         return last
     session.put(key, good)
-    set_controller("study", scenario.controller, machine)
-    address = in_address(scenario, machine)
+    address = in_address(desk.scenario, machine)
     if address is None:
         st.query_params.pop(ADDRESS_KEY, None)
     elif address != st.query_params.get(ADDRESS_KEY):
@@ -272,7 +260,7 @@ def _in_alarm(result: StudyResult) -> set[str]:
 def _recommend(place: DeltaGenerator, result: StudyResult, beside: Sequence[Row] = ()) -> None:
     """The verdict of `study`, of the references that reach no bound. beside: runs under other limits.
 
-    This is the one place where the page says which reference to take: the decision by criteria goes here.
+    This is the one place where the page says which reference to take.
     """
     alarmed = _in_alarm(result)
     rows = [row for row in result.rows if row.reference not in alarmed]
@@ -319,9 +307,8 @@ def _failures(rows: Sequence[Row]) -> None:
     failed = [row for row in rows if not row.ok]
     if not failed:
         return
-    said = f"{len(failed)} of {len(rows)} runs failed. "
     load = f"{failed[0].payload_kg:g} kg, " if metrics_of(rows).payload else ""
-    said += f"{load}{label(failed[0].reference)}: {failed[0].reason}."
+    said = f"{len(failed)} of {len(rows)} runs failed. {load}{label(failed[0].reference)}: {failed[0].reason}."
     without, rest = _left_out(rows)
     if rest and without:
         left_out, kept = (", ".join(f"{kg:g}" for kg in payloads) for payloads in (without, rest))
@@ -338,17 +325,20 @@ def _left_out(rows: Sequence[Row]) -> tuple[list[float], list[float]]:
 
 def _numbers(result: StudyResult) -> None:
     """The worst of the payloads, of one reference against the trapezoid; then in words."""
-    rows = result.rows
-    judged = metrics_of(rows)
+    rows, judged = result.rows, metrics_of(result.rows)
     worst = "; the worst of the payloads" if judged.payload else ""
     kinds = [kind for kind in dict.fromkeys(row.reference for row in rows) if kind != BASELINE]
     kind = BASELINE
+
+    def of(who: str, metric: Metric, rows: Sequence[Row]) -> float:
+        values = [row[metric.name] for row in rows if row.ok and row.reference == who]
+        return float(metric.worst(values)) if values else float("nan")
+
     if kinds:
-        first = min(kinds, key=lambda kind: (kind in _in_alarm(result), _peak_of(rows, kind)))
-        if st.session_state.get("study against") not in kinds:
-            st.session_state.pop("study against", None)
+        alarmed = _in_alarm(result)
+        first = min(kinds, key=lambda kind: (kind in alarmed, of(kind, judged.by_name[judged.peak], rows)))
         kind = st.segmented_control(
-            "Reference", kinds, key=session.held("study against", first), format_func=label, required=True
+            "Reference", kinds, key=held("study against", first, kinds), format_func=label, required=True
         ) or first  # fmt: skip
     # Only payloads at which both have run: the worst of different loads does not compare.
     both = {who: {row.payload_kg for row in rows if row.ok and row.reference == who} for who in (kind, BASELINE)}
@@ -356,28 +346,17 @@ def _numbers(result: StudyResult) -> None:
     fair = [row for row in rows if row.ok and row.payload_kg in (common or both[kind])]
     cards = []
     for metric in shown_in(View.CARDS, judged):
-        if not all(row.metrics.get(metric.name) is not None for row in fair):
-            continue
-        mine, base = (_worst([row for row in fair if row.reference == who], metric) for who in (kind, BASELINE))
-        delta = None if kind == BASELINE or not common else metric.scale * (mine - base)
-        better: Better = "higher" if metric.better == "higher" else "lower"
-        said = f"{label(kind)}{worst}"
-        cards.append(Number(metric.heading, metric.scale * mine, metric.shown_unit, delta, better, help=said))
+        if all(row.metrics.get(metric.name) is not None for row in fair):
+            mine, base = (of(who, metric, fair) for who in (kind, BASELINE))
+            delta = None if kind == BASELINE or not common else metric.scale * (mine - base)
+            better = "higher" if metric.better == "higher" else "lower"
+            cards.append(Number(metric.heading, metric.scale * mine, metric.shown_unit, delta, better,  # type: ignore[arg-type]
+                                help=f"{label(kind)}{worst}"))  # fmt: skip
     numbers(cards)
-    said_first = f"**{label(kind).capitalize()}**{worst.replace(';', ',')}"
-    said_first += "; below it the difference to the trapezoid." if kinds else "."
+    said = f"**{label(kind).capitalize()}**{worst.replace(';', ',')}"
+    said += "; below it the difference to the trapezoid." if kinds else "."
     good = [row for row in rows if row.ok]
-    st.caption(f"{said_first} {plain(powers(' '.join(sentences(good, peak_limit(result.study.machine)))))}")
-
-
-def _peak_of(rows: Sequence[Row], kind: str) -> float:
-    judged = metrics_of(rows)
-    return _worst([row for row in rows if row.reference == kind], judged.by_name[judged.peak])
-
-
-def _worst(rows: Sequence[Row], metric: Metric) -> float:
-    values = [row[metric.name] for row in rows if row.ok]
-    return float(metric.worst(values)) if values else float("nan")
+    st.caption(f"{said} {plain(powers(' '.join(sentences(good, peak_limit(result.study.machine)))))}")
 
 
 # ---- what it looks like -------------------------------------------------------------------------------------------
@@ -399,16 +378,15 @@ def _over_time(result: StudyResult) -> None:
         chart(figure, "study over time", "Speed, tracking error, torque and wire tension over time")
     else:
         figure = axis_overview(runs, kind, limit, machine.drive.nominal, "", stretch, height=740)
-        alt = f"Position, tracking error, speed and {kind.drive.quantity} over time"
-        chart(figure, "study over time", alt)
+        chart(figure, "study over time", f"Position, tracking error, speed and {kind.drive.quantity} over time")
 
 
 def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
     """The stretch of time that is drawn, which stays while sliders move; None for all of it."""
     choice, first, last = st.columns([2.6, 1.0, 1.0], vertical_alignment="center")
     stretch = choice.segmented_control(
-        "Stretch of time", (WHOLE, RAMP, OWN), default=WHOLE, key="study stretch", label_visibility="collapsed",
-        required=True, persist_state="session",
+        "Stretch of time", (WHOLE, RAMP, OWN), key=held("study stretch", WHOLE), label_visibility="collapsed",
+        required=True,
     )  # fmt: skip
     if stretch == WHOLE:
         return None
@@ -416,13 +394,9 @@ def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
     if stretch == RAMP:
         return usual
     start, end = (
-        column.number_input(
-            words_, 0.0, None, value, 0.5, key=f"study {words_}", format="%.4g", persist_state="session",
-            label_visibility="collapsed", icon=icon,
-        )
-        for column, words_, value, icon in (
-            (first, "from (s)", usual[0], ":material/first_page:"), (last, "to (s)", usual[1], ":material/last_page:")
-        )
+        column.number_input(words_, 0.0, None, value, 0.5, key=f"study {words_}", format="%.4g",
+                            persist_state="session", label_visibility="collapsed", icon=f":material/{icon}_page:")
+        for column, words_, value, icon in ((first, "from (s)", usual[0], "first"), (last, "to (s)", usual[1], "last"))
     )  # fmt: skip
     if not start < min(end, end_s):
         problem(InputError(f"{start:g} to {end:g} s, expected a stretch of the run's {end_s:.4g} s", place="from … to"))
@@ -446,14 +420,14 @@ def _over_payload(result: StudyResult) -> None:
     if len(payloads) < 2:
         return
     peak = {(row.reference, row.payload_kg): row["peak_torque_motor_nm"] for row in good}
-    held = {row.payload_kg: row["hold_torque_nm"] / machine.motor.count for row in good}
+    hold = {row.payload_kg: row["hold_torque_nm"] / machine.motor.count for row in good}
     peaks = {
         kind: np.array([peak.get((kind, payload), np.nan) for payload in payloads])
         for kind in result.study.scenario.kinds
     }
     figure = peak_torque_over_payload(
         payloads, peaks, machine.motor.nominal_torque_nm, motor_torque_limit_nm(machine),
-        np.array([held[payload] for payload in payloads]), height=400,
+        np.array([hold[payload] for payload in payloads]), height=400,
     )  # fmt: skip
     chart(figure, "study payload", "Torque peak over payload for each reference")
 
@@ -488,17 +462,15 @@ def forces_of(run: Run) -> list[str]:
 def force_table(runs: Sequence[tuple[str, Run]]) -> Table:
     """The largest force either way, a row a roller or joint, a column a reference. runs: (reference, run)."""
 
-    def largest(own: Sequence[Run], name: str) -> str:
-        values = [float(run[name][int(np.argmax(np.abs(run[name])))]) for run in own if name in run]
+    def largest(kind: str, name: str) -> str:
+        own = [run[name] for other, run in runs if other == kind and name in run]
+        values = [float(force[int(np.argmax(np.abs(force)))]) for force in own]
         return text(1e-3 * max(values, key=abs)) if values else "–"
 
-    by_reference = {kind: [run for other, run in runs if other == kind] for kind in dict.fromkeys(k for k, _ in runs)}
-    names = list(dict.fromkeys(name for _, run in runs for name in forces_of(run)))
-    rows = [
-        [words_of(name).removeprefix("force "), *(largest(own, name) for own in by_reference.values())]
-        for name in names
-    ]
-    heads = [words("roller or joint"), *(Column(label(kind), "kN") for kind in by_reference)]
+    kinds = dict.fromkeys(kind for kind, _ in runs)
+    names = dict.fromkeys(name for _, run in runs for name in forces_of(run))
+    rows = [[words_of(name).removeprefix("force "), *(largest(kind, name) for kind in kinds)] for name in names]
+    heads = [words("roller or joint"), *(Column(label(kind), "kN") for kind in kinds)]
     return Table(heads, rows, "The largest of all payloads, with its sign; a pin's force has none.")
 
 
