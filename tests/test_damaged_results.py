@@ -75,7 +75,7 @@ def test_a_fit_that_breaks_down_is_one_sentence(monkeypatch):
     def breaks(*_: object) -> None:
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    for name in ("Bench", "friction_levels", "BalanceModel"):
+    for name in ("InverseSimulation", "friction_levels", "BalanceModel"):
         monkeypatch.setattr(module, name, lambda *_: None)
     monkeypatch.setattr(module, "free_parameters", lambda *_: [])
     monkeypatch.setattr(module, "fit", breaks)

@@ -32,7 +32,7 @@ from workbench.reports.diagnosis import tables as report
 from workbench.reports.diagnosis.as_json import probabilities, to_json
 from workbench.reports.diagnosis.page import save_diagnosis_page, write_diagnosis
 from workbench.reports.diagnosis.series import own_values, series_of
-from workbench.simulate.driven import Bench, pooled_rms
+from workbench.simulate.driven import InverseSimulation, pooled_rms
 from workbench.view.place import for_dark_ground, marked_machine
 
 FIXED = [
@@ -292,7 +292,7 @@ def test_a_phase_of_each_run_is_in_that_runs_prediction():
     assert own_values(d) == {"heave__phase_rad": phases}
     for run, drawn, phase in zip(d.campaign.runs, series_of(d), phases, strict=True):
         machine = corrected.model_copy(update={"effects": {"heave": {**wave, "phase_rad": phase}}})
-        alone = Bench(machine, [run], d.gap.band_hz).balances()[0]
+        alone = InverseSimulation(machine, [run], d.gap.band_hz).balances()[0]
         assert drawn.after is not None
         np.testing.assert_allclose(drawn.after, alone.predicted, atol=0.02)
     assert ["heave", "phase_rad, run half", "2.00", "0.10"] in hypotheses.parameters_table(d).rows

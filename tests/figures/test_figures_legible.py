@@ -9,9 +9,9 @@ import pytest
 
 from tests.support import axes
 from workbench.analysis.step import StepResponse
-from workbench.figures.loop import Step, _with_load
 from workbench.machines import kind_of
 from workbench.references import by_name
+from workbench.view.loop import Step, _with_load
 from workbench.view.place import marked_machine
 from workbench.view.style import GROUND, LINES, SPARE, line, on_dark
 

@@ -26,7 +26,7 @@ from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, Re
 from workbench.effects import effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import Axis, Hoist, default_hoist, plant_of, with_correction
-from workbench.simulate.driven import Balance, Bench, pooled_rms
+from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms
 from workbench.simulate.replay import replay_runs
 from workbench.view.words import words_of
 
@@ -64,7 +64,7 @@ def made_diagnosis(kind: str, with_consequences: bool = False) -> Diagnosis:
     curve = _curve() if kind == "unknown" else None
     if curve is not None:
         corrected = with_correction(nominal, curve.over, curve.acts_on, curve.at, curve.forward, curve.backward)
-    before, after = (Bench(machine, campaign.runs).balances() for machine in (nominal, corrected))
+    before, after = (InverseSimulation(machine, campaign.runs).balances() for machine in (nominal, corrected))
     gap, shrink = _gap(campaign, before, after, kind), _shrink(campaign, before, after, corrected)
     consequences, why = None, "not asked for"
     if with_consequences:

@@ -28,8 +28,8 @@ from workbench.dashboard import session
 from workbench.dashboard.uploads import Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
 from workbench.dashboard.widgets import held, plain, problem
 from workbench.effects import check
-from workbench.log_formats import suffixes
 from workbench.logs import Campaign, read_campaign
+from workbench.logs.formats import suffixes
 from workbench.machines import (
     LOOPED,
     STUDIED,

@@ -18,7 +18,7 @@ from workbench.identify.models import BalanceModel
 from workbench.identify.parameters import free_parameters
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of, with_values
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.replay import ReplayResult, own_log, replay_runs
 
 
@@ -42,7 +42,7 @@ def identify(
     date: when, for the record; the caller's clock. Without it the same runs give the same record.
     """
     machine = campaign.machine
-    bench = Bench(machine, campaign.runs, band_hz)
+    bench = InverseSimulation(machine, campaign.runs, band_hz)
     levels = friction_levels(bench)
     parameters = free_parameters(machine, campaign.runs, free)
     ties = _ties(machine, [f.key for f in parameters])

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.machines import Kind, kind_of
-from workbench.simulate.driven import Balance, Bench, changed, sensor
+from workbench.simulate.driven import Balance, InverseSimulation, changed, sensor
 from workbench.simulate.lowpass import lowpass
 
 MOST_ROUNDS = 30
@@ -31,7 +31,7 @@ class Levels:
     force: Array
 
 
-def friction_levels(bench: Bench) -> Levels:
+def friction_levels(bench: InverseSimulation) -> Levels:
     """Solve Eq. 16 for the friction force under the measured torque, then Eq. 17 for both levels; iterate.
 
     In each round the carriage moves as the measured speed and the levels so far make it
@@ -61,7 +61,9 @@ def _level(force: Array, switch: Array, before: float) -> float:
     return max(float(np.median(force / switch)), 0.0) if len(force) else before
 
 
-def _profile(bench: Bench, balances: list[Balance], values: list[SimpleNamespace]) -> tuple[Array, Array, Array]:
+def _profile(
+    bench: InverseSimulation, balances: list[Balance], values: list[SimpleNamespace]
+) -> tuple[Array, Array, Array]:
     """Speed, Coulomb friction force and switching function at the moving samples of all runs."""
     gain, _ = sensor(bench.machine)
     kind = kind_of(bench.machine)
@@ -69,7 +71,7 @@ def _profile(bench: Bench, balances: list[Balance], values: list[SimpleNamespace
     for b, p in zip(balances, values, strict=True):
         speed, switch, coulomb = _friction(kind, b, p)
         smooth = lowpass(b.run.time_s, np.column_stack([speed, switch, coulomb]), b.band_hz)[b.moving]
-        force = smooth[:, 2] + b.residual[b.moving] / gain / kind.lever_of(bench.machine)
+        force = smooth[:, 2] + b.residual[b.moving] / gain / kind.transmission_of(bench.machine)
         keep = np.abs(smooth[:, 1]) > 0.5
         parts.append(np.column_stack([smooth[:, 0], force, smooth[:, 1]])[keep])
     table = np.concatenate(parts)

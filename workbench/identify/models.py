@@ -18,7 +18,7 @@ from workbench.core.run import Array, Run
 from workbench.effects import logged_input, true_input
 from workbench.engine import kernels
 from workbench.identify.parameters import Free
-from workbench.simulate.driven import Bench, changed, sensor, start_point
+from workbench.simulate.driven import InverseSimulation, changed, sensor, start_point
 from workbench.simulate.lowpass import lowpass, noise_rms
 
 SAMPLES_PER_PERIOD = 4.0  # of the band, that a fit looks at; more say nothing new
@@ -38,7 +38,7 @@ class OutputModel(Protocol):
     def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array: ...
 
 
-def values_of(bench: Bench, free: Sequence[Free], z: Array) -> tuple[list[SimpleNamespace], float, float]:
+def values_of(bench: InverseSimulation, free: Sequence[Free], z: Array) -> tuple[list[SimpleNamespace], float, float]:
     """Plant parameters of every run, and the sensor's gain and offset, at z."""
     gain, offset = sensor(bench.machine)
     changes = {}
@@ -55,7 +55,7 @@ def values_of(bench: Bench, free: Sequence[Free], z: Array) -> tuple[list[Simple
 class BalanceModel:
     """Measured minus predicted input while the machine moves, low-passed and thinned to independent samples."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: InverseSimulation) -> None:
         self.bench = bench
         self.noise = max(float(np.sqrt(np.mean(np.square(bench.noise)))), 1e-12)
         self.rows: list[np.ndarray] = []
@@ -67,7 +67,7 @@ class BalanceModel:
 
     def on(self, runs: Sequence[Run]) -> BalanceModel:
         """The same samples of other runs that were sampled alike."""
-        other = BalanceModel(Bench(self.bench.machine, runs, self.bench.band_hz))
+        other = BalanceModel(InverseSimulation(self.bench.machine, runs, self.bench.band_hz))
         other.rows, other.run_lengths = self.rows, self.run_lengths
         return other
 
@@ -90,7 +90,7 @@ class BalanceModel:
 class SpeedModel:
     """Simulated minus measured speed under the measured input, from the first sample of each run."""
 
-    def __init__(self, bench: Bench, tolerance: float = kernels.TOLERANCE) -> None:
+    def __init__(self, bench: InverseSimulation, tolerance: float = kernels.TOLERANCE) -> None:
         self.bench, self.tolerance = bench, tolerance
         speeds = [noise_rms(r.time_s, m.speed, NYQUIST) for r, m in zip(bench.runs, bench.motions, strict=True)]
         self.noise = max(float(np.sqrt(np.mean(np.square(speeds)))), TRUSTED * bench.scale)

@@ -13,7 +13,7 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.run import Run
 from workbench.core.shown import Shown
 from workbench.core.yaml_strict import Document
-from workbench.log_formats.opening import expect
+from workbench.logs.formats.opening import expect
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Entry, read_runs
 from workbench.machines import Axis, Hoist, kind_of, load_machine

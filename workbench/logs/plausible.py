@@ -112,7 +112,7 @@ def _rail(
 ) -> list[str]:
     """The integrated speed must keep the carriage on the rail. This detects a wrong unit in slow runs too."""
     steps = np.diff(time_s)
-    height = start_m + kind.lever_of(machine) * np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps)
+    height = start_m + kind.transmission_of(machine) * np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps)
     low, high, length = limits.lowest, limits.highest, limits.length
     beyond = max(low - float(height.min()), float(height.max()) - high, 0.0)
     if beyond == 0.0:

@@ -12,11 +12,11 @@ import numpy as np
 from workbench.core.errors import InputError, nearest
 from workbench.core.input_file import readable_file
 from workbench.core.run import Array, Run
-from workbench.log_formats.opening import LogFile, Table, open_log
 from workbench.logs.channels import bridge_spikes, clipped, drop_dead, is_constant, refuse_infinite
 from workbench.logs.clock import check_time, merge_repeated, time_notes
 from workbench.logs.dropouts import drop_frozen, whole_part
 from workbench.logs.faults import Fault, fault_of, seconds
+from workbench.logs.formats.opening import LogFile, Table, open_log
 from workbench.logs.gaps import fill_gaps, whole_stretches
 from workbench.logs.plausible import check_plausible, driven_signals
 from workbench.logs.runs_file import Column, Entry
@@ -205,7 +205,7 @@ def _entry_of(
         else:
             v = values[speed][: first + 1]
             way = float(np.sum(0.5 * (v[1:] + v[:-1]) * np.diff(time_s[: first + 1])))
-        start = (start or 0.0) + kind.lever_of(machine) * way
+        start = (start or 0.0) + kind.transmission_of(machine) * way
     began = (entry.start_time_s or 0.0) + float(time_s[first] - time_s[0])
     return entry.model_copy(update={"start_position_m": start, "start_time_s": began})
 

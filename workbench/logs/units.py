@@ -169,10 +169,10 @@ def _twins(
     reference, follows = kind.reference
     twins = {reference: (follows, values[follows])} if follows in values else {}
     speed, placed = kind.plant.speeds[0], kind.plant.positions[kind.plant.placed]
-    if kind.lever is not None and placed in values:
+    if kind.transmission is not None and placed in values:
         v = values[speed]
         way = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(time_s))))
-        twins[placed] = (f"the integrated {speed}", kind.lever(machine) * way)
+        twins[placed] = (f"the integrated {speed}", kind.transmission(machine) * way)
     return {name: twin for name, twin in twins.items() if name in values}
 
 

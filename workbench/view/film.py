@@ -21,7 +21,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.figures import arm_parts as parts
 from workbench.machines import HOIST, Hoist
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.view.style import VERMILLION
 
 HEIGHT = 640  # px
@@ -98,7 +98,7 @@ def _simulated(machine: Hoist, run: Run) -> Scene:
 def _measured(machine: Hoist, run: Run) -> Scene:
     """The nominal wire and carriage driven by the measured motor speed; heights and tensions that are logged stay."""
     plain = machine.model_copy(update={"effects": {}})
-    bench = Bench(plain, [run])
+    bench = InverseSimulation(plain, [run])
     (balance,) = bench.balances()
     motion, states, n = balance.motion, balance.states, len(HOIST.plant.positions)
     start = HOIST.plant.equilibrium(float(states[0, 1]), bench.base[0])[0][0]

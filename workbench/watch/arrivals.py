@@ -17,7 +17,7 @@ from workbench.core.errors import InputError
 from workbench.core.record import Finite, Payload, Position, Record
 from workbench.core.run import Run
 from workbench.core.yaml_strict import load, validate
-from workbench.log_formats import suffixes
+from workbench.logs.formats import suffixes
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Column, Entry, Name, read_runs
 from workbench.machines import Axis, Hoist, kind_of

@@ -12,7 +12,7 @@ import streamlit as st
 from workbench.analysis.family import Member, family, operating_points, weakest
 from workbench.analysis.linearise import Motion
 from workbench.analysis.tune import STEPS, Goal, Tuned, TuneProgress, Weights, tune
-from workbench.analysis.usual import usual_settings
+from workbench.analysis.usual import usual_heights, usual_settings
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
 from workbench.dashboard import session
@@ -31,13 +31,13 @@ from workbench.dashboard.widgets import (
     problem,
     table,
 )
-from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.machines.files import machine_text
-from workbench.reports.loop import report
-from workbench.reports.loop import tuning as tuning_report
-from workbench.reports.loop.case import MOST, LoopCaseFile, usual_heights
-from workbench.reports.loop.case import numbers as numbers_in
+from workbench.study.loop_design import MOST, DesignCase
+from workbench.study.loop_design import numbers as numbers_in
+from workbench.view import loop as report
+from workbench.view import tune as tuning_report
+from workbench.view.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
 
 MOTIONS: dict[str, Motion] = {"hoisting": "hoisting", "lowering": "lowering", "at rest": "at_rest"}
 STEP = 1.04  # from one step of a gain's slider to the next
@@ -50,7 +50,7 @@ TUNED = "loop tuned"
 class TunedCase:
     """A tuning, with the case that it was asked for and the machine's text."""
 
-    case: LoopCaseFile
+    case: DesignCase
     tuned: Tuned
     machine: str
 
@@ -72,7 +72,7 @@ def show() -> None:
     left, right = beside("loop")
     with left:
         settings = _crossover(case)
-    case = LoopCaseFile(machine, settings, case.origin, case.payloads_kg, case.heights_m, None)
+    case = DesignCase(machine, settings, case.origin, case.payloads_kg, case.heights_m, None)
     with guarded():
         members = loops(case, motion)
         before = loops(_by_rule(case), motion)
@@ -96,7 +96,7 @@ def show() -> None:
     table(report.table(members))
 
 
-def _side_bar(bad: list[InputError]) -> tuple[LoopCaseFile, Motion, Any, float, Goal | None]:
+def _side_bar(bad: list[InputError]) -> tuple[DesignCase, Motion, Any, float, Goal | None]:
     """Draws every control: the loop, its motion, the unit of frequency, the limit of Ms, what to tune for. bad: takes
     what was entered and cannot be used."""
 
@@ -136,7 +136,7 @@ def _side_bar(bad: list[InputError]) -> tuple[LoopCaseFile, Motion, Any, float, 
                             disabled=goal != BANDWIDTH)  # fmt: skip
     pressed = st.button("Tune", type="primary", width="stretch", icon=":material/tune:", key="loop tune")
     wanted = Goal(hertz if goal == BANDWIDTH else None, ms) if pressed else None
-    case = LoopCaseFile(machine, settings, "on this page", payloads, heights, None)
+    case = DesignCase(machine, settings, "on this page", payloads, heights, None)
     return case, MOTIONS[motion], RAD_S if unit == "rad/s" else HZ, ms, wanted
 
 
@@ -172,7 +172,7 @@ def _gains(machine: Hoist | Axis, bad: list[InputError]) -> Settings:
     return settings
 
 
-def _crossover(case: LoopCaseFile) -> Settings:
+def _crossover(case: DesignCase) -> Settings:
     """A slider above the Bode plot that moves its crossover: kp, and ki with its square, so that the damping stays."""
     settings, rule = case.settings, rule_settings(case.machine)
     now = settings.kp / rule.kp
@@ -199,7 +199,7 @@ def gain_steps(name: str, rule: float) -> list[float]:
     return [0.0, *by_rule] if name == "kv" else by_rule
 
 
-def loops(case: LoopCaseFile, motion: Motion) -> list[Member]:
+def loops(case: DesignCase, motion: Motion) -> list[Member]:
     """Every payload at every height. InputError for a height off the rail."""
     said = machine_text(case.machine), case.settings.model_dump_json()
     return _loops(said, case.payloads_kg, case.heights_m, motion, case)
@@ -209,21 +209,21 @@ def loops(case: LoopCaseFile, motion: Motion) -> list[Member]:
 @st.cache_resource(max_entries=60, show_spinner=False)
 def _loops(
     said: tuple[str, str], payloads_kg: tuple[float, ...], heights_m: tuple[float, ...], motion: Motion,
-    _case: LoopCaseFile,
+    _case: DesignCase,
 ) -> list[Member]:  # fmt: skip
     points = operating_points(_case.machine, payloads_kg, heights_m, motion)
     return family(_case.machine, _case.settings, points)
 
 
-def _by_rule(case: LoopCaseFile) -> LoopCaseFile:
+def _by_rule(case: DesignCase) -> DesignCase:
     """The same loop under the gains that a rule of thumb gives: the baseline of the numbers."""
     rule = rule_settings(case.machine)
     gains = {name: getattr(rule, name) for name in (*rule.GAINS, *(["kv_per_s"] if isinstance(rule, Cascade) else []))}
     settings = case.settings.model_copy(update=gains)
-    return LoopCaseFile(case.machine, settings, "by rule", case.payloads_kg, case.heights_m, None)
+    return DesignCase(case.machine, settings, "by rule", case.payloads_kg, case.heights_m, None)
 
 
-def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Member]) -> None:
+def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Member]) -> None:
     """The least of each margin over all loops, against that under the gains by rule."""
     now, then = weakest(members).margins, weakest(before).margins
     if not now.stable:
@@ -255,7 +255,7 @@ def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Mem
     st.caption(f"{over}{rule}.")
 
 
-def _tune(case: LoopCaseFile, goal: Goal) -> None:
+def _tune(case: DesignCase, goal: Goal) -> None:
     """Tunes for a goal, which sets the session's controller, and draws the page anew."""
     bar, stop = st.empty(), st.empty()
     stop.button("Cancel", icon=":material/cancel:", key="loop cancel")
@@ -277,7 +277,7 @@ def _tune(case: LoopCaseFile, goal: Goal) -> None:
     st.rerun()
 
 
-def _tuned_before(case: LoopCaseFile) -> None:
+def _tuned_before(case: DesignCase) -> None:
     """What the last tuning found."""
     last = st.session_state.get(TUNED)
     if not isinstance(last, TunedCase):

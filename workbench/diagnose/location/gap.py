@@ -55,7 +55,7 @@ def gap_of(problem: Problem, search: SearchResult, refitted: ReplayResult) -> Ga
     excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))
     stretched = abs(worst[1]) > STRETCHED
     kind = kind_of(problem.machine)
-    lift = None if kind.lever is None else kind.lever(problem.machine)
+    lift = None if kind.transmission is None else kind.transmission(problem.machine)
     gap = Gap(
         residual_rms=left,
         noise_rms=problem.noise,

@@ -114,8 +114,8 @@ def survey_of(problem: Problem, fit: Fitted, own: int | None = None) -> Survey:
     back = np.where(held, 0.0, fit.z)
     usual = np.where(np.isfinite(std), std, 1.0)
     kind, machine = kind_of(problem.machine), problem.machine
-    lever = kind.lever_of(machine)
-    turns = {part.part: TURN * part.turns_per_way(machine) * lever for part in kind.turning}
+    lever = kind.transmission_of(machine)
+    turns = {part.part: TURN * part.turns_per_displacement(machine) * lever for part in kind.turning}
     felt = 0.0
     if problem.has_tension:
         felt = problem.noise / problem.tension_noise

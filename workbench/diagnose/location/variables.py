@@ -11,7 +11,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.machines import kind_of
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
 TURN = 2.0 * math.pi
@@ -57,7 +57,7 @@ def forward(problem: Problem) -> np.ndarray:
     return of_rows(problem, lambda b, j: _smooth_speed(b, j)) > 0.0
 
 
-def of_rows(problem: Problem, of_run: Callable[[Bench, int], Array]) -> Array:
+def of_rows(problem: Problem, of_run: Callable[[InverseSimulation, int], Array]) -> Array:
     """The series of all runs, (n,) each from of_run, at the residuals of the input: (inputs,)."""
     return np.concatenate([of_run(problem.bench, j)[rows] for j, rows in enumerate(problem.rows)])
 
@@ -74,7 +74,7 @@ def spacing(problem: Problem) -> Array:
     return np.repeat(np.multiply(steps, strides), problem.run_lengths)
 
 
-def _smooth_speed(bench: Bench, j: int) -> Array:
+def _smooth_speed(bench: InverseSimulation, j: int) -> Array:
     return lowpass(bench.runs[j].time_s, bench.motions[j].speed, bench.band_hz)
 
 
@@ -94,16 +94,16 @@ def _payload(problem: Problem) -> Variable:
 
 def _speed(problem: Problem) -> Variable:
     kind = kind_of(problem.machine)
-    at = np.abs(of_rows(problem, _smooth_speed)) * kind.lever_of(problem.machine)
+    at = np.abs(of_rows(problem, _smooth_speed)) * kind.transmission_of(problem.machine)
     edges = float(np.max(at)) * np.array(SPEED_EDGES)
     return Variable("speed", f"speed of the {kind.moved.noun}", kind.moved.speed_unit, "speed", at, edges)
 
 
 def _acceleration(problem: Problem) -> Variable:
     kind = kind_of(problem.machine)
-    lift, unit = kind.lever_of(problem.machine), f"{kind.moved.unit}/s²"
+    lift, unit = kind.transmission_of(problem.machine), f"{kind.moved.unit}/s²"
 
-    def smooth(b: Bench, j: int) -> Array:
+    def smooth(b: InverseSimulation, j: int) -> Array:
         return lowpass(b.runs[j].time_s, b.motions[j].acceleration, b.band_hz) * lift
 
     at = of_rows(problem, smooth)
@@ -115,7 +115,7 @@ def _acceleration(problem: Problem) -> Variable:
 def _since_start(problem: Problem) -> Variable:
     """Time since the machine last started from rest, or since the run's beginning."""
 
-    def since(b: Bench, j: int) -> Array:
+    def since(b: InverseSimulation, j: int) -> Array:
         t, going = b.runs[j].time_s, b.moving[j]
         begins = np.flatnonzero(np.diff(np.concatenate([[False], going]).astype(int)) == 1)
         if not len(begins):
@@ -140,7 +140,7 @@ def _position(problem: Problem) -> Variable:
     return Variable("position", moved.position, moved.unit, "position", at, _even(at, 24))
 
 
-def place(bench: Bench, j: int) -> Array:
+def place(bench: InverseSimulation, j: int) -> Array:
     """(n,) position of the carriage (on an inextensible wire) or of the axis, m or rad."""
     kind = kind_of(bench.machine)
     return kind.place_of(bench.machine, bench.runs[j].start_position_m, bench.motions[j].position)
@@ -152,7 +152,7 @@ def _turns(problem: Problem) -> list[Variable]:
     for part in kind.turning:
         if part.folded is not None:
             name, label = part.folded
-            angle = TURN * part.turns_per_way(problem.machine) * way(problem)
+            angle = TURN * part.turns_per_displacement(problem.machine) * way(problem)
             turns += _folded(name, label, angle)
     return turns
 

@@ -13,8 +13,8 @@ from workbench.diagnose.readiness.same_machine import check_machine, listed
 from workbench.diagnose.readiness.variety import variety
 from workbench.logs import Campaign
 from workbench.machines import kind_of
-from workbench.simulate.blows import blows_of
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
+from workbench.simulate.impacts import impacts_of
 from workbench.simulate.lowpass import LEAST_PERIODS, lowpass, noise_rms
 
 FEWEST = 20.0  # independent values while moving: about as many as a diagnosis turns numbers
@@ -27,7 +27,7 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
     InputError, naming the runs, for runs that are too short, that all stand still, that are of
     different machines, and for signals of the wrong sign or unit.
     """
-    bench = Bench(campaign.machine, campaign.runs, blows=blows_of(campaign.machine, campaign.runs))
+    bench = InverseSimulation(campaign.machine, campaign.runs, impacts=impacts_of(campaign.machine, campaign.runs))
     file = campaign.path / "runs.yaml"
     _check_lengths(bench, file)
     going = [j for j in range(len(bench.runs)) if moves(bench, j)]
@@ -55,7 +55,7 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
     return (*warnings, *odd, *variety(bench, going))
 
 
-def moves(bench: Bench, j: int) -> bool:
+def moves(bench: InverseSimulation, j: int) -> bool:
     """Whether run j moves: faster than at rest, and beyond the noise of its motion."""
     run, motion = bench.runs[j], bench.motions[j]
     speed = lowpass(run.time_s, motion.speed, bench.band_hz)[bench.inside[j]]
@@ -63,7 +63,7 @@ def moves(bench: Bench, j: int) -> bool:
     return bool(bench.moving[j].any()) and float(np.max(np.abs(speed))) > ABOVE_NOISE * noise
 
 
-def _check_lengths(bench: Bench, file: object) -> None:
+def _check_lengths(bench: InverseSimulation, file: object) -> None:
     needed = LEAST_PERIODS / bench.band_hz
     short = [run for run in bench.runs if run.duration_s < needed]
     if short:
@@ -75,7 +75,7 @@ def _check_lengths(bench: Bench, file: object) -> None:
         )
 
 
-def _check_enough(bench: Bench, going: Sequence[int], file: object) -> None:
+def _check_enough(bench: InverseSimulation, going: Sequence[int], file: object) -> None:
     moving = sum(float(np.count_nonzero(bench.moving[j])) * bench.runs[j].sample_time_s for j in going)
     needed = FEWEST / (2.0 * bench.band_hz)
     if moving < needed:
@@ -86,7 +86,7 @@ def _check_enough(bench: Bench, going: Sequence[int], file: object) -> None:
         )
 
 
-def _check_frozen(bench: Bench, going: Sequence[int], file: object) -> None:
+def _check_frozen(bench: InverseSimulation, going: Sequence[int], file: object) -> None:
     name = bench.plant.input
     for j in going:
         values = bench.inputs[j]

@@ -9,7 +9,7 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.machines import Axis, Hoist, kind_of
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
 FAR = 2.0  # a ratio beyond this or its inverse is a unit, not a machine
@@ -17,7 +17,7 @@ NEAR = 0.1  # what geometry, layers and a yielding wire may make of it
 ALIKE = 0.8  # correlation: below, the two do not show the same motion
 
 
-def check_other_signals(bench: Bench, going: Sequence[int], file: object) -> list[str]:
+def check_other_signals(bench: InverseSimulation, going: Sequence[int], file: object) -> list[str]:
     """Warnings. InputError where two signals of one run contradict each other."""
     warnings: dict[str, list[str]] = {}
     for j in going:
@@ -31,7 +31,7 @@ def check_other_signals(bench: Bench, going: Sequence[int], file: object) -> lis
     return [f"{text} ({', '.join(names)})." for text, names in warnings.items()]
 
 
-def reference_slope(bench: Bench, j: int) -> float | None:
+def reference_slope(bench: InverseSimulation, j: int) -> float | None:
     """The slope of the motion over its logged reference; None without a reference, 0 if they are not related."""
     both = reference_of(bench.machine, bench.runs[j])
     return None if both is None else _slope(*both)
@@ -45,7 +45,7 @@ def reference_of(machine: Hoist | Axis, run: Run) -> tuple[Array, Array] | None:
     return run[names[0]], run[names[1]]
 
 
-def _of_kind(bench: Bench, j: int, file: object) -> list[str]:
+def _of_kind(bench: InverseSimulation, j: int, file: object) -> list[str]:
     """Warnings about run j. InputError if two of its signals contradict each other."""
     run, kind = bench.runs[j], kind_of(bench.machine)
     if kind.cross_checks is None:

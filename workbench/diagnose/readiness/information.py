@@ -20,7 +20,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.diagnose.readiness.motion_noise import logged_motion, noises_of, noisier
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 
 EQUAL = 1.0  # energy of motion over energy of noise
 WIDTH = 2.0 ** (1.0 / 3.0)  # of the bands that the spectra are averaged over: a third of an octave
@@ -30,12 +30,12 @@ ANSWERED = 0.25  # coherence, at least: else three quarters of the predicted ene
 ANSWERED_FROM_HZ = 25.0
 
 
-def informative_band(bench: Bench, seed: int) -> float:
+def informative_band(bench: InverseSimulation, seed: int) -> float:
     """In Hz; at most the band of the bench."""
     random = np.random.default_rng(seed)
     noisy = [noisier(run, noises_of(run, logged_motion(bench, run)), random) for run in bench.runs]
     before = [raw for raw, _ in bench.predict([bench.base])[0]]
-    beside = Bench(bench.machine, noisy, bench.band_hz, blows=bench.blows)
+    beside = InverseSimulation(bench.machine, noisy, bench.band_hz, impacts=bench.impacts)
     after = [raw for raw, _ in beside.predict([beside.base])[0]]
     # The noise added once more is as large as that of the log: what it adds, the log's own has added already.
     with_noise = _spectrum(bench.runs, before)

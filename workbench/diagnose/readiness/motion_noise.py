@@ -14,7 +14,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.readiness.channel_noise import channel_noise
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
 DRAWS = 2
@@ -61,14 +61,14 @@ def noisier(run: Run, noises: Mapping[str, Array], random: np.random.Generator) 
     return replace(run, signals={**run.signals, **added})
 
 
-def logged_motion(bench: Bench, run: Run) -> tuple[str, ...]:
+def logged_motion(bench: InverseSimulation, run: Run) -> tuple[str, ...]:
     """Position and speed of the driven coordinate, as far as they are logged."""
     return tuple(name for name in (bench.plant.positions[0], bench.plant.speeds[0]) if name in run)
 
 
 def _predicted(problem: Problem, runs: list[Run] | tuple[Run, ...]) -> list[Array]:
     """Each run's low-passed input at the base values, on the problem's rows."""
-    bench = Bench(problem.machine, runs, problem.band_hz, blows=problem.bench.blows)
+    bench = InverseSimulation(problem.machine, runs, problem.band_hz, impacts=problem.bench.impacts)
     return [
         lowpass(run.time_s, raw, problem.band_hz)[rows]
         for run, (raw, _), rows in zip(runs, bench.predict([bench.base])[0], problem.rows, strict=True)

@@ -21,7 +21,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.machines import kind_of
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
 BAND_SHARE = 0.5  # of the band: farther below the wire's resonance the machine is nearly rigid
@@ -52,7 +52,7 @@ class Rigid:
     shown: float = 0.0
 
 
-def rigid_of(bench: Bench, j: int) -> Rigid:
+def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     """Run j of the bench as a rigid machine."""
     run, machine = bench.runs[j], bench.machine
     rows = bench.moving[j]

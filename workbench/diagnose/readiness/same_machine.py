@@ -12,7 +12,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.diagnose.readiness.rigid import Rigid
 from workbench.machines import kind_of
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 
 WRONG_UNIT = 5.0  # inertia over the nominal one, or the inverse: no such machine, but such units
 ODD_INERTIA, ODD_LOAD = 2.0, 1.4  # over the nominal ones: worth a warning
@@ -23,11 +23,11 @@ SPEED_SLIPS = (("rpm", 60.0 / (2.0 * math.pi)), ("degrees per second", 180.0 / m
 Ratios = list[tuple[str, float]]
 
 
-def check_machine(bench: Bench, rigid: Sequence[Rigid], file: object) -> list[str]:
+def check_machine(bench: InverseSimulation, rigid: Sequence[Rigid], file: object) -> list[str]:
     """Warnings. InputError for signals upside down or in another unit, and for runs of different machines."""
     _check_signs(bench, rigid, file)
     _check_units(bench, rigid, file)
-    struck = any(len(blows) for blows in bench.blows)
+    struck = any(len(impacts) for impacts in bench.impacts)
     return [*_check_one_machine(rigid, file, kind_of(bench.machine).holds_load, struck), *_odd(rigid)]
 
 
@@ -50,7 +50,7 @@ def _of(which: Sequence[Rigid], all_runs: Sequence[Run]) -> str:
     return f"in {many} runs ({names})"
 
 
-def _check_signs(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
+def _check_signs(bench: InverseSimulation, rigid: Sequence[Rigid], file: object) -> None:
     """On a hoist the load shows whether torque or speed has the wrong sign; on an axis it can be either."""
     signal, runs, kind = bench.plant.input, bench.runs, kind_of(bench.machine)
     positive = f"{kind.directions.positive} is positive"
@@ -84,7 +84,7 @@ def _check_signs(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
         )
 
 
-def _check_units(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
+def _check_units(bench: InverseSimulation, rigid: Sequence[Rigid], file: object) -> None:
     """A speed k times too large gives 1/k of the inertia, and so does an axis' force k times too small."""
     off = [r for r in rigid if r.inertia is not None and not 1.0 / WRONG_UNIT < r.inertia < WRONG_UNIT]
     if not off:
@@ -107,7 +107,7 @@ def _check_units(bench: Bench, rigid: Sequence[Rigid], file: object) -> None:
 def _check_one_machine(rigid: Sequence[Rigid], file: object, holds_load: bool, struck: bool) -> list[str]:
     """InputError where runs hold loads, or axes show inertias, of two machines. A warning for a hoist's inertia:
     a slow run hardly shows it, and a load that swings hides some of it; the load that is held says more. A warning
-    as well where blows of a play come again: the inertia behind it goes with the motor part of the time only."""
+    as well where impacts of a play come again: the inertia behind it goes with the motor part of the time only."""
     loads = [(r.run, r.hold) for r in rigid if r.hold is not None]
     inertias = [(r.run, r.inertia) for r in rigid if r.inertia is not None]
     warnings = []

@@ -8,7 +8,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.machines import kind_of
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
 ONE_WAY = 0.03  # of the moving time the other way: too little to tell friction from load
@@ -17,7 +17,7 @@ EVEN = 0.1  # of the largest acceleration: below it counts as cruising
 PAYLOADS_ALIKE = 0.02  # of the moved mass: less is no other payload
 
 
-def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
+def variety(bench: InverseSimulation, going: Sequence[int]) -> tuple[str, ...]:
     """Warnings as sentences; none if the campaign varies all of them."""
     sentences = []
     kind = kind_of(bench.machine)
@@ -47,7 +47,7 @@ def variety(bench: Bench, going: Sequence[int]) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _one_payload(bench: Bench, going: Sequence[int]) -> bool:
+def _one_payload(bench: InverseSimulation, going: Sequence[int]) -> bool:
     """Whether all runs carry about the same payload, judged by the weight."""
     weight = kind_of(bench.machine).weight
     if weight is None:
@@ -56,13 +56,13 @@ def _one_payload(bench: Bench, going: Sequence[int]) -> bool:
     return max(weights) - min(weights) < PAYLOADS_ALIKE * max(weights)
 
 
-def _speeds(bench: Bench, j: int) -> Array:
+def _speeds(bench: InverseSimulation, j: int) -> Array:
     """(k,) low-passed speeds of run j in motion."""
     run = bench.runs[j]
     return lowpass(run.time_s, bench.motions[j].speed, bench.band_hz)[bench.moving[j]]
 
 
-def _one_speed(bench: Bench, going: Sequence[int]) -> bool:
+def _one_speed(bench: InverseSimulation, going: Sequence[int]) -> bool:
     """Whether all phases of constant speed have the same speed; without such phases the speeds vary."""
     cruising, moving = [], 0
     for j in going:

@@ -56,7 +56,7 @@ class Constancy:
 def constancies(problem: Problem, near: Fitted, fit: Fitted, effects: Sequence[Effect]) -> tuple[Constancy, ...]:
     """Of each effect of a fit, for the own variable that it is least constant over. near: the fit without effects.
 
-    Not of a play with blows: its own law is not looked at in the residual.
+    Not of a play with impacts: its own law is not looked at in the residual.
     """
     left, weight = fit.residual[: problem.inputs], spacing(problem)
     on_top = OnTop(problem, left, free_of(problem, fit))

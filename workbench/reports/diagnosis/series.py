@@ -12,7 +12,7 @@ from workbench.diagnose.records import Diagnosis
 from workbench.figures.diagnose_time import RunSeries
 from workbench.machines import Axis, Hoist, plant_of
 from workbench.reports.replay.page import stretches
-from workbench.simulate.driven import Balance, Bench, changed
+from workbench.simulate.driven import Balance, InverseSimulation, changed
 from workbench.simulate.replay import simulate_replays
 
 MOST_RUNS = 12  # that are drawn, those with most of the gap's energy
@@ -69,7 +69,7 @@ def own_values(d: Diagnosis) -> Own:
 
 def _under(d: Diagnosis, machine: Hoist | Axis, own: Own) -> list[tuple[Balance, float, Array]]:
     """For each run its torque balance, the scale of speeds, and the speed of the open-loop replay."""
-    bench = Bench(machine, d.campaign.runs, d.gap.band_hz)
+    bench = InverseSimulation(machine, d.campaign.runs, d.gap.band_hz)
     bench.base = [changed(p, {key: values[j] for key, values in own.items()}) for j, p in enumerate(bench.base)]
     states = simulate_replays(machine, bench)
     column = len(plant_of(machine).positions)  # the driven speed stands first behind the positions

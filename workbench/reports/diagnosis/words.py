@@ -70,7 +70,7 @@ def _reason(reason: Reason, unit: str) -> str:
         ReasonKind.LEAVES_MUCH: f"The best hypothesis leaves {reason.value:.2g} {unit}, {reason.percent:.2g} % of the "
         "input, beyond noise and what a model may miss.",
         ReasonKind.FITS_ARE_LOST: "So much is left that it is rather a listed effect whose law the fits cannot follow, "
-        "such as a play whose blows a slow log does not show.",
+        "such as a play whose impacts a slow log does not show.",
         ReasonKind.STRETCHES_TOLERANCES: "It needs base parameters further off than their tolerances allow together.",
         ReasonKind.ON_A_BOUND: "It sits on the bound of one of its parameters.",
         ReasonKind.UNDO_EACH_OTHER: f"{names} largely undo each other, as two do that stand in for a third.",

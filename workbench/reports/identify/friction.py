@@ -25,7 +25,7 @@ def force_balance(machine: Hoist | Axis, result: ReplayResult) -> tuple[Array, A
     """
     gain, _ = sensor(machine)
     kind = kind_of(machine)
-    lever = kind.lever_of(machine)
+    lever = kind.transmission_of(machine)
     speeds, forces = [], []
     for run in result.runs:
         balance = run.balance
