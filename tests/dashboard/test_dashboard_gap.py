@@ -14,18 +14,17 @@ import pytest
 pytest.importorskip("streamlit")
 
 from streamlit.testing.v1 import AppTest
-from workbench.dashboard.work import VIEW, View, read_view, write_view
 
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import hoist_columns, write_campaign
 from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
-from workbench.dashboard import campaigns, jobs, session
-from workbench.dashboard import work as workers
-from workbench.dashboard.jobs import Job, Teller, new_id, write_record
+from workbench.dashboard import chosen as campaigns
+from workbench.dashboard import jobs, session
+from workbench.dashboard.jobs import VIEW, Job, Teller, new_id, read_view, write_record, write_view
 from workbench.dashboard.pages import gap
-from workbench.dashboard.pages.gap import TAB
+from workbench.dashboard.pages.gap import TAB, View
 from workbench.dashboard.server import SCRIPT
 from workbench.diagnose import diagnose as orchestration
 from workbench.diagnose.records import Diagnosis
@@ -72,7 +71,7 @@ def finished(
     with monkeypatch.context() as patch:
         patch.setattr(orchestration, "diagnose", lambda campaign, **_: made_diagnosis_of(kind))
         tell = Teller(job.file("said.jsonl"))
-        workers.diagnosis(job.file("result"), tell, **asked)
+        gap.work(job.file("result"), tell, **asked)
         tell.write(ended=0, at_s=time.time())
     return number, job
 
@@ -348,12 +347,14 @@ def test_a_damaged_result_says_so(server, monkeypatch, spring):
 
 
 def test_a_view_is_read_as_it_was_written(tmp_path):
-    view = workers.view_of(made_diagnosis_of("named"))
-    write_view(view, tmp_path / VIEW)
-    again = read_view(View, tmp_path / VIEW)
+    job = Job(new_id(), gap.KIND, "spring", tmp_path, "", {}, 0.0)
+    view = gap.view_of(made_diagnosis_of("named"))
+    write_view(view, job.file(VIEW))
+    again = read_view(View, job)
     assert (again.sentence, again.numbers, list(again.sections)) == (view.sentence, view.numbers, list(view.sections))
+    job.file(VIEW).unlink()
     with pytest.raises(InputError, match="damaged"):
-        read_view(View, tmp_path / "gone.json")
+        read_view(View, job)
 
 
 def test_the_address_keeps_the_jobs_on_every_page(server, monkeypatch, spring):

@@ -16,7 +16,7 @@ from tests.support.log_campaign import AXIS, axis_columns, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.analysis.usual import usual_controller
 from workbench.core.run import Run
-from workbench.dashboard import campaigns
+from workbench.dashboard import chosen as campaigns
 from workbench.dashboard.pages import compare as kept
 from workbench.dashboard.pages.machine import LARGE
 from workbench.figures import arm_parts

@@ -13,13 +13,12 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from workbench.dashboard.work import VIEW, models, read_view
-
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.core.errors import InputError
-from workbench.dashboard import campaigns, jobs, session
-from workbench.dashboard.jobs import Teller
+from workbench.dashboard import chosen as campaigns
+from workbench.dashboard import jobs, session
+from workbench.dashboard.jobs import VIEW, Teller, read_view
 from workbench.dashboard.pages import validate
 from workbench.logs import read_campaign
 from workbench.machines import Hoist
@@ -53,7 +52,7 @@ def at_once(
     job.folder.mkdir(parents=True)
     jobs.write_record(job)
     tell = Teller(job.file("said.jsonl"))
-    tell.write(ended=jobs.work(call, arguments, job.folder, tell), at_s=time.time())
+    tell.write(ended=jobs.work(job, tell), at_s=time.time())
     return job
 
 
@@ -110,7 +109,7 @@ def test_what_cannot_be_compared_is_said_without_the_servers_folder(server, tmp_
     out = tmp_path / "job" / "result"
     out.parent.mkdir()
     with pytest.raises(InputError, match="has no effect 'backlash'") as caught:
-        models(out, Teller(tmp_path / "job" / "said.jsonl"), folder=str(folder), name=NAME, runs=["lift"],
+        validate.work(out, Teller(tmp_path / "job" / "said.jsonl"), folder=str(folder), name=NAME, runs=["lift"],
             machine=machine_text(machine))  # fmt: skip
     assert str(tmp_path) not in str(caught.value)
     assert not out.exists()

@@ -15,13 +15,6 @@ import pytest
 
 pytest.importorskip("streamlit")
 
-from benchmarks.serve import Client as UdpClient
-from benchmarks.serve import Served
-from tests.support.dashboard_app import errors, page
-from workbench.analysis.usual import usual_controller
-from workbench.core.errors import InputError
-from workbench.dashboard.pages.plant import WINDOWS
-from workbench.dashboard.plant import KEPT_S, PlantProcess
 from workbench.dashboard.plant_worker import (
     PAUSE_S,
     Controller,
@@ -33,13 +26,21 @@ from workbench.dashboard.plant_worker import (
     UdpLine,
     Wanted,
 )
-from workbench.view.served import last_seconds, late_starts
+
+from benchmarks.serve import Client as UdpClient
+from benchmarks.serve import Served
+from tests.support.dashboard_app import errors, page
+from workbench.analysis.usual import usual_controller
+from workbench.core.errors import InputError
+from workbench.dashboard.pages.plant import WINDOWS
+from workbench.dashboard.plant import KEPT_S, PlantProcess
 from workbench.machines import default_hoist
 from workbench.machines.files import machine_text
 from workbench.references import Limits, time_optimal
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish
 from workbench.serve.session import Session
+from workbench.view.served import last_seconds, late_starts
 
 HOIST = default_hoist()
 PI = usual_controller(HOIST)

@@ -16,7 +16,7 @@ from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.dashboard import campaigns
+from workbench.dashboard import chosen as campaigns
 from workbench.dashboard.pages.signals import RAMP, part_of, runs_table, with_computed
 from workbench.dashboard.pages.study import force_table, forces_of
 from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet

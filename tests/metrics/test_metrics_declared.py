@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from workbench.dashboard.pages.study_desk import START
 
 from tests.metrics.test_metrics import P, trace
 from tests.support.commands import Commands
@@ -18,6 +17,7 @@ from tests.support.made_pages import made_pages
 from tests.support.scenario_text import write
 from workbench.cli import cli
 from workbench.core.errors import InputError
+from workbench.dashboard.desk import START
 from workbench.machines import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
 from workbench.metrics.metric import largest

@@ -199,7 +199,7 @@ def held(key: str, value: Any, options: Collection[Any] | None = None) -> str:
 
     It is written anew each time: a browser shows a widget's own beginning where it was not drawn in between.
     """
-    was, shown = st.session_state.get(f"{key} was", (None, None))
+    was, shown = st.session_state.get(f"{key} was", ((value,), value))
     now = st.session_state.get(key, shown) if was == (value,) else value
     if options is not None and now not in options:
         now = value
