@@ -204,7 +204,7 @@ def test_the_figures_are_the_reports(server, monkeypatch, spring):
     from workbench.reports.diagnosis.page import sections_of
 
     _, job = finished(server, monkeypatch, spring, "named")
-    view, sections = read_view(View, job.file(VIEW)), sections_of(made_diagnosis_of("named"))
+    view, sections = read_view(View, job), sections_of(made_diagnosis_of("named"))
     assert list(view.sections) == list(sections)
     for name in set(sections) - {"answer", "verdict"}:
         kept = list(map(tuple, view.sections[name].figures))

@@ -552,7 +552,7 @@ def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp
 
 def test_compare_tells_machines_of_one_name_apart():
     def study(machine: Hoist) -> kept.Kept:
-        scenario = scenario_of(usual_desk(machine).having(payloads=(700.0,), way=1.0), machine)
+        scenario = edited(usual_desk(machine).scenario, machine, {"payloads_kg": (700.0,), "way": 1.0})
         return kept.Kept("one", scenario, machine, StudyResult(plan_study(scenario, machine), (), {}))
 
     plain, heavier = study(default_hoist()), study(with_values(default_hoist(), {"carriage.mass_kg": 9000.0}))
