@@ -9,8 +9,7 @@ import numpy as np
 from workbench.control import PiSettings
 from workbench.core.run import Run
 from workbench.identify.fit import Fit, fit
-from workbench.identify.models import SpeedModel
-from workbench.identify.parameters import free_parameters
+from workbench.identify.model import SpeedModel, free_parameters
 from workbench.machines import DRIVES, default_hoist
 from workbench.machines.multibody import Driven, move
 from workbench.simulate.driven import InverseSimulation

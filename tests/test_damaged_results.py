@@ -19,11 +19,11 @@ from workbench.core.yaml_strict import readable_file
 from workbench.identify import identify as module
 from workbench.logs import Campaign
 from workbench.machines import default_hoist
-from workbench.reports.replay.report import _percent
 from workbench.study.findings import alarm, sentences, utilisation
 from workbench.study.load import load_study
 from workbench.study.rows import INDEX, Row, check_whole, read_manifest, read_rows
 from workbench.study.store import Part
+from workbench.view.replay import _percent
 
 
 def test_a_result_knows_its_own_bytes(tmp_path):

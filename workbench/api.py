@@ -46,7 +46,7 @@ from workbench.study.rows import Row, read_rows
 from workbench.study.run import StudyResult, run_study
 
 if TYPE_CHECKING:
-    from workbench.diagnose.records import Diagnosis
+    from workbench.diagnose.diagnose import Diagnosis
 
 PathLike = str | os.PathLike[str]
 M = TypeVar("M", Hoist, LinearAxis, RotaryAxis)

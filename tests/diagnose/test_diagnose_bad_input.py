@@ -14,9 +14,8 @@ from tests.support.log_campaign import AXIS, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.diagnose.readiness.checks import check_runs
-from workbench.diagnose.readiness.information import informative_band
-from workbench.diagnose.readiness.rigid import rigid_of
+from workbench.diagnose.readiness.checks import check_runs, rigid_of
+from workbench.diagnose.readiness.noise import informative_band
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import Hoist, with_values
 from workbench.simulate.driven import InverseSimulation

@@ -13,12 +13,8 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.events import pulses_of
-from workbench.diagnose.location.evidence import Weigher
-from workbench.diagnose.location.loop import loop_of
-from workbench.diagnose.location.places import Placed, weighed
-from workbench.diagnose.location.recurrence import comes_back
-from workbench.diagnose.location.survey import Course, Survey, at_rows, survey_of
+from workbench.diagnose.location.places import Placed, Weigher, comes_back, pulses_of, weighed
+from workbench.diagnose.location.survey import Course, Survey, at_rows, loop_of, survey_of
 from workbench.logs import read_campaign
 
 

@@ -14,10 +14,8 @@ from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.identify.fit import Fit, fit
-from workbench.identify.identify import identify
-from workbench.identify.iteration import friction_levels
-from workbench.identify.models import BalanceModel, SpeedModel
-from workbench.identify.parameters import free_parameters
+from workbench.identify.identify import friction_levels, identify
+from workbench.identify.model import BalanceModel, SpeedModel, free_parameters
 from workbench.logs import Campaign
 from workbench.machines import HOIST as HOIST_KIND
 from workbench.machines import Hoist, LinearAxis, default_hoist, get_value, with_values

@@ -14,13 +14,14 @@ from tests.support.log_campaign import csv_text
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.consequences import consequences_of
 from workbench.core.run import Array
+from workbench.diagnose.diagnose import Diagnosis
+from workbench.diagnose.gap import Gap, Shrink, delivered_of
 from workbench.diagnose.hypotheses.records import Estimate
-from workbench.diagnose.isolation.records import Isolability, NextRun
-from workbench.diagnose.location.gap import delivered_of
-from workbench.diagnose.location.records import Gap, Profile, Where, Window
-from workbench.diagnose.readiness.records import Condition, RunCondition
-from workbench.diagnose.records import Diagnosis
-from workbench.diagnose.shrink import Shrink
+from workbench.diagnose.isolability import Isolability
+from workbench.diagnose.isolation.next_run import NextRun
+from workbench.diagnose.location.profiles import Profile
+from workbench.diagnose.location.where import Where, Window
+from workbench.diagnose.readiness.condition import Condition, RunCondition
 from workbench.diagnose.unexplained.records import Curve, Unknown
 from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, ReasonKind, Verdict
 from workbench.effects import effects_for

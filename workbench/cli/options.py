@@ -18,7 +18,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 def campaign_argument(command: Command) -> Command:
     """CAMPAIGN, and the sentence of the help that says what it is, with the log formats that are read."""
-    from workbench.logs.formats import listed
+    from workbench.logs.formats.known import listed
 
     folder = f"a folder with machine.yaml, runs.yaml and logs ({listed()})"
     command.__doc__ = f"{(command.__doc__ or '').rstrip()}\n\n    CAMPAIGN is {folder}.\n    "

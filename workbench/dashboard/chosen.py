@@ -29,7 +29,7 @@ from workbench.dashboard.uploads import Uploaded, name_of, read_stored, read_upl
 from workbench.dashboard.widgets import held, plain, problem
 from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
-from workbench.logs.formats import suffixes
+from workbench.logs.formats.known import suffixes
 from workbench.machines import (
     LOOPED,
     STUDIED,

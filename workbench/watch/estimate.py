@@ -9,8 +9,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.identify.fit import STEP, fit
-from workbench.identify.models import BalanceModel
-from workbench.identify.parameters import Free, free_parameters
+from workbench.identify.model import BalanceModel, Free, free_parameters
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.driven import InverseSimulation
 

@@ -62,7 +62,7 @@ from workbench.view.words import words_of
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from workbench.diagnose.records import Diagnosis
+    from workbench.diagnose.diagnose import Diagnosis
 
 KIND = "gap"
 LISTED, ALL, OWN = "the listed effects", "all effects, the unlisted too", "my own choice"
@@ -366,14 +366,13 @@ def work(
     """In the worker: diagnoses the campaign in `folder`, called `name`. InputError for one that cannot be diagnosed."""
     from workbench.diagnose.diagnose import diagnose
     from workbench.diagnose.progress import Progress, Stage
-    from workbench.reports.diagnosis.page import write_diagnosis
-    from workbench.reports.diagnosis.progress import progress_words, share_done
+    from workbench.view.diagnosis import progress_words, write_diagnosis
 
     def said(progress: Progress) -> None:
-        tell(progress_words(progress), round(PARTS * share_done(progress)), PARTS)
+        tell(progress_words(progress), round(PARTS * progress.share_done), PARTS)
 
     def written(sentence: str) -> None:  # the last stage, which a diagnosis leaves to whoever writes it down
-        tell(sentence, round(PARTS * share_done(Progress(Stage.WRITE))), PARTS)
+        tell(sentence, round(PARTS * Progress(Stage.WRITE).share_done), PARTS)
 
     def diagnosed() -> Diagnosis:
         campaign = replace(read_campaign(folder, confined=True, check_effects=check), name=name)
@@ -386,8 +385,8 @@ def work(
 
 def view_of(d: Diagnosis) -> View:
     """The runs are replayed for the figures."""
-    from workbench.reports.diagnosis import words
-    from workbench.reports.diagnosis.page import sections_of
+    from workbench.view import diagnosis as words
+    from workbench.view.diagnosis import sections_of
     from workbench.view.place import marked_machine
 
     sections = sections_of(d)
@@ -412,7 +411,7 @@ def view_of(d: Diagnosis) -> View:
 
 def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
     """The gap over the one variable that explains it best, for a place of half the page's width."""
-    from workbench.figures import diagnose_where
+    from workbench.view import diagnosis_figures as diagnose_where
     from workbench.view.words import direction_names
 
     profiles = [] if d.where is None else [p for p in d.where.profiles if diagnose_where.worth_a_panel(p)]
@@ -434,7 +433,7 @@ def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
 
 
 def _numbers(d: Diagnosis) -> list[Number]:
-    from workbench.reports.diagnosis import words
+    from workbench.view import diagnosis as words
 
     s, w = d.shrink, words_of(d.campaign.machine)
     corrected = d.verdict.word != "no_gap"

@@ -20,8 +20,7 @@ from workbench.diagnose.hypotheses.contributions import parts_of
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.merit import PLAY
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.profiles import OnTop, basis, hats
-from workbench.diagnose.location.variables import spacing, variables
+from workbench.diagnose.location.profiles import OnTop, basis, hats, spacing, variables
 from workbench.diagnose.location.where import free_of
 from workbench.effects import Effect
 

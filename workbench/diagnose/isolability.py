@@ -1,4 +1,4 @@
-"""Which effects a campaign can tell apart, and the smallest amount of each that it can show."""
+"""Which effects a campaign can discriminate, and the smallest amount of each that it can show."""
 
 from __future__ import annotations
 
@@ -11,11 +11,25 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fits import Projection, columns_signed, linear_gain
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.scan import Atom
 from workbench.diagnose.hypotheses.score import cost, independent
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.isolation.records import Isolability
 from workbench.diagnose.verdict.probability import calibration
+
+
+@dataclass(frozen=True)
+class Isolability:
+    """Angles between signatures, degrees, after the base parameters are projected out. names: (k,), angle: (k, k).
+
+    visible: the smallest amount of each effect that this campaign can show, in its first parameter's unit.
+    """
+
+    names: Names
+    angle: Array
+    visible: Mapping[str, tuple[str, float]]
+    sentences: tuple[str, ...]
+
 
 ALIKE_DEG = 10.0
 APART = 3.0  # standard deviations, between the fits of two effects
