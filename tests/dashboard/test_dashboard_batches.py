@@ -8,14 +8,13 @@ from pathlib import Path
 
 import pytest
 from streamlit.testing.v1 import AppTest
-from workbench.dashboard.job_cards import counts
 
 from tests.support.batches import SCENARIO
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.scenario_text import GOOD
 from workbench.dashboard import jobs, session
 from workbench.dashboard.desk import shipped_scenarios
-from workbench.dashboard.jobs import Progress
+from workbench.dashboard.jobs import Progress, counts
 from workbench.dashboard.pages import batches
 
 

@@ -57,7 +57,7 @@ def at_once(
 
 
 def words(app: Any) -> str:
-    return " ".join(element.value for element in [*app.markdown, *app.caption]).replace("\\", "")
+    return " ".join(element.value for element in [*app.markdown, *app.caption]).replace("\\", "").replace("\u00a0", " ")
 
 
 def test_both_models_are_compared_by_a_job_and_shown(server, tmp_path):
@@ -117,5 +117,6 @@ def test_what_cannot_be_compared_is_said_without_the_servers_folder(server, tmp_
 
 def test_a_damaged_result_is_one_clear_error(tmp_path):
     (tmp_path / VIEW).write_text('{"heading": 3}')
+    job = jobs.Job(jobs.new_id(), validate.MODELS, "lift", tmp_path, "", {}, 0.0)
     with pytest.raises(InputError, match="damaged; compute it again"):
-        read_view(Section, tmp_path / VIEW)
+        read_view(Section, job)

@@ -251,6 +251,21 @@ def test_a_name_that_is_no_folders_name_is_one_clear_error():
     )
 
 
+def test_each_move_of_a_widget_counts_and_so_does_what_is_changed_elsewhere():
+    from streamlit.testing.v1 import AppTest
+
+    app = AppTest.from_string(
+        "import streamlit as st\nfrom workbench.dashboard.widgets import held\n"
+        "kept = st.session_state.setdefault('kept', 1.0)\n"
+        "st.session_state['kept'] = st.number_input('x', 0.0, 9.0, key=held('x', kept))\n"
+    ).run()
+    for value in (2.0, 3.0, 3.0, 1.0, 2.0):
+        assert app.number_input(key="x").set_value(value).run().session_state["kept"] == value
+        assert app.run().number_input(key="x").value == value
+    app.session_state["kept"] = 7.0
+    assert app.run().number_input(key="x").value == 7.0
+
+
 def test_a_difference_of_rounding_is_neither_green_nor_red():
     assert widgets._delta(widgets.Number("time", 40.0, "s", 1e-13, "lower")) == ("±0 s", "off")
     assert widgets._delta(widgets.Number("time", 40.0, "s", -0.5, "lower")) == ("-0.50 s", "inverse")

@@ -108,7 +108,12 @@ def _machine_name(content: bytes) -> str:
     """What files without a folder are called: as their machine."""
     said = re.search(rb"^name:[ \t]*(.+)$", content[: 10 * _CHUNK], re.MULTILINE)
     name = said[1].decode("utf-8", errors="replace").strip(" '\"\r") if said else ""
-    return _NAME.sub("_", name)[:60].strip() or "uploaded"
+    return safe_name(name) or "uploaded"
+
+
+def safe_name(name: str) -> str:
+    """A name without what leads to another folder, at most 60 characters; it may be empty."""
+    return _NAME.sub("_", name)[:60].strip(" .") if name.strip(".") else ""
 
 
 def base_name(name: str) -> str:
@@ -139,7 +144,7 @@ def _from_zip(name: str, content: bytes, workspace: Path) -> Path:
                         parts.append(chunk)
                 return b"".join(parts)
 
-            called = _NAME.sub("_", name[:-4])[:60].strip() or "uploaded"
+            called = safe_name(name[:-4]) or "uploaded"
             return _stored(Sent(called, sorted(members), read, nested=True), workspace)
     except InputError:
         raise

@@ -194,17 +194,22 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
 
 
 def held(key: str, value: Any, options: Collection[Any] | None = None) -> str:
-    """The widget shows `value` where that has changed since it was drawn last, else what the visitor has set in it,
-    also where another page was looked at meanwhile; `value` again where what it shows is none of the options.
+    """The widget shows what the visitor has set in it, also where another page was looked at meanwhile; `value`, what
+    the page keeps, where that has been changed by anything else, or where what it shows is none of the options.
 
     It is written anew each time: a browser shows a widget's own beginning where it was not drawn in between.
     """
-    was, shown = st.session_state.get(f"{key} was", ((value,), value))
-    now = st.session_state.get(key, shown) if was == (value,) else value
-    if options is not None and now not in options:
+    before, shown = st.session_state.get(f"{key} was", (value, value))
+    now = st.session_state.get(key, shown)
+    if not (_same(value, before) or _same(value, shown)) or (options is not None and now not in options):
         now = value
-    st.session_state[key], st.session_state[f"{key} was"] = now, ((value,), now)
+    st.session_state[key], st.session_state[f"{key} was"] = now, (value, now)
     return key
+
+
+def _same(a: Any, b: Any) -> bool:
+    numbers = isinstance(a, float) and isinstance(b, float)
+    return math.isclose(a, b, rel_tol=1e-9) if numbers else bool(a == b)
 
 
 @dataclass(frozen=True)
