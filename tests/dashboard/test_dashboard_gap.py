@@ -188,7 +188,8 @@ def test_the_answer_stands_first_and_each_tab_draws_its_own_figures_only(server,
     drawn = {
         "Where it lies": ["Measured and predicted torque", "Mean residual (N m) over what may explain it"],
         "Before and after": [
-            "Residual on held-out runs, rms (N m)", "Torque residual (dashed: ± 2 × noise of 0.49 N m; grey: at rest or at an end, left out)",
+            "Residual on held-out runs, rms (N m)",
+            "Torque residual (dashed: ± 2 × noise of 0.49 N m; grey: at rest or at an end, left out)",
             "Speed replayed open loop, in % of nominal motor speed",
         ],
         "Told apart, next run": ["Angle between the marks that two effects leave in these runs"],

@@ -88,7 +88,8 @@ def _runs(logs: Sequence[Imported], machine: Hoist | Axis) -> list[Imported]:
             payload = load.number_input("Payload (kg)", 0.0, value=None, step=None, format="%.6g",
                                         key=f"import payload {log.name}", placeholder="needed")  # fmt: skip
         position = start.number_input(f"Start ({kind.moved.unit})", value=None, step=None, format="%.6g",
-                                      key=f"import start {log.name}", placeholder="needed" if kind.payload else "not known")  # fmt: skip
+                                      key=f"import start {log.name}",
+                                      placeholder="needed" if kind.payload else "not known")  # fmt: skip
         made.append(Imported(log.file, log.channels, payload, position))
     return made
 
