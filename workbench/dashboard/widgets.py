@@ -150,12 +150,12 @@ def numbers(row: Sequence[Number]) -> None:
 
 def table(shown: Table) -> None:
     """A report's table with its note; heads with their units."""
-    from workbench.study import arrow
+    from workbench.study.rows import arrow_table, texts
 
-    columns = {head: arrow.texts([powers(text.strip()) for text in texts]) for head, texts in shown.by_column.items()}
+    columns = {head: texts([powers(cell.strip()) for cell in cells]) for head, cells in shown.by_column.items()}
     align = {column.line: st.column_config.TextColumn(alignment=column.align) for column in shown.columns}
     # Not lazily: streamlit would import pandas to find out whether it could.
-    st.dataframe(arrow.table(columns), hide_index=True, column_config=align, lazy=False)
+    st.dataframe(arrow_table(columns), hide_index=True, column_config=align, lazy=False)
     if shown.note:
         st.caption(said(shown.note))
 

@@ -21,11 +21,11 @@ from workbench.machines import save_machine
 from workbench.study.labels import run_in_words, swept_axes
 from workbench.study.load import Study, load_study, read_standalone
 from workbench.study.rows import INDEX, Row, metrics_of, read_table, rows_of
-from workbench.study.store import Finished, place_for, read_finished
+from workbench.study.store import Finished, Progress, place_for, read_finished, run_batch
 from workbench.view.style import label
 
 if TYPE_CHECKING:
-    from workbench.reports.study import Noted
+    from workbench.view.study import Noted
 
 KIND, OPEN = "batch", "batches open"
 UPLOAD = "upload a scenario"
@@ -79,8 +79,7 @@ def work(out: Path, tell: Teller, scenario: str) -> None:
     """
     from pyarrow.csv import write_csv
 
-    from workbench.reports.study import write_study_report
-    from workbench.study.batch import Progress, run_batch
+    from workbench.view.study import write_study_report
 
     begun = time.monotonic()
 
@@ -180,7 +179,7 @@ def check_size(study: Study) -> None:
 
 def _results(job: Job) -> None:
     """Everything about a batch that is done. InputError where its result is damaged."""
-    from workbench.reports.study import conclusions, figures_of, what_was_run
+    from workbench.view.study import conclusions, figures_of, what_was_run
 
     folder = result_folder(job)
     if folder is None:
@@ -256,7 +255,7 @@ def _figures(job: Job, figures: Sequence[Noted]) -> None:
 
 
 def _runs(folder: Path, count: int) -> None:
-    from workbench.reports.study import run_tables
+    from workbench.view.study import run_tables
 
     index = read_table(folder / INDEX)
     for run_table in run_tables(rows_of(index)):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import streamlit as st
 
@@ -20,15 +20,14 @@ from workbench.dashboard import session
 from workbench.dashboard.chosen import free_name
 from workbench.dashboard.desk import opened, scenario_file, with_gains
 from workbench.dashboard.widgets import SAME, chart, held, plain, problem, text
-from workbench.figures.study import MOST_COLUMNS, overview
-from workbench.figures.study_axis import axis_overview
-from workbench.figures.study_plane import torque_speed_plane
-from workbench.machines import Axis, Hoist, kind_of, studied
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.load import changed, plan_study
 from workbench.study.rows import Row, metrics_of
-from workbench.study.run import StudyResult, motor_torque_limit_nm, peak_limit, run_study
+from workbench.study.run import StudyResult, peak_limit, run_study
 from workbench.study.scenario import Scenario
+from workbench.view.study import over_time, plane
+from workbench.view.study_figures import few
 from workbench.view.style import label
 
 KEY = "runs kept"
@@ -217,27 +216,12 @@ def difference(value: float, base: float, metric: Metric) -> str:
 
 def _figures(chosen: Sequence[Kept], kind: str, payloads: Sequence[float]) -> None:
     """The lightest, a middle and the heaviest; against the strictest of the machines' limits, which holds for all."""
-    few = payloads if len(payloads) <= MOST_COLUMNS else [payloads[0], payloads[len(payloads) // 2], payloads[-1]]
-    rows = [(study, study.row(kind, payload)) for study in chosen for payload in few]
+    rows = [(study, study.row(kind, payload)) for study in chosen for payload in few(payloads)]
     runs: list[tuple[str, Run]] = [
         (study.name, study.result.runs[row.run_id]) for study, row in rows if row.run_id in study.result.runs
     ]
-    if not runs:
-        return
-    machines = [study.result.study.machine for study in chosen]
-    hoists = [hoist for machine in machines if (hoist := studied(machine)) is not None]
-    if not hoists:
-        axis = cast(Axis, min(machines, key=peak_limit))
-        alt = f"Position, tracking error, speed and {kind_of(axis).drive.quantity} of the kept studies over time"
-        figure = axis_overview(runs, kind_of(axis), peak_limit(axis), axis.drive.nominal, "", height=740)
-        chart(figure, "compare over time", alt)
-        return
-    strictest = min(hoists, key=motor_torque_limit_nm)
-    motor, limit = strictest.motor, motor_torque_limit_nm(strictest)
-    figure = overview(runs, motor.nominal_torque_nm, limit, "", height=740)
-    chart(figure, "compare over time", "Speed, tracking error, torque and wire tension of the kept studies over time")
-    weakening = strictest.drive.field_weakening
-    figure = torque_speed_plane(
-        runs, motor.nominal_torque_nm, limit, motor.nominal_speed_rad_s, weakening, height=460
-    )  # fmt: skip
-    chart(figure, "compare plane", "Torque over speed of one motor, of the kept studies")
+    if runs:
+        strictest = min((study.result.study.machine for study in chosen), key=peak_limit)
+        chart(over_time(runs, strictest, height=740), "compare over time", "The kept studies' signals over time")
+        if kind_of(strictest).payload:
+            chart(plane(runs, strictest, 460), "compare plane", "Torque over speed of one motor, of the kept studies")

@@ -34,26 +34,22 @@ from workbench.dashboard.desk import (
 )
 from workbench.dashboard.pages import compare
 from workbench.dashboard.widgets import Number, chart, guarded, held, numbers, plain, problem, table, text
-from workbench.figures.pareto import pareto
-from workbench.figures.study import overview, peak_torque_over_payload
-from workbench.figures.study_axis import axis_overview
-from workbench.figures.study_page import save_study_page, start_of_move
-from workbench.figures.study_plane import torque_speed_plane
 from workbench.logs.signal_files import FORMS
 from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
 from workbench.machines.files import machine_text
 from workbench.metrics import Metric, View, columns, shown_in
 from workbench.references import BASELINE
-from workbench.study.decide import decision_table, verdict
-from workbench.study.findings import SIGN, alarm, sentences, utilisation
+from workbench.study.beside import damping_sentence, over_payload, over_ramps
+from workbench.study.conclude import SIGN, alarm, fronts, sentences, utilisation
+from workbench.study.decide import verdict
 from workbench.study.labels import swept_axes
 from workbench.study.load import Study, changed, plan_study
-from workbench.study.pareto import fronts
 from workbench.study.rows import Row, metrics_of
-from workbench.study.run import StudyResult, labelled_runs, motor_torque_limit_nm, peak_limit, run_study
+from workbench.study.run import StudyResult, labelled_runs, peak_limit, run_study
 from workbench.study.scenario import Scenario
-from workbench.study.side import damping_sentence, over_payload, over_ramps
 from workbench.view.signals import Stretch, browser
+from workbench.view.study import decision_table, over_time, peaks_figure, plane, save_study_page, start_of_move
+from workbench.view.study_figures import pareto
 from workbench.view.style import label
 
 log = logging.getLogger(__name__)
@@ -96,9 +92,11 @@ def show() -> None:
     _forces(result)
     _take_away(result)
     with guarded():
-        if kind_of(machine).payload:
-            _plane(result)
-            _over_payload(beside_payloads(scenario, cast(Hoist, machine)))
+        if kind_of(machine).payload and _runs(result):
+            figure = plane(_runs(result), result.study.machine, 460)
+            chart(figure, "study plane", "Torque over speed of one motor with continuous and peak envelope")
+            figure = peaks_figure(beside_payloads(scenario, cast(Hoist, machine)))
+            chart(figure, "study payload", "Torque peak over payload for each reference")
         _ramps(scenario, machine, result, sentence)
         if (depends := on_damping(scenario, machine)) is not None:
             st.caption(plain(depends))
@@ -368,17 +366,11 @@ def _runs(result: StudyResult) -> list[tuple[str, Run]]:
 
 
 def _over_time(result: StudyResult) -> None:
-    runs, machine = _runs(result), result.study.machine
-    if not runs:
-        return
-    kind, limit = kind_of(machine), peak_limit(machine)
-    stretch = _window(result, max(float(run.time_s[-1]) for _, run in runs))
-    if kind.payload:
-        figure = overview(runs, machine.motor.nominal_torque_nm, limit, "", stretch, height=740)
-        chart(figure, "study over time", "Speed, tracking error, torque and wire tension over time")
-    else:
-        figure = axis_overview(runs, kind, limit, machine.drive.nominal, "", stretch, height=740)
-        chart(figure, "study over time", f"Position, tracking error, speed and {kind.drive.quantity} over time")
+    runs = _runs(result)
+    if runs:
+        stretch = _window(result, max(float(run.time_s[-1]) for _, run in runs))
+        figure = over_time(runs, result.study.machine, "", stretch, height=740)
+        chart(figure, "study over time", "The references' signals over time")
 
 
 def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
@@ -402,34 +394,6 @@ def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
         problem(InputError(f"{start:g} to {end:g} s, expected a stretch of the run's {end_s:.4g} s", place="from … to"))
         return None
     return float(start), float(end)
-
-
-def _plane(result: StudyResult) -> None:
-    machine, runs = result.study.machine, _runs(result)
-    if runs:
-        motor, limit = machine.motor, motor_torque_limit_nm(machine)
-        figure = torque_speed_plane(
-            runs, motor.nominal_torque_nm, limit, motor.nominal_speed_rad_s, machine.drive.field_weakening, height=460
-        )
-        chart(figure, "study plane", "Torque over speed of one motor with continuous and peak envelope")
-
-
-def _over_payload(result: StudyResult) -> None:
-    machine, good = result.study.machine, [row for row in result.rows if row.ok]
-    payloads = np.array(sorted({row.payload_kg for row in good}))
-    if len(payloads) < 2:
-        return
-    peak = {(row.reference, row.payload_kg): row["peak_torque_motor_nm"] for row in good}
-    hold = {row.payload_kg: row["hold_torque_nm"] / machine.motor.count for row in good}
-    peaks = {
-        kind: np.array([peak.get((kind, payload), np.nan) for payload in payloads])
-        for kind in result.study.scenario.kinds
-    }
-    figure = peak_torque_over_payload(
-        payloads, peaks, machine.motor.nominal_torque_nm, motor_torque_limit_nm(machine),
-        np.array([hold[payload] for payload in payloads]), height=400,
-    )  # fmt: skip
-    chart(figure, "study payload", "Torque peak over payload for each reference")
 
 
 def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, sentence: DeltaGenerator) -> None:
