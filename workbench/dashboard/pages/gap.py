@@ -66,7 +66,7 @@ if TYPE_CHECKING:
 
 KIND = "gap"
 LISTED, ALL, OWN = "the listed effects", "all effects, the unlisted too", "my own choice"
-OPEN, OF, SHOWN, TAB = "gap open", "gap open of", "gap shown", "gap tab"
+SHOWN, TAB = "gap shown", "gap tab"
 STAGES = (
     "Read the logs", "Search the effects", "Weigh the verdict", "Find the place", "What can be told apart",
     "How far it shrinks", "What the study says", "Write the report",
@@ -146,12 +146,12 @@ def show() -> None:
         return
     if wanted and question is not None:
         try:
-            _open(begin(question).id)
+            begin(question)
         except InputError as error:
             problem(error)
         jobs = jobs_of(session.work_folder(), KIND)
     with st.sidebar:
-        opened = _choice(jobs, _opened(jobs))
+        opened = _chosen(jobs)
     if opened is None:
         if question is not None:
             _before(question.campaign)
@@ -202,30 +202,16 @@ def begin(question: Asked) -> Job:
     return start(KIND, f"{__name__}:work", arguments, session.new_work_folder(), question.name, inputs)
 
 
-def _open(number: str | None) -> None:
-    session.put(OPEN, number)
-    session.put(OF, last_name())
-
-
-def _opened(jobs: Sequence[Job]) -> Job | None:
-    """The one that was opened last; the newest after a reload, and the campaign's newest once another is chosen."""
-    if OF not in st.session_state:
-        _open(jobs[0].id if jobs else None)
-    elif st.session_state[OF] != last_name():
-        _open(next((job.id for job in jobs if job.title == last_name()), None))
-    return next((job for job in jobs if job.id == st.session_state[OPEN]), None)
-
-
-def _choice(jobs: Sequence[Job], opened: Job | None) -> Job | None:
-    """A list of the diagnoses of this session, where there are several."""
-    if not jobs or (len(jobs) == 1 and opened is not None):
-        return opened
+def _chosen(jobs: Sequence[Job]) -> Job | None:
+    """The campaign's newest diagnosis, or the one that is chosen of a list, where there are several."""
+    newest = next((job.id for job in jobs if job.title == last_name()), None)
     known = {job.id: f"{job.title}, {time.strftime('%H:%M', time.localtime(job.begun_s))}" for job in jobs}
-    st.session_state[SHOWN] = None if opened is None else opened.id
-    number = st.selectbox(
-        "Diagnoses", list(known), key=SHOWN, index=None, placeholder="choose one", format_func=known.__getitem__,
-        on_change=lambda: _open(st.session_state[SHOWN]),
-    )  # fmt: skip
+    number = newest
+    if len(jobs) > 1 or (jobs and newest is None):
+        number = st.selectbox(
+            "Diagnoses", list(known), key=held(SHOWN, newest, [None, *known]), index=None, placeholder="choose one",
+            format_func=known.__getitem__,
+        )  # fmt: skip
     return next((job for job in jobs if job.id == number), None)
 
 
