@@ -41,14 +41,22 @@ from workbench.metrics import Metric, View, columns, shown_in
 from workbench.references import BASELINE
 from workbench.study.beside import damping_sentence, over_payload, over_ramps
 from workbench.study.conclude import SIGN, alarm, fronts, sentences, utilisation
-from workbench.study.decide import verdict
+from workbench.study.decide import Decision, decisions, take_sentences
 from workbench.study.labels import swept_axes
 from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, labelled_runs, peak_limit, run_study
 from workbench.study.scenario import Scenario
 from workbench.view.signals import Stretch, browser
-from workbench.view.study import decision_table, over_time, peaks_figure, plane, save_study_page, start_of_move
+from workbench.view.study import (
+    criteria_table,
+    decision_table,
+    over_time,
+    peaks_figure,
+    plane,
+    save_study_page,
+    start_of_move,
+)
 from workbench.view.study_figures import pareto
 from workbench.view.style import label
 
@@ -255,19 +263,23 @@ def _in_alarm(result: StudyResult) -> set[str]:
     return {kind for kind, own in uses.items() if alarm(own) is not None}
 
 
-def _recommend(place: DeltaGenerator, result: StudyResult, beside: Sequence[Row] = ()) -> None:
-    """The verdict of `study`, of the references that reach no bound. beside: runs under other limits.
+def _weighed(result: StudyResult, beside: Sequence[Row] = ()) -> list[Decision]:
+    """The decision at each payload, of the references that reach no bound. beside: runs under other limits."""
+    alarmed = _in_alarm(result)
+    rows = [row for row in result.rows if row.reference not in alarmed]
+    return decisions(rows, result.study.machine, result.study.scenario.decide, beside)
 
-    This is the one place where the page says which reference to take.
-    """
+
+def _recommend(place: DeltaGenerator, result: StudyResult, beside: Sequence[Row] = ()) -> None:
+    """The sentences of `study`'s decision. This is the one place where the page says which reference to take."""
     alarmed = _in_alarm(result)
     rows = [row for row in result.rows if row.reference not in alarmed]
     if alarmed and len({row.reference for row in rows}) < 2:
         place.info("No recommendation: too few references stay below what machine and drive bear.",
                    icon=":material/gavel:")  # fmt: skip
         return
-    said = verdict(rows, beside, machine=result.study.machine, given=result.study.scenario.decide)
-    if said is None:
+    said = " ".join(take_sentences(_weighed(result, beside)))
+    if not said:
         return
     without, rest = _left_out(rows)
     if without and rest:
@@ -298,6 +310,8 @@ def _lights(result: StudyResult, note: str) -> None:
         st.markdown("\n".join(f"| {' | '.join(row)} |" for row in rows))  # st.table would import pandas
         st.caption(plain("Per cent of: " + "; ".join(f"{what}, {bound}" for what, bound in bounds.items()) + "."))
         st.caption(plain(powers(note)))
+        if made := _weighed(result):
+            table(criteria_table(made[-1]))
 
 
 def _failures(rows: Sequence[Row]) -> None:
@@ -333,8 +347,8 @@ def _numbers(result: StudyResult) -> None:
         return float(metric.worst(values)) if values else float("nan")
 
     if kinds:
-        alarmed = _in_alarm(result)
-        first = min(kinds, key=lambda kind: (kind in alarmed, of(kind, judged.by_name[judged.peak], rows)))
+        taken = [decision.taken.reference for decision in _weighed(result) if decision.taken is not None]
+        first = next((kind for kind in reversed(taken) if kind in kinds), kinds[0])
         kind = st.segmented_control(
             "Reference", kinds, key=held("study against", first, kinds), format_func=label, required=True
         ) or first  # fmt: skip
