@@ -82,7 +82,7 @@ def test_the_built_in_client_holds_the_load_and_another_one_that_is_picked_up():
     session = new_session(clock)
     controller = Controller(HOIST, Wanted(PI))
     begun = driven(session, clock, controller, 1.0)[0]
-    session.set("payload_kg", 9000.0)
+    session.order({"set": {"payload_kg": 9000.0}})
     (*_, last) = driven(session, clock, controller, 4.0)
     assert abs(last["speed_motor_rad_s"]) < 0.1
     assert height(last) == pytest.approx(height(begun), abs=0.05)
@@ -107,13 +107,13 @@ def test_the_built_in_client_begins_anew_after_the_brake_and_after_a_reset():
     session = new_session(clock)
     controller = Controller(HOIST, Wanted(PI))
     driven(session, clock, controller, 0.5)
-    session.set("brake_closed", 1)
+    session.order({"set": {"brake_closed": 1}})
     stopped = driven(session, clock, controller, 0.5)[-1]
     assert stopped["is_brake_closed"]
-    session.set("brake_closed", 0)
+    session.order({"set": {"brake_closed": 0}})
     freed = driven(session, clock, controller, 0.5)[-1]
     assert not freed["is_brake_closed"] and abs(freed["speed_motor_rad_s"]) < 0.2
-    session.set("reset", 1)
+    session.order({"set": {"reset": 1}})
     again = driven(session, clock, controller, 0.2)
     assert again[0]["is_waiting"] and again[-1]["time_s"] == pytest.approx(0.2, abs=0.01)
     assert abs(again[-1]["speed_motor_rad_s"]) < 0.1

@@ -429,20 +429,24 @@ def _controller(desk: Desk, machine: Hoist | Axis) -> tuple[dict[str, float], tu
 
 
 def _payloads(now: Sequence[float], bad: list[InputError]) -> tuple[float, ...]:
+    def read(entries: Sequence[float | str]) -> tuple[float, ...]:
+        try:
+            return tuple(sorted({float(entry) for entry in entries}))
+        except ValueError:
+            return ()
+
     chosen = st.multiselect(
-        "Payloads (kg)", sorted({*PAYLOADS, *now}), key=held("study.payloads", list(now)), accept_new_options=True,
-        format_func=lambda kg: kg if isinstance(kg, str) else f"{kg:g}",
+        "Payloads (kg)", sorted({*PAYLOADS, *now}), key=held("study.payloads", list(now), None, lambda e: list(read(e))),
+        accept_new_options=True, format_func=lambda kg: kg if isinstance(kg, str) else f"{kg:g}",
         help="Type any other payload and press Enter.",
     )  # fmt: skip
-    payloads = []
-    for entry in cast(Sequence[float | str], chosen):
-        try:
-            payloads.append(float(entry))
-        except ValueError:
-            bad.append(InputError(f"'{entry}', expected a number in kg", place="payloads_kg"))
+    payloads = read(cast(Sequence[float | str], chosen))
     if not chosen:
         bad.append(InputError("choose at least one payload", place="payloads_kg"))
-    return tuple(sorted(set(payloads)))
+    elif not payloads:
+        wrong = next(e for e in cast(Sequence[float | str], chosen) if not read([e]))
+        bad.append(InputError(f"'{wrong}', expected a number in kg", place="payloads_kg"))
+    return payloads
 
 
 def _decide(scenario: Scenario, machine: Hoist | Axis) -> dict[str, dict[str, float]]:

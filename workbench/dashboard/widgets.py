@@ -16,7 +16,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -193,15 +193,17 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
 # ---- fields -------------------------------------------------------------------------------------------------------
 
 
-def held(key: str, value: Any, options: Collection[Any] | None = None) -> str:
+def held(
+    key: str, value: Any, options: Collection[Any] | None = None, read: Callable[[Any], Any] = lambda shown: shown
+) -> str:
     """The widget shows what the visitor has set in it, also where another page was looked at meanwhile; `value`, what
     the page keeps, where that has been changed by anything else, or where what it shows is none of the options.
 
-    It is written anew each time: a browser shows a widget's own beginning where it was not drawn in between.
+    read: what the page makes of what is shown. It is written anew each time: a browser shows a widget's own beginning where it was not drawn in between.
     """
     before, shown = st.session_state.get(f"{key} was", (value, value))
     now = st.session_state.get(key, shown)
-    if not (_same(value, before) or _same(value, shown)) or (options is not None and now not in options):
+    if not (_same(value, before) or _same(value, read(shown))) or (options is not None and now not in options):
         now = value
     st.session_state[key], st.session_state[f"{key} was"] = now, (value, now)
     return key
