@@ -436,8 +436,9 @@ def _payloads(now: Sequence[float], bad: list[InputError]) -> tuple[float, ...]:
             return ()
 
     chosen = st.multiselect(
-        "Payloads (kg)", sorted({*PAYLOADS, *now}), key=held("study.payloads", list(now), None, lambda e: list(read(e))),
-        accept_new_options=True, format_func=lambda kg: kg if isinstance(kg, str) else f"{kg:g}",
+        "Payloads (kg)", sorted({*PAYLOADS, *now}), accept_new_options=True,
+        key=held("study.payloads", list(now), None, lambda entries: list(read(entries))),
+        format_func=lambda kg: kg if isinstance(kg, str) else f"{kg:g}",
         help="Type any other payload and press Enter.",
     )  # fmt: skip
     payloads = read(cast(Sequence[float | str], chosen))

@@ -199,7 +199,8 @@ def held(
     """The widget shows what the visitor has set in it, also where another page was looked at meanwhile; `value`, what
     the page keeps, where that has been changed by anything else, or where what it shows is none of the options.
 
-    read: what the page makes of what is shown. It is written anew each time: a browser shows a widget's own beginning where it was not drawn in between.
+    read: what the page makes of what is shown. It is written anew each time: a browser shows a widget's own beginning
+    where it was not drawn in between.
     """
     before, shown = st.session_state.get(f"{key} was", (value, value))
     now = st.session_state.get(key, shown)
