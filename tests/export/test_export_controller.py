@@ -363,7 +363,7 @@ def test_a_term_that_is_not_exported_is_refused_in_one_line_and_not_left_out():
     later = Later(kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, load_damping=0.3)
     for form in ("c", "st", "yaml"):
         with pytest.raises(InputError, match=r"controller.load_damping: is not exported; take it out"):
-            controller_files(form, later, HOIST)  # type: ignore[arg-type]
+            controller_files(form, later, HOIST)
     with pytest.raises(InputError, match="is not exported"):
         model_of(HOIST, controller=later)
     off = controller_files("c", later.model_copy(update={"load_damping": 0.0}), HOIST)

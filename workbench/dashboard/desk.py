@@ -19,9 +19,8 @@ from typing import Any, cast
 
 import streamlit as st
 
-from workbench.analysis.usual import usual_cascade
+from workbench.analysis.usual import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2, usual_cascade
 from workbench.control import Cascade, PiSettings, Settings
-from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import Document, dumps, load, loads
 from workbench.dashboard import session

@@ -12,12 +12,11 @@ import numpy as np
 
 from workbench.control import (
     BRAKE,
-    PI,
     Controller,
     Events,
     PiSettings,
     Settings,
-    full_pi,
+    hoist_loop,
     lag_step,
     loop_values,
     losing_a_motor,
@@ -31,6 +30,7 @@ from workbench.engine import kernels
 from workbench.machines import HOIST as HOIST_KIND
 from workbench.machines import NO_EFFECTS, AnyKind, Drive, Effects, Hoist, kind_of
 from workbench.metrics import set_of
+from workbench.references.library.wire import through_shaper
 from workbench.simulate import axis_loop
 from workbench.simulate.outcome import BOUNDLESS, Outcome
 from workbench.simulate.plant_model import PlantModel
@@ -118,16 +118,14 @@ class Recipe:
 def hoist_controller(case: LoopCase) -> Controller:
     """The plain loop where nothing beside it is asked for, else the full one; of a motor that fails where one does."""
     assert isinstance(case.controller, PiSettings)
-    drive, settings = case.machine.drive, case.controller
-    plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
-    loop = PI if plain else full_pi(drive.speed_delay_s > 0.0, settings.feed_forward.through_the_wire)
+    loop = hoist_loop(case.controller, case.machine.drive)
     return loop if case.events.motor_fails_s is None else losing_a_motor(loop)
 
 
 def _hoist_numbers(case: LoopCase, hold: float) -> dict[str, float]:
     assert isinstance(case.controller, PiSettings)
     return {
-        **loop_values(case.controller, case.machine.drive, hold),
+        **loop_values(case.controller, case.machine.drive, hold, case.payload_kg),
         **case_limits(case),
         **case.events.values(),
     }
@@ -213,14 +211,15 @@ def _simulate_alike(
 
 def _references(cases: Sequence[LoopCase], recipe: Recipe) -> list[Array]:
     """One (references, n) array a case; cases that share a reference share the array."""
-    known: dict[tuple[int, int, float], Array] = {}
+    known: dict[tuple[Any, ...], Array] = {}
     arrays = []
     for case in cases:
         # An axis' speed is summed up from where it starts.
         start = case.start_position_m if recipe is _AXIS and case.position_reference is None else 0.0
-        key = id(case.speed_reference_rad_s), id(case.position_reference), start
+        shaper = case.controller.input_shaper
+        key = id(case.speed_reference_rad_s), id(case.position_reference), start, shaper
         if key not in known:
-            known[key] = recipe.references(case)
+            known[key] = through_shaper(shaper, recipe.references(case), case.controller.sample_time_s)
             if not np.all(np.isfinite(known[key])):  # a limit would make a torque of it, and nobody would know
                 raise ValueError(f"case {case.name}: the speed reference is not finite throughout")
         arrays.append(known[key])

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from workbench.control import PiSettings, loop_values
+from workbench.control import PiSettings, loop_values, refuse
 from workbench.core.run import Array, Run
 from workbench.engine.stepped import Step, observe
 from workbench.machines import HOIST, Hoist
@@ -64,7 +64,7 @@ def _values(case: LoopCase, hold_nm: float, step_s: float) -> dict[str, float]:
     """The numbers of loop, drive, events and metrics by symbol."""
     return {
         **vars(HOIST.plant.values(case.machine, case.payload_kg)),
-        **loop_values(cast(PiSettings, case.controller), case.machine.drive, hold_nm),
+        **loop_values(cast(PiSettings, case.controller), case.machine.drive, hold_nm, case.payload_kg),
         **case_limits(case),
         **case.events.values(),
         **lag_values(case, step_s),
@@ -73,6 +73,7 @@ def _values(case: LoopCase, hold_nm: float, step_s: float) -> dict[str, float]:
 
 def _drive(case: LoopCase, values: dict[str, float], hold_nm: float) -> Driven:
     """The sampled controller, its torque held between samples or behind a lag, and the brake of the events."""
+    refuse(case.controller, "the multi-body machine runs", "load_damping", "input_shaper")
     sample_time = case.controller.sample_time_s
     controller = hoist_controller(case)
     p = SimpleNamespace(**values)
