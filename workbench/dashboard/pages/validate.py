@@ -201,8 +201,8 @@ def work(out: Path, tell: Teller, folder: str, name: str, runs: Sequence[str], m
     machine: the text of a machine.yaml; source: what the page knows the campaign by. InputError for what cannot be
     compared.
     """
-    from workbench.reports.models.report import section_of, write_models
     from workbench.simulate.models import compare_models
+    from workbench.view.models import section_of, write_models
 
     given = out.parent / "machine.yaml"
     given.write_text(machine, encoding="utf-8")
