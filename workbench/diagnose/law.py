@@ -1,0 +1,409 @@
+"""An unknown cause as a law in a formula: few terms over speed, position, load and time, chosen on runs left out.
+
+A sparse regression beside the base parameters. The terms are what a force at one place of the machine may depend on;
+sets of them are built up one by one, the best few kept (J. A. Tropp, Greed is good, IEEE Transactions on Information
+Theory 50, 2004), and the smallest set within one standard error of the best one on held-out runs is taken (L. Breiman et
+al., Classification and Regression Trees, 1984, section 3.4.3). Numbers inside a term, such as where a step lies, are
+refined afterwards. The law is written as an effect in a Python file, which `load_effects` and machine.yaml accept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from workbench.core.run import Array
+from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.knobs import bounds_of
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.machines import refitted_machine, with_effects
+from workbench.diagnose.unexplained.table_fit import TableFitter
+from workbench.diagnose.unexplained.tables import gain_of, lever_of
+from workbench.effects.loading import know
+from workbench.effects.registry import UserFile, replace_file
+from workbench.kinds import kind_of
+from workbench.machine.files import machine_text
+from workbench.simulate.driven import changed
+from workbench.simulate.lowpass import lowpass
+from workbench.simulate.replay import replay_runs
+from workbench.trace import expr
+
+MOST_TERMS = 4
+BEAM = 4  # sets of each size that are built on
+MOST_WAVES = 40  # along the distance passed
+PLACES = 12  # where a step or a tight stretch is tried
+HOLD = 10.0  # of the gap's size: a term's amplitude, one standard deviation; keeps what the runs do not show at zero
+ROUNDS = 2  # simulations of the driven machine with the law, after each of which its amplitudes are fitted again
+USEFUL = 0.1  # of the gap's energy beyond noise, on what was left out: a law that takes less is none
+DIGITS = 6
+
+
+@dataclass(frozen=True)
+class Term:
+    """One or two columns of a law. code: of s, p and the numbers of `shape`, one expression a column; formula: the same
+    for people. per: the unit behind the force's, as names end; size: of its amplitude. bounds: of the one number in
+    `shape` that is refined; step: how far apart it was tried."""
+
+    code: tuple[str, ...]
+    formula: tuple[str, ...]
+    per: str
+    size: str
+    shape: Mapping[str, float] = field(default_factory=dict)
+    refined: str = ""
+    step: float = 0.0
+
+    def texts(self, forms: Sequence[str]) -> list[str]:
+        numbers = {name: f"{value:.5g}" for name, value in self.shape.items()}
+        return [form.format(**numbers) for form in forms]
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """terms; amplitudes, std: (columns,) of the force against forward motion, in the place's unit.
+
+    acts_on: the place. before, after: rms on held-out runs, input's unit, without and with the law. explains: share of
+    the gap's energy beyond noise on held-out runs. name: of the effect in `source`.
+    """
+
+    terms: tuple[Term, ...]
+    amplitudes: Array
+    std: Array
+    acts_on: str
+    unit: str
+    before: float
+    after: float
+    explains: float
+    name: str
+    source: str
+    machine: str  # machine.yaml with it, which needs `source`
+
+    @property
+    def formulas(self) -> list[str]:
+        return [text for term in self.terms for text in term.texts(term.formula)]
+
+
+def dictionary(problem: Problem, acts_on: str, rides: Sequence[SimpleNamespace]) -> list[Term]:
+    """What a force at a place may depend on in these runs."""
+    port = kind_of(problem.machine).ports[acts_on]
+    v, m = f"s.{port.speed}", "rad" if port.speed == "w" or port.unit == "N m" else "m"
+    force = "torque" if acts_on == "motor" else "force"
+    speed = "motor_speed" if port.speed == "w" else "speed"
+    speeds = {1: (f"s_per_{m}", f"{force}/{speed}"), 2: (f"s2_per_{m}2", f"{force}/{speed}*{speed}")}
+    speeds[3] = (f"s3_per_{m}3", f"{force}/{speed}*{speed}*{speed}")
+    terms = [
+        Term((v,), ("v",), *speeds[1]),
+        Term((f"absolute({v})",), ("|v|",), *speeds[1]),
+        Term((f"{v} * absolute({v})",), ("v |v|",), *speeds[2]),
+        Term((f"{v} * {v}",), ("v²",), *speeds[2]),
+        Term((f"{v} * {v} * {v}",), ("v³",), *speeds[3]),
+        Term(("1.0",), ("1",), "", force),
+        Term(("s.switch",), ("sign v",), "", force),
+    ]
+    if np.ptp(np.concatenate([np.abs(ride.load) for ride in rides])) > 0.0:
+        terms += [
+            Term(("absolute(s.load) * s.switch",), ("|load| sign v",), f"per_{port.unit.replace(' ', '').lower()}", "1"),
+            Term(("s.load",), ("load",), f"per_{port.unit.replace(' ', '').lower()}", "1"),
+            Term((f"absolute(s.load) * {v}",), ("|load| v",), f"s_per_{m}_per_load", f"1/{speed}"),
+            Term((f"absolute(s.load) * {v} * absolute({v})",), ("|load| v |v|",), f"s2_per_{m}2_per_load",
+                 f"1/{speed}*{speed}"),
+        ]  # fmt: skip
+    top = max(float(np.max(np.abs(getattr(ride, port.speed)))) for ride in rides)
+    for part in (0.02, 0.05, 0.12, 0.25):
+        terms.append(
+            Term((f"exp(-({v} / {{v_s}}) * ({v} / {{v_s}})) * s.switch",), ("exp(−(v/{v_s})²) sign v",), "", force,
+                 {"v_s": part * top}, "v_s", 0.6 * part * top)
+        )  # fmt: skip
+    x = np.concatenate([ride.x for ride in rides])
+    low, high = float(np.min(x)), float(np.max(x))
+    length = high - low
+    if length > 0.0:
+        xm = "rad" if kind_of(problem.machine).moved.unit == "rad" else "m"
+        for sign, said in (("", ""), (" * s.switch", " sign v")):
+            terms.append(Term((f"s.x{sign}",), (f"x{said}",), f"per_{xm}", f"{force}/length"))
+            terms.append(Term((f"s.x * s.x{sign}",), (f"x²{said}",), f"per_{xm}2", f"{force}/length*length"))
+        terms.append(Term((f"s.x * {v}",), ("x v",), f"s_per_{m}_{xm}", f"{force}/{speed}*length"))
+        gap = length / PLACES
+        for place in low + gap * (0.5 + np.arange(PLACES)):
+            at = {"x_0": float(place), "b": 0.02 * length}
+            near = {"x_0": float(place), "b": 0.5 * gap}
+            for sign, said in (("", ""), (" * s.switch", " sign v")):
+                terms += [
+                    Term((f"clip((s.x - {{x_0}}) / {{b}} + 0.5, 0.0, 1.0){sign}",), (f"step(x − {{x_0}}){said}",), "",
+                         force, at, "x_0", gap),
+                    Term((f"exp(-0.5 * ((s.x - {{x_0}}) / {{b}}) * ((s.x - {{x_0}}) / {{b}})){sign}",),
+                         (f"exp(−½((x − {{x_0}})/{{b}})²){said}",), "", force, near, "x_0", gap),
+                ]  # fmt: skip
+        resolved = 0.5 * top * (length / max(length, 1e-300)) / problem.band_hz  # the shortest wave that passes the band
+        if port.speed == "w":
+            resolved *= kind_of(problem.machine).lever_of(problem.machine)
+        for half in range(2, 2 * MOST_WAVES + 1):
+            d = 2.0 * length / half
+            if d < resolved:
+                break
+            for sign, said in (("", ""), (" * s.switch", " sign v")):
+                terms.append(
+                    Term(tuple(f"{f}(s.x * (6.283185307179586 / {{d}})){sign}" for f in ("cos", "sin")),
+                         tuple(f"{f}(2π x/{{d}}){said}" for f in ("cos", "sin")), "", force, {"d": d}, "d",
+                         0.5 * d * d / length)
+                )  # fmt: skip
+    begins = {run.start_time_s for run in problem.runs}
+    clock, said_t = ("(s.t + p.start_time_s)", "T") if len(begins) > 1 else ("s.t", "t")
+    whole = max(float(np.max(ride.t)) + (start if len(begins) > 1 else 0.0)
+                for ride, start in zip(rides, sorted(begins) * len(rides), strict=False))  # fmt: skip
+    for sign, said in (("", ""), (" * s.switch", " sign v")):
+        terms.append(Term((f"{clock}{sign}",), (f"{said_t}{said}",), "per_s", force))
+        for part in (0.1, 0.3, 1.0):
+            terms.append(
+                Term((f"exp(-{clock} / {{tau}}){sign}",), (f"exp(−{said_t}/{{tau}}){said}",), "", force,
+                     {"tau": part * whole}, "tau", 0.6 * part * whole)
+            )  # fmt: skip
+    return terms
+
+
+def rides_at(problem: Problem, setting: Mapping[str, Any], acts_on: str) -> list[tuple[SimpleNamespace, Any]]:
+    """Of each run the signals at the place, along the simulated motion, and its parameters."""
+    bench, kind = problem.bench, kind_of(problem.machine)
+    port, rides = kind.ports[acts_on], []
+    chosen = []
+    for j in range(len(problem.runs)):
+        known = {key: value for key, value in setting.items() if hasattr(bench.base[j], key)}
+        chosen.append(changed(bench.base[j], {k: v[j] if isinstance(v, tuple) else v for k, v in known.items()}))
+    predicted = bench.predict([chosen])[0]
+    for run, motion, (force, others), p in zip(problem.runs, bench.motions, predicted, chosen, strict=True):
+        frame = kind.frame(run, motion.position, motion.speed, others, p)
+        here = changed(p, {"start_time_s": run.start_time_s - run.time_s[0]})
+        frame.switch = port.way(frame, here)
+        if acts_on == "guide":
+            frame.load = np.full(len(run.time_s), p.s_p * p.m_p * p.g)
+        elif acts_on == "motor":
+            frame.load, _ = kind.transmitted(p, frame, force, motion.acceleration, run.payload_kg)
+        else:
+            frame.load = getattr(p, "G", 0.0) * np.sin(frame.x) + getattr(p, "C", 0.0) + 0.0 * frame.x
+        rides.append((frame, here))
+    return rides
+
+
+def columns(problem: Problem, rides: Sequence[tuple[Any, Any]], terms: Sequence[Term], acts_on: str, gain: float) -> Array:
+    """(samples, columns) the change of the predicted input by each term's column at an amplitude of one."""
+    functions = {name: getattr(expr, name) for name in ("absolute", "clip", "cos", "sin", "exp")}
+    codes = [compile(text, "<term>", "eval") for term in terms for text in term.texts(term.code)]
+    torque, tension = [], []
+    for (s, p), run, rows in zip(rides, problem.runs, problem.rows, strict=True):
+        forces = np.empty((len(run.time_s), len(codes)))
+        for k, code in enumerate(codes):
+            forces[:, k] = eval(code, {"__builtins__": {}, "s": s, "p": p, **functions})
+        smooth = lowpass(run.time_s, forces, problem.band_hz)[rows]
+        torque.append(gain * lever_of(problem.machine, acts_on) * smooth)
+        if problem.has_tension:
+            share = kind_of(problem.machine).ports[acts_on].share
+            tension.append(share * problem.noise / problem.tension_noise * smooth)
+    return np.concatenate([*torque, *tension])
+
+
+class Regression:
+    """Terms beside the base parameters, linearly: least squares on all groups, and on all but one."""
+
+    def __init__(self, problem: Problem, fitter: TableFitter, residual: Array, z: Array, size: float) -> None:
+        self.problem, self.fitter, self.z, self.size = problem, fitter, z, size
+        self.base = len(z)
+        self.fixed = np.column_stack([-fitter.jacobian, residual])
+        self.white = problem.errors.whiten(self.fixed)
+
+    def normal(self, columns: Array) -> tuple[Array, Array, Array]:
+        """(groups, k, k), (groups, k) and (groups,) of whitened rows: base parameters first, then the columns."""
+        whole = np.column_stack([self.white[:, :-1], self.problem.errors.whiten(columns)])
+        r, groups = self.white[:, -1], self.fitter.groups
+        parts = [(whole[groups == g], r[groups == g]) for g in range(self.fitter.count)]
+        return (
+            np.array([x.T @ x for x, _ in parts]),
+            np.array([x.T @ y for x, y in parts]),
+            np.array([y @ y for _, y in parts]),
+        )
+
+    def solve(
+        self, normal: tuple[Array, Array, Array], chosen: Sequence[int], at: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Solution (base + chosen,), those without each group (groups, …), and held-out sums of squares (groups,)."""
+        n, b, yy = normal
+        which = np.concatenate([np.arange(self.base), self.base + np.array(chosen, dtype=int)])
+        n, b = n[:, which[:, None], which], b[:, which]
+        scale = np.sqrt(np.maximum(np.einsum("gii->i", n)[self.base :], 1e-300) / max(len(self.white), 1))
+        hold = np.concatenate([1.0 / self.fitter.std**2, (scale / (HOLD * self.size)) ** 2])
+        pull = hold * np.concatenate([self.z, np.zeros(len(chosen)) if at is None else at])
+        whole = np.linalg.solve(n.sum(0) + np.diag(hold), b.sum(0) - pull)
+        others, left = [], []
+        for g in range(len(yy)):
+            x = np.linalg.solve(n.sum(0) - n[g] + np.diag(hold), b.sum(0) - b[g] - pull)
+            others.append(x)
+            left.append(float(yy[g] - 2.0 * x @ b[g] + x @ n[g] @ x))
+        return whole, np.array(others), np.maximum(np.array(left), 0.0)
+
+
+def find_law(problem: Problem, fitted: Fitted, acts_on: str, name: str = "measured_law") -> Law | None:
+    """The law at a place, None where none holds on what was left out. fitted: the base parameters' own fit."""
+    fitter = TableFitter(problem, fitted)
+    setting = replace(fitted, z=fitter.z).setting
+    gain, rides = gain_of(problem, setting), rides_at(problem, setting, acts_on)
+    size = fitted.rms(problem.inputs)
+    start = Regression(problem, fitter, fitter.residual, fitter.z, size / max(problem.noise, 1e-300))
+    terms = dictionary(problem, acts_on, [s for s, _ in rides])
+    many = [len(term.code) for term in terms]
+    first = np.cumsum([0, *many])
+    normal = start.normal(columns(problem, rides, terms, acts_on, gain))
+
+    def of(sets: Sequence[int]) -> list[int]:
+        return [c for k in sets for c in range(first[k], first[k + 1])]
+
+    _, _, alone = start.solve(normal, [])
+    beam: list[tuple[float, tuple[int, ...], Array]] = [(float(alone.sum()), (), alone)]
+    best = [beam[0]]
+    for _ in range(MOST_TERMS):
+        tried: dict[tuple[int, ...], tuple[float, tuple[int, ...], Array]] = {}
+        for _, chosen, _ in beam:
+            for k in range(len(terms)):
+                key = tuple(sorted({*chosen, k}))
+                if k not in chosen and key not in tried:
+                    left = start.solve(normal, of(key))[2]
+                    tried[key] = (float(left.sum()), key, left)
+        beam = sorted(tried.values(), key=lambda t: t[0])[:BEAM]
+        best.append(beam[0])
+    least = min(best, key=lambda t: t[0])
+    spread = [math.sqrt(len(b[2]) * float(np.var(b[2] - least[2], ddof=1))) if len(b[2]) > 1 else 0.0 for b in best]
+    chosen = next(b for b, s in zip(best, spread, strict=True) if b[0] <= least[0] + s)
+    if not chosen[1]:
+        return None
+    return _finished(problem, fitted, start, rides, gain, acts_on, [terms[k] for k in chosen[1]], name)
+
+
+def _finished(
+    problem: Problem, fitted: Fitted, start: Regression, rides: Sequence[tuple[Any, Any]], gain: float, acts_on: str,
+    terms: list[Term], name: str,
+) -> Law | None:
+    """The chosen terms with their inner numbers refined and their amplitudes fitted in the driven simulation."""
+
+    def fit(terms: Sequence[Term]) -> tuple[Array, Array, Array]:
+        x = columns(problem, rides, terms, acts_on, gain)
+        return start.solve(start.normal(x), range(x.shape[1]))
+
+    for k, term in enumerate(terms):
+        if not term.refined:
+            continue
+        at = term.shape[term.refined]
+
+        def tried(value: float, k: int = k, term: Term = term) -> Term:
+            return replace(term, shape={**term.shape, term.refined: value})
+
+        found = minimize_scalar(
+            lambda value: float(fit([*terms[:k], tried(value), *terms[k + 1 :]])[2].sum()),  # noqa: B023
+            bounds=(max(at - term.step, 0.02 * abs(at) if at > 0.0 else at - term.step), at + term.step),
+            method="bounded", options={"maxiter": 12},
+        )  # fmt: skip
+        if found.fun < fit(terms)[2].sum():
+            terms[k] = tried(float(found.x))
+    x = columns(problem, rides, terms, acts_on, gain)
+    base, lowest, highest = start.base, *bounds_of(fitted.knobs)[:2]
+    keys = base_knobs(problem.machine, problem.runs)
+    port = kind_of(problem.machine).ports[acts_on]
+    shown, others, _ = fit(terms)
+    source = source_of(terms, port, kind_of(problem.machine).plant.kind, acts_on, name)
+    file = UserFile(f"{name}.py", source.encode())
+    groups = start.fitter.groups[: problem.inputs]
+    try:
+        effect = know(file)[0]
+        names = [p.named(kind_of(problem.machine).plant.kind) for p in effect.parameters]
+
+        def machine_at(solution: Array) -> Any:
+            z = np.clip(solution[:base], lowest, highest)
+            plain = refitted_machine(problem, keys, replace(fitted, z=z))
+            amplitudes = {n: _rounded(a) for n, a in zip(names, solution[base:], strict=True)}
+            return with_effects(plain, {**plain.effects, name: amplitudes})
+
+        def residual(solution: Array) -> Array:
+            replayed = replay_runs(machine_at(solution), problem.runs, problem.band_hz)
+            return np.concatenate([r.balance.residual[rows] for r, rows in zip(replayed.runs, problem.rows, strict=True)])
+
+        best = shown
+        rows = residual(best)
+        for _ in range(ROUNDS if not problem.has_tension else 0):
+            z, c = np.clip(best[:base], lowest, highest), best[base:]
+            start.fitter.move_to(z)
+            again = Regression(problem, start.fitter, rows, z, start.size)
+            step, without, _ = again.solve(again.normal(x), range(x.shape[1]), c)
+            moved = np.concatenate([z, c]) + step
+            fresh = residual(moved)
+            if np.sum(fresh**2) >= np.sum(rows**2):
+                break
+            best, rows, others = moved, fresh, np.concatenate([z, c]) + without
+        unseen = np.empty(problem.inputs)
+        for g, solution in enumerate(others):
+            mine = groups == g
+            if np.any(mine):
+                unseen[mine] = residual(solution)[mine]
+        text = machine_text(machine_at(best))
+    finally:
+        replace_file(file, [], name)
+    before = float(np.sqrt(np.sum(start.fitter.before) / problem.inputs))
+    after = float(np.sqrt(np.mean(unseen**2)))
+    gap = before**2 - problem.noise**2
+    explains = (before**2 - after**2) / gap if gap > 0.0 else 0.0
+    spread = others[:, base:] - others[:, base:].mean(axis=0)
+    std = np.sqrt((len(others) - 1) / len(others) * np.sum(spread**2, axis=0))
+    if explains < USEFUL:
+        return None
+    return Law(tuple(terms), best[base:], std, acts_on, port.unit, before, after, explains, name, source, text)
+
+
+def source_of(terms: Sequence[Term], port: Any, kind: str, acts_on: str, name: str) -> str:
+    """The text of a Python file that declares the law as an effect."""
+    force = "nm" if port.unit == "N m" else "n"
+    parameters, parts, said = [], [], []
+    codes = [(term, code, text) for term in terms
+             for code, text in zip(term.texts(term.code), term.texts(term.formula), strict=True)]  # fmt: skip
+    for k, (term, code, text) in enumerate(codes, 1):
+        unit = "fraction" if term.size == "1" else f"{force}{'_' if term.per else ''}{term.per}"
+        if term.size.startswith("1/"):
+            unit = term.per
+        parameters.append(
+            f'        Parameter("c{k}", "c{k}_{unit}", "of {text}", "{term.size}", -100.0, 100.0, 0.02, 0.0, '
+            "vanishes_at=0.0),"
+        )
+        parts.append(f"e.c{k} * ({code})")
+        said.append(f"c{k} {text}")
+    used = sorted({f for f in ("absolute", "clip", "cos", "sin", "exp") if any(f"{f}(" in p for p in parts)})
+    imported = f"from workbench.trace.expr import {', '.join(used)}\n" if used else ""
+    equation = "F = −(" + " + ".join(said) + ")"
+    body = "\n        + ".join(parts)
+    return f'''"""A law that `workbench diagnose` found in the residual of a campaign; its cause is not known."""
+
+{imported}from workbench.effects import Parameter, effect
+
+
+@effect(
+    place={{"{kind}": "{port.place}"}},
+    subsystem="{acts_on}",
+    regime="all",
+    parameters=[
+{chr(10).join(parameters)}
+    ],
+    equation="{equation}",
+    reference="sparse regression on the campaign's own runs, chosen on runs left out",
+    shows="{port.unit} against forward motion, within the range of the runs that it was found in",
+    listed=False,
+)
+def {name}(s, e, p):
+    """{equation}"""
+    return -(
+        {body}
+    )
+'''
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
