@@ -331,7 +331,7 @@ def test_a_docstring_reaches_the_site_as_it_stands():
 
 def test_the_drawing_of_the_arm_is_made_from_the_models_geometry():
     from workbench.figures.arm_drawing import arm_svg
-    from workbench.machine import default_hoist
+    from workbench.machines import default_hoist
 
     said = "run: python -m workbench.figures.arm_drawing > docs/img/arm.svg"
     drawn = arm_svg(default_hoist())

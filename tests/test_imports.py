@@ -19,10 +19,8 @@ PACKAGE = ROOT / "workbench"
 LAYERS = [
     ("core",),
     ("log_formats",),
-    ("trace",),
-    ("kinds",),
-    ("machine", "plants"),
-    ("multibody",),
+    ("symbolic",),
+    ("machines",),
     ("engine",),
     ("logs", "control", "references", "metrics"),
     ("effects",),
@@ -42,7 +40,7 @@ LEVEL = {name: level for level, row in enumerate(LAYERS) for name in row}
 MOVING = {"figures": "view", "reports": "view"}  # one room, not yet one folder
 
 # The physics' floor stays quick to import and knows no screens.
-FLOOR = ("core", "trace", "machine", "plants", "kinds", "engine")
+FLOOR = ("core", "symbolic", "machines", "engine")
 TOO_HEAVY_FOR_THE_FLOOR = {"scipy", "control", "streamlit", "plotly", "pandas", "matplotlib"}
 TOO_HEAVY_FOR_HELP = ["numpy", "numba", "scipy", "pydantic", "plotly", "pyarrow", "control", "pandas", "streamlit"]
 
@@ -151,7 +149,7 @@ def test_an_import_of_a_lower_layer_is_seen(statement: str):
     "statement",
     [
         "import workbench.core.run",
-        "from ..trace import expr",
+        "from ..symbolic import expr",
         "from . import step",
         "from .step import rodas3",
         "import control",

@@ -12,26 +12,26 @@ __version__ = "0.1.0"
 # Name -> its module. `__init__.pyi` says the same to editors and type checkers; a test holds the two together.
 _WHERE = {
     "Campaign": "logs",
-    "Hoist": "machine",
+    "Hoist": "machines",
     "InputError": "core.errors",
     "Limits": "references",
-    "LinearAxis": "machine",
+    "LinearAxis": "machines",
     "PiSettings": "control",
-    "RotaryAxis": "machine",
+    "RotaryAxis": "machines",
     "Run": "core.run",
     "Step": "references",
     "compare": "face.study",
-    "default_hoist": "machine",
+    "default_hoist": "machines",
     "load_effects": "effects",
     "load_machine": "face.machines",
     "loop": "face.loop",
     "read_campaign": "face.logs",
     "replay": "face.replay",
-    "save_machine": "machine",
+    "save_machine": "machines",
     "tune": "face.tune",
     "usual_controller": "analysis.usual",
     "with_effects": "face.machines",
-    "with_values": "machine",
+    "with_values": "machines",
 }
 # Sub-packages that can be called, see `workbench.core.verb`.
 _VERBS = ("diagnose", "identify", "simulate", "study")

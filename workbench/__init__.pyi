@@ -17,12 +17,12 @@ from workbench.face.study import compare as compare
 from workbench.face.study import study as study
 from workbench.face.tune import tune as tune
 from workbench.logs import Campaign as Campaign
-from workbench.machine import Hoist as Hoist
-from workbench.machine import LinearAxis as LinearAxis
-from workbench.machine import RotaryAxis as RotaryAxis
-from workbench.machine import default_hoist as default_hoist
-from workbench.machine import save_machine as save_machine
-from workbench.machine import with_values as with_values
+from workbench.machines import Hoist as Hoist
+from workbench.machines import LinearAxis as LinearAxis
+from workbench.machines import RotaryAxis as RotaryAxis
+from workbench.machines import default_hoist as default_hoist
+from workbench.machines import save_machine as save_machine
+from workbench.machines import with_values as with_values
 from workbench.references import Limits as Limits
 from workbench.references import Step as Step
 

@@ -35,7 +35,7 @@ from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.scan import atoms, loudest
 from workbench.diagnose.hypotheses.search import Search
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
-from workbench.machine import Axis, Hoist, default_hoist, with_values
+from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import noise_rms
 

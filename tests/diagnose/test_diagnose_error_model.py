@@ -13,8 +13,7 @@ from tests.support.noisy_runs import hoist_runs
 from workbench.diagnose.hypotheses.discrepancy import carries, discrepancy_of
 from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.kinds import kind_of
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist, kind_of
 
 
 def dense(errors: ErrorModel) -> np.ndarray:

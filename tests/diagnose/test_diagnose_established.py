@@ -25,7 +25,7 @@ from workbench.diagnose.verdict.probability import shared
 from workbench.diagnose.verdict.records import Hypothesis
 from workbench.effects import find
 from workbench.logs import Campaign, read_campaign
-from workbench.machine import load_machine, save_machine
+from workbench.machines import load_machine, save_machine
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.5}}

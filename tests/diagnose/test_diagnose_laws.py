@@ -29,7 +29,7 @@ from workbench.diagnose.readiness.rigid import Rigid, as_well_shown
 from workbench.diagnose.records import Diagnosis
 from workbench.effects import Effect, effects_for, find, forget_users, load_effects, ranges_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist, default_hoist, with_values
+from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.reports.diagnosis.as_json import to_json
 
 Values = Mapping[str, float]
@@ -267,7 +267,7 @@ def test_the_same_seed_gives_the_same_answer_to_the_last_digit():
 
 OWN = '''
 from workbench.effects import Parameter, effect
-from workbench.trace.expr import absolute, sqrt, where
+from workbench.symbolic.expr import absolute, sqrt, where
 
 @effect(
     place={"axis": "axis_force"}, subsystem="axis", regime="position",

@@ -26,7 +26,7 @@ from workbench.diagnose.verdict.records import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.effects.declare import SUBSYSTEMS
 from workbench.figures.place import for_dark_ground, marked_machine
-from workbench.machine import load_machine
+from workbench.machines import load_machine
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import page as diagnosis_page
 from workbench.reports.diagnosis import tables as report

@@ -21,7 +21,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.verdict.cancellation import cancellation, cancelled
 from workbench.diagnose.verdict.tolerance_excess import _nearer, tolerance_excess
 from workbench.effects import find, ranges_of
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 
 ROWS = 400
 SIGMA, SHARE = 0.7, 0.8

@@ -34,7 +34,7 @@ from workbench.diagnose.verdict.records import Hypothesis
 from workbench.diagnose.verdict.twins import groups_of
 from workbench.diagnose.words import either, sentence_of
 from workbench.effects import find, ranges_of
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 
 TORQUE = "torque_motor_nm"
 AS_DECIDED = {"surer": 1.0, "missed_no_gap": 0.0, "missed_unknown": 0.0, "missed_lost": 0.0}  # and so stated

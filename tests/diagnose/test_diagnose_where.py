@@ -28,7 +28,7 @@ from workbench.diagnose.location.windows import HELD, windows_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.effects import find
 from workbench.logs import Campaign
-from workbench.machine import Hoist, load_machine, save_machine
+from workbench.machines import Hoist, load_machine, save_machine
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.25}}

@@ -15,12 +15,11 @@ from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.imports.campaign import read_channels
 from workbench.imports.propose import propose, quantity_of, score, unit_of
-from workbench.kinds import KINDS, TIME
 from workbench.log_formats.drive_csv import split_unit
 from workbench.log_formats.opening import open_log
 from workbench.log_formats.rates import Channel, at_times
 from workbench.logs import read_campaign
-from workbench.machine import default_hoist, save_machine
+from workbench.machines import KINDS, TIME, default_hoist, save_machine
 from workbench.reports.imports.page import mapping_table
 
 HOIST = default_hoist()

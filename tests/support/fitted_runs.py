@@ -13,7 +13,7 @@ from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
 from workbench.diagnose.hypotheses.knobs import Setting, effect_knobs
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import find, ranges_of
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 
 
 def rms(values: Array) -> float:

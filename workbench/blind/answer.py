@@ -16,7 +16,7 @@ from workbench.core.errors import InputError
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
 from workbench.diagnose.verdict.judge import same_but_freer
 from workbench.logs import read_campaign
-from workbench.plants import plant_of
+from workbench.machines import plant_of
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ def command(
     from workbench.effects import check
     from workbench.imports.campaign import Imported, in_si, read_channels, runs_yaml, with_table, write_campaign
     from workbench.imports.propose import for_all, propose
-    from workbench.machine import load_machine
+    from workbench.machines import load_machine
     from workbench.reports.imports.page import mapping_table, write_page
 
     check_free(out)

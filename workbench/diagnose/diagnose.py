@@ -32,8 +32,8 @@ from workbench.diagnose.verdict.probability import shared
 from workbench.diagnose.verdict.records import Left, ReasonKind, Verdict
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
+from workbench.machines import kind_of
 from workbench.simulate.replay import replay_runs
 from workbench.study.load import Study
 
@@ -188,7 +188,7 @@ def harmful(search: SearchResult, names: Names) -> bool:
 
 def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effect]:
     """The effects to weigh. InputError for a name that is none, with the nearest."""
-    from workbench.plants import plant_of
+    from workbench.machines import plant_of
 
     known = effects_for(plant_of(campaign.machine).kind)
     if names is None:

@@ -14,7 +14,7 @@ from workbench.diagnose.records import Diagnosis
 from workbench.face.logs import PathLike, campaign_of
 from workbench.face.view import View
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist
 from workbench.reports.diagnosis import hypotheses, tables
 from workbench.reports.diagnosis.page import sections_of
 from workbench.simulate.lowpass import check_band

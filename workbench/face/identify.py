@@ -12,7 +12,7 @@ from workbench.figures.identify import correlation_matrix
 from workbench.identify.identify import Identification
 from workbench.identify.identify import identify as fit_machine
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist
 from workbench.reports.identify import page, report
 from workbench.reports.replay import page as replay_page
 from workbench.simulate.lowpass import check_band

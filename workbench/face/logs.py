@@ -18,8 +18,7 @@ from workbench.figures.panels import Panels
 from workbench.figures.replay import input_profiles
 from workbench.logs import Campaign
 from workbench.logs import read_campaign as read
-from workbench.machine import Axis, Hoist
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, plant_of
 from workbench.study.labels import metric_label
 from workbench.view.numbers import figures
 from workbench.view.style import line

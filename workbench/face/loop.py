@@ -14,8 +14,7 @@ from workbench.core.shown import Shown
 from workbench.face.logs import PathLike
 from workbench.face.view import View
 from workbench.figures import loop as loop_figures
-from workbench.machine import Axis, Hoist
-from workbench.plants import NO_EFFECTS
+from workbench.machines import NO_EFFECTS, Axis, Hoist
 from workbench.reports.loop import report
 from workbench.reports.loop.case import LoopCaseFile, loop_case
 

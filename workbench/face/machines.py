@@ -7,8 +7,8 @@ from typing import TypeVar
 
 from workbench.effects import check
 from workbench.face.logs import PathLike
-from workbench.machine import Axis, Hoist, LinearAxis, RotaryAxis
-from workbench.machine import load_machine as load
+from workbench.machines import Axis, Hoist, LinearAxis, RotaryAxis
+from workbench.machines import load_machine as load
 
 M = TypeVar("M", Hoist, LinearAxis, RotaryAxis)
 

@@ -9,7 +9,7 @@ from workbench.core.table import Table
 from workbench.face.logs import PathLike, campaign_of
 from workbench.face.view import View
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist
 from workbench.reports.replay import page, report
 from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import ReplayResult, replay_runs

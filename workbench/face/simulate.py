@@ -12,8 +12,7 @@ from workbench.core.table import Column, Table, words
 from workbench.face.logs import run_figure
 from workbench.face.view import View
 from workbench.figures.study import overview
-from workbench.kinds import load_of
-from workbench.machine import Hoist, default_hoist
+from workbench.machines import Hoist, default_hoist, load_of
 from workbench.references import (
     LimitPair,
     Limits,

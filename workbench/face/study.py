@@ -12,7 +12,7 @@ from workbench.core.yaml_strict import Document
 from workbench.face.logs import PathLike
 from workbench.face.view import View
 from workbench.figures.study_page import study_figures
-from workbench.machine import Axis, Hoist, default_hoist
+from workbench.machines import Axis, Hoist, default_hoist
 from workbench.study import tables
 from workbench.study.compare import Comparison, plain, plain_percent, why_unmatched
 from workbench.study.compare import compare as compare_rows

@@ -15,7 +15,7 @@ from workbench.face.logs import PathLike
 from workbench.face.loop import given
 from workbench.face.view import View
 from workbench.figures import loop as loop_figures
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist
 from workbench.reports.loop import tuning as report
 from workbench.reports.loop.case import LoopCaseFile, loop_case
 

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from workbench.core.errors import InputError, nearest
-from workbench.kinds import TIME, kind_of
 from workbench.log_formats.rates import Channel
-from workbench.machine import Axis, Hoist
+from workbench.machines import TIME, Axis, Hoist, kind_of
 
 # unit, lower case and without blanks, dots and asterisks -> (quantity, factor to SI)
 UNITS: Mapping[str, tuple[str, float]] = MappingProxyType(

@@ -11,8 +11,7 @@ import numpy as np
 from workbench.core.run import Run
 from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Value, Wave
 from workbench.effects import find, ranges_of
-from workbench.kinds import kind_of
-from workbench.machine import get_value
+from workbench.machines import get_value, kind_of
 
 SHAPE_STD = math.log(3.0)  # of a trace's shape, such as the speed at which Stribeck friction falls: a factor
 LEAST_STATE = 4e-5  # of its deviation: a trace that keeps a state is never quite off, for there it has no derivative

@@ -21,7 +21,7 @@ from workbench.diagnose.hypotheses.knobs import Setting, bounds_of, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.effects import Effect, Ranged, find, ranges_of
-from workbench.plants import plant_of
+from workbench.machines import plant_of
 
 STEP = 1e-4  # of z, for the values' slopes
 

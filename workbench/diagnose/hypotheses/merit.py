@@ -17,7 +17,7 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.score import Score, explained
 from workbench.effects import find
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 PLAY = "backlash"  # the effect whose blows are found in the logs (`simulate/blows.py`)
 BLOWS = 150.0  # merit of a play where blows come again: no other effect has them, and no fit looks at them

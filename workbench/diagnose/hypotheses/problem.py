@@ -15,7 +15,7 @@ from workbench.diagnose.hypotheses.discrepancy import error_model
 from workbench.diagnose.hypotheses.error_model import ErrorModel, Sizes
 from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Setting, Value, setting_of
 from workbench.effects import find, idle_sensors, logged_input, parts, ranges_of, searchable
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.blows import beside, blows_of
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms

@@ -13,7 +13,7 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.knobs import Setting
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 PLACES_TRIED = 24  # along what the runs have passed
 WAVES_TRIED = 120  # along the way

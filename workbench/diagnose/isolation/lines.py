@@ -13,7 +13,7 @@ from workbench.diagnose.hypotheses.base import LOAD_CELL_STD
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import TENSION_GAIN, Knob, PhaseOfEachRun, Setting, setting_of
 from workbench.diagnose.hypotheses.problem import GROUP, SENSOR_KEYS, STEP, TENSION, TENSION_TRUST, Problem
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.driven import changed
 
 POSITION = "position_carriage_m"

@@ -13,7 +13,7 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Setting, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.loop import Loop, loop_of
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.driven import changed
 from workbench.simulate.lowpass import lowpass
 

@@ -39,7 +39,7 @@ from workbench.diagnose.verdict.structure import lasting_share, loaded_share, re
 from workbench.diagnose.verdict.tolerance_excess import tolerance_excess
 from workbench.diagnose.verdict.twins import groups_of
 from workbench.effects import find
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 # Standard deviations by which tolerances are stretched by chance: more without a cause that explains anything than with
 # one, for of all causes weighed one would have relieved them.

@@ -12,7 +12,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.held_out import folds_by_run
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 BINS = 24  # of each variable, each way
 MOMENTS = 0.02  # of the rows
