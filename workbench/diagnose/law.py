@@ -28,12 +28,12 @@ from workbench.diagnose.unexplained.table_fit import TableFitter
 from workbench.diagnose.unexplained.tables import gain_of, lever_of
 from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, replace_file
-from workbench.kinds import kind_of
-from workbench.machine.files import machine_text
+from workbench.machines import kind_of
+from workbench.machines.files import machine_text
 from workbench.simulate.driven import changed
 from workbench.simulate.lowpass import lowpass
 from workbench.simulate.replay import replay_runs
-from workbench.trace import expr
+from workbench.symbolic import expr
 
 MOST_TERMS = 4
 BEAM = 4  # sets of each size that are built on
@@ -41,6 +41,7 @@ MOST_WAVES = 40  # along the distance passed
 PLACES = 12  # where a step or a tight stretch is tried
 HOLD = 10.0  # of the gap's size: a term's amplitude, one standard deviation; keeps what the runs do not show at zero
 ROUNDS = 2  # simulations of the driven machine with the law, after each of which its amplitudes are fitted again
+NEARLY = 0.03  # of what the best set takes away on held-out runs: a smaller set may take so much less
 USEFUL = 0.1  # of the gap's energy beyond noise, on what was left out: a law that takes less is none
 DIGITS = 6
 
@@ -127,7 +128,8 @@ def dictionary(problem: Problem, acts_on: str, rides: Sequence[SimpleNamespace])
         xm = "rad" if kind_of(problem.machine).moved.unit == "rad" else "m"
         for sign, said in (("", ""), (" * s.switch", " sign v")):
             terms.append(Term((f"s.x{sign}",), (f"x{said}",), f"per_{xm}", f"{force}/length"))
-            terms.append(Term((f"s.x * s.x{sign}",), (f"x²{said}",), f"per_{xm}2", f"{force}/length*length"))
+            powers = [f"s.x{sign}", f"s.x * s.x{sign}"]
+            terms.append(Term(tuple(powers), (f"x{said}", f"x²{said}"), f"per_{xm}n", f"{force}/length"))
         terms.append(Term((f"s.x * {v}",), ("x v",), f"s_per_{m}_{xm}", f"{force}/{speed}*length"))
         gap = length / PLACES
         for place in low + gap * (0.5 + np.arange(PLACES)):
@@ -140,7 +142,9 @@ def dictionary(problem: Problem, acts_on: str, rides: Sequence[SimpleNamespace])
                     Term((f"exp(-0.5 * ((s.x - {{x_0}}) / {{b}}) * ((s.x - {{x_0}}) / {{b}})){sign}",),
                          (f"exp(−½((x − {{x_0}})/{{b}})²){said}",), "", force, near, "x_0", gap),
                 ]  # fmt: skip
-        resolved = 0.5 * top * (length / max(length, 1e-300)) / problem.band_hz  # the shortest wave that passes the band
+        resolved = (
+            0.5 * top * (length / max(length, 1e-300)) / problem.band_hz
+        )  # the shortest wave that passes the band
         if port.speed == "w":
             resolved *= kind_of(problem.machine).lever_of(problem.machine)
         for half in range(2, 2 * MOST_WAVES + 1):
@@ -153,17 +157,19 @@ def dictionary(problem: Problem, acts_on: str, rides: Sequence[SimpleNamespace])
                          tuple(f"{f}(2π x/{{d}}){said}" for f in ("cos", "sin")), "", force, {"d": d}, "d",
                          0.5 * d * d / length)
                 )  # fmt: skip
-    begins = {run.start_time_s for run in problem.runs}
-    clock, said_t = ("(s.t + p.start_time_s)", "T") if len(begins) > 1 else ("s.t", "t")
-    whole = max(float(np.max(ride.t)) + (start if len(begins) > 1 else 0.0)
-                for ride, start in zip(rides, sorted(begins) * len(rides), strict=False))  # fmt: skip
-    for sign, said in (("", ""), (" * s.switch", " sign v")):
-        terms.append(Term((f"{clock}{sign}",), (f"{said_t}{said}",), "per_s", force))
-        for part in (0.1, 0.3, 1.0):
-            terms.append(
-                Term((f"exp(-{clock} / {{tau}}){sign}",), (f"exp(−{said_t}/{{tau}}){said}",), "", force,
-                     {"tau": part * whole}, "tau", 0.6 * part * whole)
-            )  # fmt: skip
+    latest = max(float(np.max(ride.t)) for ride in rides)
+    clocks = [("s.t", "t", latest)]
+    if len({run.start_time_s for run in problem.runs}) > 1:
+        last = latest + max(run.start_time_s for run in problem.runs)
+        clocks.append(("(s.t + p.start_time_s)", "T", last))
+    for clock, said_t, whole in clocks:
+        for sign, said in (("", ""), (" * s.switch", " sign v")):
+            terms.append(Term((f"{clock}{sign}",), (f"{said_t}{said}",), "per_s", force))
+            for part in (0.1, 0.3, 1.0):
+                terms.append(
+                    Term((f"exp(-{clock} / {{tau}}){sign}",), (f"exp(−{said_t}/{{tau}}){said}",), "", force,
+                         {"tau": part * whole}, "tau", 0.6 * part * whole)
+                )  # fmt: skip
     return terms
 
 
@@ -190,7 +196,9 @@ def rides_at(problem: Problem, setting: Mapping[str, Any], acts_on: str) -> list
     return rides
 
 
-def columns(problem: Problem, rides: Sequence[tuple[Any, Any]], terms: Sequence[Term], acts_on: str, gain: float) -> Array:
+def columns(
+    problem: Problem, rides: Sequence[tuple[Any, Any]], terms: Sequence[Term], acts_on: str, gain: float
+) -> Array:
     """(samples, columns) the change of the predicted input by each term's column at an amplitude of one."""
     functions = {name: getattr(expr, name) for name in ("absolute", "clip", "cos", "sin", "exp")}
     codes = [compile(text, "<term>", "eval") for term in terms for text in term.texts(term.code)]
@@ -228,22 +236,25 @@ class Regression:
         )
 
     def solve(
-        self, normal: tuple[Array, Array, Array], chosen: Sequence[int], at: Array | None = None
+        self, normal: tuple[Array, Array, Array], sets: Sequence[Sequence[int]], at: Array | None = None
     ) -> tuple[Array, Array, Array]:
-        """Solution (base + chosen,), those without each group (groups, …), and held-out sums of squares (groups,)."""
+        """Of each set of columns (all of one length): the solution (sets, base + columns), those without each group
+        (sets, groups, …), and the held-out sums of squares (sets, groups). at: amplitudes that the residual holds."""
         n, b, yy = normal
-        which = np.concatenate([np.arange(self.base), self.base + np.array(chosen, dtype=int)])
-        n, b = n[:, which[:, None], which], b[:, which]
-        scale = np.sqrt(np.maximum(np.einsum("gii->i", n)[self.base :], 1e-300) / max(len(self.white), 1))
-        hold = np.concatenate([1.0 / self.fitter.std**2, (scale / (HOLD * self.size)) ** 2])
-        pull = hold * np.concatenate([self.z, np.zeros(len(chosen)) if at is None else at])
-        whole = np.linalg.solve(n.sum(0) + np.diag(hold), b.sum(0) - pull)
-        others, left = [], []
-        for g in range(len(yy)):
-            x = np.linalg.solve(n.sum(0) - n[g] + np.diag(hold), b.sum(0) - b[g] - pull)
-            others.append(x)
-            left.append(float(yy[g] - 2.0 * x @ b[g] + x @ n[g] @ x))
-        return whole, np.array(others), np.maximum(np.array(left), 0.0)
+        chosen = self.base + np.array(sets, dtype=int).reshape(len(sets), -1)
+        which = np.hstack([np.tile(np.arange(self.base), (len(sets), 1)), chosen])
+        n, b = n[:, which[:, :, None], which[:, None, :]], b[:, which]  # (groups, sets, k, k), (groups, sets, k)
+        every = n.sum(0)
+        scale = np.einsum("sii->si", every)[:, self.base :] / max(len(self.white), 1)
+        hold = np.hstack([np.tile(1.0 / self.fitter.std**2, (len(sets), 1)), scale / (HOLD * self.size) ** 2])
+        pull = hold * np.concatenate([self.z, np.zeros(chosen.shape[1]) if at is None else at])
+        held = every + hold[:, :, None] * np.eye(which.shape[1])
+        whole = np.linalg.solve(held, (b.sum(0) - pull)[..., None])[..., 0]
+        others = np.linalg.solve(held - n, (b.sum(0) - b - pull)[..., None])[..., 0]  # (groups, sets, k)
+        left = (
+            yy[:, None] - 2.0 * np.einsum("gsk,gsk->gs", others, b) + np.einsum("gsk,gskl,gsl->gs", others, n, others)
+        )
+        return whole, others.transpose(1, 0, 2), np.maximum(left, 0.0).T
 
 
 def find_law(problem: Problem, fitted: Fitted, acts_on: str, name: str = "measured_law") -> Law | None:
@@ -254,64 +265,100 @@ def find_law(problem: Problem, fitted: Fitted, acts_on: str, name: str = "measur
     size = fitted.rms(problem.inputs)
     start = Regression(problem, fitter, fitter.residual, fitter.z, size / max(problem.noise, 1e-300))
     terms = dictionary(problem, acts_on, [s for s, _ in rides])
-    many = [len(term.code) for term in terms]
-    first = np.cumsum([0, *many])
-    normal = start.normal(columns(problem, rides, terms, acts_on, gain))
-
-    def of(sets: Sequence[int]) -> list[int]:
-        return [c for k in sets for c in range(first[k], first[k + 1])]
-
-    _, _, alone = start.solve(normal, [])
-    beam: list[tuple[float, tuple[int, ...], Array]] = [(float(alone.sum()), (), alone)]
-    best = [beam[0]]
+    x = columns(problem, rides, terms, acts_on, gain)
+    tried: dict[tuple[int, ...], Array] = {(): start.solve(start.normal(x[:, :1]), [()])[2][0]}
+    beam: list[tuple[int, ...]] = [()]
     for _ in range(MOST_TERMS):
-        tried: dict[tuple[int, ...], tuple[float, tuple[int, ...], Array]] = {}
-        for _, chosen, _ in beam:
-            for k in range(len(terms)):
-                key = tuple(sorted({*chosen, k}))
-                if k not in chosen and key not in tried:
-                    left = start.solve(normal, of(key))[2]
-                    tried[key] = (float(left.sum()), key, left)
-        beam = sorted(tried.values(), key=lambda t: t[0])[:BEAM]
-        best.append(beam[0])
-    least = min(best, key=lambda t: t[0])
-    spread = [math.sqrt(len(b[2]) * float(np.var(b[2] - least[2], ddof=1))) if len(b[2]) > 1 else 0.0 for b in best]
-    chosen = next(b for b, s in zip(best, spread, strict=True) if b[0] <= least[0] + s)
-    if not chosen[1]:
+        normal, first = start.normal(x), np.cumsum([0, *(len(term.code) for term in terms)])
+        new = dict.fromkeys(
+            tuple(sorted({*chosen, k})) for chosen in beam for k in range(len(terms)) if k not in chosen
+        )
+        by_size: dict[int, list[tuple[tuple[int, ...], list[int]]]] = {}
+        for key in new:
+            wanted = [c for k in key for c in range(first[k], first[k + 1])]
+            by_size.setdefault(len(wanted), []).append((key, wanted))
+        for same in by_size.values():
+            for (key, _), left in zip(same, start.solve(normal, [wanted for _, wanted in same])[2], strict=True):
+                tried[key] = left
+        before, beam = beam, sorted(new, key=lambda key: float(tried[key].sum()))[:BEAM]
+        finer = []  # the same sets with the inner number of what was added refined
+        for key in beam:
+            added = next((k for k in key if terms[k].refined and not any(k in b for b in before)), None)
+            if added is None:
+                continue
+            better, left = _refined(problem, start, rides, gain, acts_on, [terms[k] for k in key], key.index(added))
+            if left.sum() < tried[key].sum():
+                terms.append(better)
+                x = np.column_stack([x, columns(problem, rides, [better], acts_on, gain)])
+                finer.append(tuple(sorted({*key} - {added} | {len(terms) - 1})))
+                tried[finer[-1]] = left
+        beam = sorted([*finer, *beam], key=lambda key: float(tried[key].sum()))[:BEAM]
+        least = min(float(left.sum()) for left in tried.values())
+        if min(float(tried[key].sum()) for key in before) - least < NEARLY * float(tried[()].sum() - least):
+            break
+    alone, least = tried[()], min(tried.values(), key=lambda left: float(left.sum()))
+    spared = NEARLY * float((alone - least).sum())
+
+    def good(left: Array) -> bool:
+        more = left - least
+        return float(more.sum()) <= max(math.sqrt(len(more) * float(np.var(more, ddof=1))), spared)
+
+    def cost(key: tuple[int, ...]) -> tuple[int, float]:
+        return sum(len(terms[k].code) + len(terms[k].shape) for k in key), float(tried[key].sum())
+
+    chosen = min((key for key, left in tried.items() if good(left)), key=cost)
+    if not chosen:
         return None
-    return _finished(problem, fitted, start, rides, gain, acts_on, [terms[k] for k in chosen[1]], name)
+    return _finished(problem, fitted, start, rides, gain, acts_on, [terms[k] for k in chosen], name)
+
+
+def _refined(
+    problem: Problem,
+    start: Regression,
+    rides: Sequence[tuple[Any, Any]],
+    gain: float,
+    acts_on: str,
+    terms: Sequence[Term],
+    k: int,
+) -> tuple[Term, Array]:
+    """Term k of a set with its inner number at the least residual on held-out groups, and that residual's squares."""
+    term = terms[k]
+    at = term.shape[term.refined]
+    others = columns(problem, rides, [*terms[:k], *terms[k + 1 :]], acts_on, gain)
+    found: dict[float, Array] = {}
+
+    def left(value: float) -> float:
+        x = columns(problem, rides, [replace(term, shape={**term.shape, term.refined: value})], acts_on, gain)
+        x = np.column_stack([others, x])
+        found[value] = start.solve(start.normal(x), [range(x.shape[1])])[2][0]
+        return float(found[value].sum())
+
+    lowest = max(at - term.step, 0.1 * at) if at > 0.0 else at - term.step
+    minimize_scalar(
+        left, bounds=(lowest, at + term.step), method="bounded", options={"maxiter": 14, "xatol": 1e-3 * term.step}
+    )
+    best = min(found, key=lambda value: float(found[value].sum()))
+    return replace(term, shape={**term.shape, term.refined: best}), found[best]
 
 
 def _finished(
-    problem: Problem, fitted: Fitted, start: Regression, rides: Sequence[tuple[Any, Any]], gain: float, acts_on: str,
-    terms: list[Term], name: str,
+    problem: Problem,
+    fitted: Fitted,
+    start: Regression,
+    rides: Sequence[tuple[Any, Any]],
+    gain: float,
+    acts_on: str,
+    terms: list[Term],
+    name: str,
 ) -> Law | None:
     """The chosen terms with their inner numbers refined and their amplitudes fitted in the driven simulation."""
 
-    def fit(terms: Sequence[Term]) -> tuple[Array, Array, Array]:
-        x = columns(problem, rides, terms, acts_on, gain)
-        return start.solve(start.normal(x), range(x.shape[1]))
-
-    for k, term in enumerate(terms):
-        if not term.refined:
-            continue
-        at = term.shape[term.refined]
-
-        def tried(value: float, k: int = k, term: Term = term) -> Term:
-            return replace(term, shape={**term.shape, term.refined: value})
-
-        found = minimize_scalar(
-            lambda value: float(fit([*terms[:k], tried(value), *terms[k + 1 :]])[2].sum()),  # noqa: B023
-            bounds=(max(at - term.step, 0.02 * abs(at) if at > 0.0 else at - term.step), at + term.step),
-            method="bounded", options={"maxiter": 12},
-        )  # fmt: skip
-        if found.fun < fit(terms)[2].sum():
-            terms[k] = tried(float(found.x))
     x = columns(problem, rides, terms, acts_on, gain)
     base, lowest, highest = start.base, *bounds_of(fitted.knobs)[:2]
     keys = base_knobs(problem.machine, problem.runs)
     port = kind_of(problem.machine).ports[acts_on]
-    shown, others, _ = fit(terms)
+    solved, withouts, _ = start.solve(start.normal(x), [range(x.shape[1])])
+    shown, others = solved[0], withouts[0]
     source = source_of(terms, port, kind_of(problem.machine).plant.kind, acts_on, name)
     file = UserFile(f"{name}.py", source.encode())
     groups = start.fitter.groups[: problem.inputs]
@@ -327,7 +374,9 @@ def _finished(
 
         def residual(solution: Array) -> Array:
             replayed = replay_runs(machine_at(solution), problem.runs, problem.band_hz)
-            return np.concatenate([r.balance.residual[rows] for r, rows in zip(replayed.runs, problem.rows, strict=True)])
+            return np.concatenate(
+                [r.balance.residual[rows] for r, rows in zip(replayed.runs, problem.rows, strict=True)]
+            )
 
         best = shown
         rows = residual(best)
@@ -335,12 +384,12 @@ def _finished(
             z, c = np.clip(best[:base], lowest, highest), best[base:]
             start.fitter.move_to(z)
             again = Regression(problem, start.fitter, rows, z, start.size)
-            step, without, _ = again.solve(again.normal(x), range(x.shape[1]), c)
-            moved = np.concatenate([z, c]) + step
+            steps, without, _ = again.solve(again.normal(x), [range(x.shape[1])], c)
+            moved = np.concatenate([z, c]) + steps[0]
             fresh = residual(moved)
             if np.sum(fresh**2) >= np.sum(rows**2):
                 break
-            best, rows, others = moved, fresh, np.concatenate([z, c]) + without
+            best, rows, others = moved, fresh, np.concatenate([z, c]) + without[0]
         unseen = np.empty(problem.inputs)
         for g, solution in enumerate(others):
             mine = groups == g
@@ -377,7 +426,7 @@ def source_of(terms: Sequence[Term], port: Any, kind: str, acts_on: str, name: s
         parts.append(f"e.c{k} * ({code})")
         said.append(f"c{k} {text}")
     used = sorted({f for f in ("absolute", "clip", "cos", "sin", "exp") if any(f"{f}(" in p for p in parts)})
-    imported = f"from workbench.trace.expr import {', '.join(used)}\n" if used else ""
+    imported = f"from workbench.symbolic.expr import {', '.join(used)}\n" if used else ""
     equation = "F = −(" + " + ".join(said) + ")"
     body = "\n        + ".join(parts)
     return f'''"""A law that `workbench diagnose` found in the residual of a campaign; its cause is not known."""
