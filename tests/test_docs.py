@@ -197,7 +197,7 @@ def test_every_python_block_compiles_and_imports_what_there_is(page: Path):
 @pytest.fixture
 def one_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
     """A diagnosis of the demo campaign takes half a minute: the first one serves all pages, and looks for no pairs."""
-    import workbench.face.diagnose as face
+    import workbench.diagnose.diagnose as task
 
     def kept(campaign: Campaign, **options: object) -> object:
         key = (campaign.name, *sorted(options.items()))
@@ -205,7 +205,7 @@ def one_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
             DIAGNOSES[key] = diagnose(campaign, **{**options, "most_effects": 1})  # type: ignore[arg-type]
         return DIAGNOSES[key]
 
-    monkeypatch.setattr(face, "find_cause", kept)
+    monkeypatch.setattr(task, "diagnose", kept)
 
 
 DIAGNOSES: dict[tuple[object, ...], object] = {}

@@ -41,9 +41,9 @@ from benchmarks.attack.mangle import (
     signals_of,
 )
 from workbench.core.errors import InputError
-from workbench.log_formats.opening import open_log
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.doubts import doubts_of
+from workbench.logs.formats.opening import open_log
 from workbench.machines import default_hoist
 from workbench.study.rows import read_rows
 
@@ -183,8 +183,8 @@ def _upload(kind: str, content: bytes, folder: Path) -> Campaign:
 def _controller(content: bytes, folder: Path) -> Ended:
     """A controller's file, and the loop that it makes."""
     from workbench.analysis.family import family, operating_points
+    from workbench.control.settings import read_controller
     from workbench.machines import default_hoist
-    from workbench.reports.loop.case import read_controller
 
     (folder / "gains.yaml").write_bytes(content)
     settings = read_controller(folder / "gains.yaml")

@@ -13,12 +13,12 @@ from tests.diagnose.test_diagnose_where import EMPS_RUNS
 from tests.support.searched_campaign import simulated_search
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import diagnose
+from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.error_model import ErrorModel
 from workbench.diagnose.hypotheses.fits import fit_knobs
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.location.gap import delivered_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.verdict.constancy import constancies
 from workbench.diagnose.verdict.probability import shared

@@ -18,6 +18,8 @@ from hypothesis import strategies as st
 from tests.support.fitted_runs import fitted_to, made_by, rms
 from tests.support.noisy_runs import hoist_runs
 from workbench.core.run import Array
+from workbench.diagnose.diagnose import either, sentence_of
+from workbench.diagnose.gap import folds_of, shrink_of
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.estimates import covariance, estimates
 from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
@@ -27,12 +29,10 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.score import MOST, Score, cost, score_of
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.verdict.judge import Judged, Weighed, alike, alternatives
 from workbench.diagnose.verdict.probability import LOST_PERCENT, calibration, rank
 from workbench.diagnose.verdict.records import Hypothesis
 from workbench.diagnose.verdict.twins import groups_of
-from workbench.diagnose.words import either, sentence_of
 from workbench.effects import find, ranges_of
 from workbench.machines import default_hoist
 

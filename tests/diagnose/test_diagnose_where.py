@@ -12,19 +12,30 @@ import pytest
 
 from tests.support.searched_campaign import searched_in, simulated_search
 from workbench.core.run import Array
+from workbench.diagnose.gap import Gap, gap_of
 from workbench.diagnose.hypotheses.base import base_knobs
 from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.location.gap import gap_of
 from workbench.diagnose.location.places import Placed, weighed
-from workbench.diagnose.location.profiles import Free, best_of, explain, held_out, share_of
-from workbench.diagnose.location.records import Gap
-from workbench.diagnose.location.spectrum import _taken, wave_along_the_way, wave_in_time
+from workbench.diagnose.location.profiles import (
+    Free,
+    Variable,
+    _taken,
+    best_of,
+    explain,
+    forward,
+    held_out,
+    share_of,
+    spacing,
+    times,
+    variables,
+    wave_along_the_way,
+    wave_in_time,
+    way,
+)
 from workbench.diagnose.location.survey import survey_of
-from workbench.diagnose.location.variables import Variable, forward, spacing, times, variables, way
-from workbench.diagnose.location.where import where_of
-from workbench.diagnose.location.windows import HELD, windows_of
+from workbench.diagnose.location.where import HELD, where_of, windows_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.effects import find
 from workbench.logs import Campaign

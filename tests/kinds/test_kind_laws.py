@@ -87,7 +87,7 @@ def rigid_inertia(kind: Kind) -> float:
 @EVERY
 def test_the_declared_inertias_are_that_of_the_energy(kind: Kind):
     machine, p = kind.example(), kind.plant.values(kind.example(), PAYLOAD_KG)
-    rough = 0.02 if kind.lever else 1e-6  # a hoist's sheave is left out of its controller's feed-forward
+    rough = 0.02 if kind.transmission else 1e-6  # a hoist's sheave is left out of its controller's feed-forward
     assert kind.rigid(machine, PAYLOAD_KG).inertia == pytest.approx(rigid_inertia(kind), rel=1e-5)
     assert kind.looped.total_inertia(machine, PAYLOAD_KG) == pytest.approx(rigid_inertia(kind), rel=rough)
     if kind.looped.inertia is not None:

@@ -14,7 +14,7 @@ import pytest
 from tests.support.effect_machines import MACHINES
 from workbench.core.run import Run
 from workbench.effects import effects_for
-from workbench.identify.parameters import fittable
+from workbench.identify.model import fittable
 from workbench.machines import KINDS, PLANTS, Axis, Hoist, Kind, kind_of, of_kind, studied, value_names
 from workbench.machines.files import RECORDS
 

@@ -22,8 +22,8 @@ from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.core.input_file import MOST_BYTES, open_input, readable_file
 from workbench.core.whole_folder import whole_folder
-from workbench.log_formats.opening import open_log
 from workbench.logs import read_campaign
+from workbench.logs.formats.opening import open_log
 from workbench.study.rows import read_manifest, read_table
 
 SECRET = "root:x:0:0:the whole of a file of the server" * 20
@@ -89,7 +89,7 @@ def test_a_formula_of_an_mdf_channel_runs_nothing(tmp_path: Path):
                 open_log(file).__enter__()
         else:
             with open_log(file) as log:
-                assert log.read(["torque"]).columns["torque"] == pytest.approx(2.0 * counts + np.sqrt(counts))
+                assert log.read(["torque"])["torque"] == pytest.approx(2.0 * counts + np.sqrt(counts))
     assert not made.exists()
 
 
@@ -100,7 +100,7 @@ def test_an_index_beside_a_tdms_file_is_not_opened(tmp_path: Path):
         writer.write_segment([ChannelObject("drive", "torque", values, properties={"wf_increment": 0.01})])
     (tmp_path / "lift.tdms_index").write_text(SECRET)
     with open_log(file) as log:
-        assert np.array_equal(log.read(["torque"]).columns["torque"], values)
+        assert np.array_equal(log.read(["torque"])["torque"], values)
 
 
 # One opener for whatever is read

@@ -130,7 +130,7 @@ class Stages:
 
     def tell(self, progress: DiagnoseProgress) -> None:
         """Receives the progress of the diagnosis."""
-        from workbench.reports.diagnosis.progress import progress_words
+        from workbench.view.diagnosis import progress_words
 
         self._at(progress_words(progress), progress.stage.value + 1)
 

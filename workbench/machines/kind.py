@@ -131,7 +131,7 @@ class RigidBody:
 
 
 @dataclass(frozen=True)
-class Trace:
+class NuisancePrior:
     """The small amount of an effect that every machine of a kind has, and that is no gap.
 
     std(machine, sizes): one standard deviation of it, in the unit of the effect's amounts. fitted: whether it is fitted
@@ -144,7 +144,7 @@ class Trace:
 
 
 @dataclass(frozen=True)
-class Discrepancy:
+class ModelError:
     """What a lumped model of a machine may miss and still be right: standard deviations.
 
     load: of the transmitted input, or of the largest one (of_largest). inertia: of the input that accelerates.
@@ -185,7 +185,7 @@ class Table:
 class Port:
     """Where a measured correction acts. place: the plant's. unit: N or N m. speed: the signal there that is the
     speed, v or w. sign(s, p): how friction of the correction turns over at standstill, -1 to 1, exact beyond;
-    way(s, p): how the machine's own does, of arrays. levered: it acts on what moves, else on the driven coordinate.
+    way(s, p): how the machine's own does, of arrays. on_moved: it acts on what moves, else on the driven coordinate.
     share: of a force there that the dead line feels."""
 
     place: str
@@ -193,17 +193,17 @@ class Port:
     speed: str
     sign: Callable[[Any, Any], Scalar]
     way: Callable[[Any, Any], Array]
-    levered: bool
+    on_moved: bool
     share: float = 0.0
 
 
 @dataclass(frozen=True)
 class Turning:
-    """A part that turns. turns_per_way: turns over the way of what moves, 1/m or 1/rad. folded: whether a gap is
-    looked at over its angle: (name, label)."""
+    """A part that turns. turns_per_displacement: turns over the displacement of what moves, 1/m or 1/rad. folded:
+    whether a gap is looked at over its angle: (name, label)."""
 
     part: str
-    turns_per_way: Callable[[Any], float]
+    turns_per_displacement: Callable[[Any], float]
     folded: tuple[str, str] | None = None
 
 
@@ -347,7 +347,8 @@ class ClosedLoop:
 
     position, speed: the plant's signals at the encoder. references: the signals that the controller follows.
     recorded: the signals that a run keeps. rail: the lowest and the highest place of what moves, infinite where
-    nothing ends it; top: a place that it never reaches. per_way: of the driven coordinate, per way of what moves.
+    nothing ends it; top: a place that it never reaches. per_displacement: of the driven coordinate over what
+    moves.
     top_speed: of what moves. speed_scale, input_scale: what errors and inputs are judged against, in SI of the
     driven coordinate. inertia(p), load(p, position), friction(p, speed): what a feed-forward knows, of the plant's
     symbols. start: what a start position is, in words. position_loop: whether the controller has one, so that the
@@ -366,7 +367,7 @@ class ClosedLoop:
     recorded: tuple[str, ...]
     rail: Callable[[Any], tuple[float, float]]
     top: Callable[[Any], float]
-    per_way: Callable[[Any], float]
+    per_displacement: Callable[[Any], float]
     top_speed: Callable[[Any], TopSpeed]
     speed_scale: Callable[[Any], float]
     input_scale: Callable[[Any], float]
@@ -397,7 +398,7 @@ class Kind:
     noun: what such a machine is called. record: what its machine.yaml holds. example(): one.
     family: names under which effects are declared that suit it, its own first. words: what {n}, {m}, {input}, {up},
     {dn} stand for in names of effects' parameters. reference: (the reference's signal, the signal that follows it).
-    lever: way of what moves per way of the driven
+    transmission: displacement of what moves per displacement of the driven
     coordinate; None where the two are one. nominal_speed: what speeds are judged against; None: the largest
     measured. motor_torque: one motor's nominal torque, N m. weight(machine, payload_kg): of what hangs, N.
     speed_scale: (in words, in one word). sensor: keys of the input's gain and offset.
@@ -405,13 +406,13 @@ class Kind:
     each cycle, () for all that is free. sized_by_runs: keys whose scale
     the runs tell rather than the nominal value: "input" or "input/speed", or a number.
     ties: ((two keys), third): what runs show of the three is two sums only, so the two are held alike in a fit.
-    floor: what a machine without a gap leaves: its sensors' noise, or ripple and resonances of its own. traces,
-    discrepancy: what a diagnosis allows for besides. load(machine, payload_kg): as references that know their machine
+    floor: what a machine without a gap leaves: its sensors' noise, or ripple and resonances of its own. nuisances,
+    model_error: what a diagnosis allows for besides. load(machine, payload_kg): as references that know their machine
     take it.
     transmitted(p, frame, input, acceleration, payload_kg): of an input, (n,), what goes through to the load, and the
     mass or inertia that moves there. gravity: m/s^2.
-    log_timing: whether one sampling step between the channels of a log is a base parameter. bridged_blows: whether a
-    diagnosis takes the blows of a play out of its logs (`simulate/blows.py`), for no law of the library has them.
+    log_timing: whether one sampling step between the channels of a log is a base parameter. bridged_impacts: whether a
+    diagnosis takes the impacts of a play out of its logs (`simulate/impacts.py`), for no law of the library has them.
     payload: whether runs carry payloads. closed_loop: what studies, loop and tune ask of the kind; None: they are not
     for it. studies: whether the drawing, the multi-body model, the served plant and exported controllers are for it.
     whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
@@ -441,17 +442,17 @@ class Kind:
     tables: tuple[Table, ...]
     ports: Mapping[str, Port]
     floor: Literal["sensors", "own"]
-    traces: tuple[Trace, ...]
-    discrepancy: Discrepancy
+    nuisances: tuple[NuisancePrior, ...]
+    model_error: ModelError
     whole: str
-    lever: Callable[[Any], float] | None = None
+    transmission: Callable[[Any], float] | None = None
     nominal_speed: Callable[[Any], float] | None = None
     motor_torque: Callable[[Any], float] | None = None
     watched: tuple[str, ...] = ()
     sized_by_runs: Mapping[str, str | float] = field(default_factory=dict)
     ties: tuple[tuple[tuple[str, str], str], ...] = ()
     log_timing: bool = True
-    bridged_blows: bool = False
+    bridged_impacts: bool = False
     payload: bool = False
     studies: bool = False
     closed_loop: ClosedLoop | None = None
@@ -493,9 +494,9 @@ class Kind:
         """Key of machine.yaml -> its symbol in the plant."""
         return {key: symbol for symbol, key in self.plant.parameters.items() if isinstance(key, str)}
 
-    def lever_of(self, machine: Any) -> float:
-        """Way of what moves per way of the driven coordinate, m/rad; 1 where the two are one."""
-        return 1.0 if self.lever is None else self.lever(machine)
+    def transmission_of(self, machine: Any) -> float:
+        """Displacement of what moves per displacement of the driven coordinate, m/rad; 1 where the two are one."""
+        return 1.0 if self.transmission is None else self.transmission(machine)
 
     def sensor_of(self, machine: Any) -> tuple[float, float]:
         """gain, offset of the logged input: logged = gain * true + offset."""
@@ -506,7 +507,7 @@ class Kind:
         """(n,) where what moves is, m or rad, from the driven coordinate's (n,): on a wire that does not stretch."""
         if self.moved.placed_by_log:
             return position
-        return start_position + (position - position[0]) * self.lever_of(machine)
+        return start_position + (position - position[0]) * self.transmission_of(machine)
 
     def largest_input(self, runs: Sequence[Run]) -> float:
         """Of all runs, in the input's unit."""
@@ -518,7 +519,7 @@ class Kind:
 
     def frame(self, run: Run, position: Array, speed: Array, states: Array, p: Any) -> SimpleNamespace:
         """The signals that tables are over, along a driven run: v, x of what moves; w, angle of the driven
-        coordinate; t; start_time_s is the run's. states: (n, others), as `Bench.predict` gives them."""
+        coordinate; t; start_time_s is the run's. states: (n, others), as `InverseSimulation.predict` gives them."""
         plant = self.plant
         names = (*plant.positions[1:], *plant.speeds[1:])
         others = dict(zip(names, states.T[: len(names)], strict=True))  # the effects' memory stands behind

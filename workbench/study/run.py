@@ -93,17 +93,17 @@ def _multibody(cases: Sequence[LoopCase], record_every: int, step_s: float, thre
 def driven_motion(spec: RunSpec, plan: Plan) -> tuple[Array, Array | None]:
     """The driven coordinate's speed at the controller's samples; its position where the controller follows that."""
     loop = kind_of(spec.machine).looped
-    per_way = loop.per_way(spec.machine)
-    return _sampled(plan, spec.controller.sample_time_s, spec.duration_s, per_way, loop.position_loop)
+    per_displacement = loop.per_displacement(spec.machine)
+    return _sampled(plan, spec.controller.sample_time_s, spec.duration_s, per_displacement, loop.position_loop)
 
 
 @lru_cache(maxsize=32)
 def _sampled(
-    plan: Plan, sample_time_s: float, duration_s: float, per_way: float, placed: bool
+    plan: Plan, sample_time_s: float, duration_s: float, per_displacement: float, placed: bool
 ) -> tuple[Array, Array | None]:
     """Cached by the plan's identity: equal motions are one plan."""
     profile = plan.sample(sample_time_s, duration_s)
-    return profile.speed_m_s * per_way, profile.position_m * per_way if placed else None
+    return profile.speed_m_s * per_displacement, profile.position_m * per_displacement if placed else None
 
 
 def _finished(spec: RunSpec, plan: Plan, result: LoopResult) -> Row:

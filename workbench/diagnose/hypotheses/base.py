@@ -45,14 +45,14 @@ def base_knobs(machine: Any, runs: Sequence[Run]) -> dict[str, Value]:
 
 
 def trace_knobs(machine: Any, runs: Sequence[Run]) -> dict[str, Knob]:
-    """Name -> knob of the small amounts of effects that every machine of the kind has (`Kind.traces`).
+    """Name -> knob of the small amounts of effects that every machine of the kind has (`Kind.nuisances`).
 
     An effect counts as a cause only beyond that amount. A hypothesis with the effect replaces its trace.
     """
     kind = kind_of(machine)
     sizes = kind.sizes(machine, runs)
     knobs: dict[str, Knob] = {}
-    for trace in kind.traces:
+    for trace in kind.nuisances:
         std = trace.std(machine, sizes)
         if not trace.fitted or std <= 0.0:
             continue
@@ -76,7 +76,7 @@ def traces(machine: Any, runs: Sequence[Run], name: str) -> dict[str, float]:
     """Symbol -> standard deviation of the trace of an effect that is not fitted. Empty for other effects."""
     kind = kind_of(machine)
     std = next(
-        (t.std(machine, kind.sizes(machine, runs)) for t in kind.traces if t.effect == name and not t.fitted), 0.0
+        (t.std(machine, kind.sizes(machine, runs)) for t in kind.nuisances if t.effect == name and not t.fitted), 0.0
     )
     if std <= 0.0:
         return {}

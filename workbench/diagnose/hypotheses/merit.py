@@ -19,16 +19,16 @@ from workbench.diagnose.hypotheses.score import Score, explained
 from workbench.effects import find
 from workbench.machines import kind_of
 
-PLAY = "backlash"  # the effect whose blows are found in the logs (`simulate/blows.py`)
-BLOWS = 150.0  # merit of a play where blows come again: no other effect has them, and no fit looks at them
+PLAY = "backlash"  # the effect whose impacts are found in the logs (`simulate/impacts.py`)
+BLOWS = 150.0  # merit of a play where impacts come again: no other effect has them, and no fit looks at them
 BESIDE_PLAY = 0.3  # as SECOND, where the first is a play: when its teeth meet is foretold to some milliseconds only
-LAGS = 0.3  # of the residual, rms: what a lag leaves that made the blows itself; a play has left 0.5 to its lag
+LAGS = 0.3  # of the residual, rms: what a lag leaves that made the impacts itself; a play has left 0.5 to its lag
 NOISE_KNOWN = 0.15  # of an axis' noise, rms: what is told of it by its log, which is all that is known of it
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 
 
-def of_blows(problem: Problem, effects: Collection[str], merit: float) -> float:
-    """The merit with what the blows in the logs say: a play has them, what has no play is worth nothing beside them."""
+def of_impacts(problem: Problem, effects: Collection[str], merit: float) -> float:
+    """The merit with what the impacts in the logs say: a play has them; without play nothing is worth."""
     if not problem.struck:
         return merit
     return max(merit, 0.0) + BLOWS if PLAY in effects else min(merit, 0.0)
@@ -36,17 +36,17 @@ def of_blows(problem: Problem, effects: Collection[str], merit: float) -> float:
 
 def only_mends(problem: Problem, effect: str) -> bool:
     """Whether a further effect only mends what a first one leaves, whatever it explains. A lag of a sensor beside a
-    play takes what its rebounds leave. A play without blows, which frees inertia and friction after each reversal,
+    play takes what its rebounds leave. A play without impacts, which frees inertia and friction after each reversal,
     takes what any other law leaves there.
     """
     if effect == PLAY:
-        return kind_of(problem.machine).bridged_blows and not problem.struck
+        return kind_of(problem.machine).bridged_impacts and not problem.struck
     return problem.struck and _is_lag(problem, effect)
 
 
 def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score, second: float = SECOND) -> float:
     """The gain that a further effect could have by correcting the inexact law of this fit: `second` of what the fit
-    explains, as rms; BESIDE_PLAY where that is a play with its blows."""
+    explains, as rms; BESIDE_PLAY where that is a play with its impacts."""
     second = BESIDE_PLAY if problem.struck and PLAY in fit.effects else second
     return second**2 * explained(problem, near, fit, score)
 
@@ -57,7 +57,7 @@ def beyond(data: float, least: float) -> float:
 
 
 def lag_explains(problem: Problem, near: Fitted, fits: Mapping[tuple[str, ...], Fitted]) -> bool:
-    """Whether a lag of a sensor alone takes the gap. The kinks of a late signal look like the blows of a play."""
+    """Whether a lag of a sensor alone takes the gap. The kinks of a late signal look like the impacts of a play."""
     lags = [names[0] for names in fits if len(names) == 1 and _is_lag(problem, names[0])]
     return any(fits[name,].rms(problem.inputs) < LAGS * near.rms(problem.inputs) for name in lags)
 

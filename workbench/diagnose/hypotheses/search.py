@@ -23,7 +23,7 @@ from workbench.diagnose.hypotheses.fits import (
     stepped_aside,
 )
 from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, Value, bounds_of, effect_knobs, setting_of, within
-from workbench.diagnose.hypotheses.merit import PLAY, beyond, beyond_discrepancy, discounted, inexact, of_blows
+from workbench.diagnose.hypotheses.merit import PLAY, beyond, beyond_discrepancy, discounted, inexact, of_impacts
 from workbench.diagnose.hypotheses.pattern import stepped
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
@@ -442,7 +442,7 @@ class Search:
     def _worth(self, base: Fitted, fit: Fitted, gain: float) -> float:
         """A single effect's merit, less what the discrepancy alone could gain. gain: the fall of the score."""
         paid = cost(self.problem, len(fit.z) - len(base.z))
-        return of_blows(self.problem, fit.effects, beyond_discrepancy(self.problem, base, fit, gain) - paid)
+        return of_impacts(self.problem, fit.effects, beyond_discrepancy(self.problem, base, fit, gain) - paid)
 
     def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> float:
         """The merit that a further effect adds to a leader, by its linear estimate. least: the gain that the leader's

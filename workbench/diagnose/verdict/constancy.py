@@ -20,8 +20,7 @@ from workbench.diagnose.hypotheses.contributions import parts_of
 from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.merit import PLAY
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.profiles import OnTop, basis, hats
-from workbench.diagnose.location.variables import spacing, variables
+from workbench.diagnose.location.profiles import OnTop, basis, hats, spacing, variables
 from workbench.diagnose.location.where import free_of
 from workbench.effects import Effect
 
@@ -56,7 +55,7 @@ class Constancy:
 def constancies(problem: Problem, near: Fitted, fit: Fitted, effects: Sequence[Effect]) -> tuple[Constancy, ...]:
     """Of each effect of a fit, for the own variable that it is least constant over. near: the fit without effects.
 
-    Not of a play with blows: its own law is not looked at in the residual.
+    Not of a play with impacts: its own law is not looked at in the residual.
     """
     left, weight = fit.residual[: problem.inputs], spacing(problem)
     on_top = OnTop(problem, left, free_of(problem, fit))

@@ -24,7 +24,7 @@ from workbench.diagnose.hypotheses.merit import (
     discrepancy_rms,
     inexact,
     lag_explains,
-    of_blows,
+    of_impacts,
     only_mends,
 )
 from workbench.diagnose.hypotheses.problem import Problem
@@ -57,7 +57,7 @@ OWN_LOAD = 0.004  # of that, what comes again with the load or the acceleration;
 OWN_BLOW = 0.002  # of that, what comes in a few moments at speed; the EMPS axis leaves none
 AGAIN = 2.0  # as evidence: what comes again with twice that is as much as a discrepancy of seven times its size
 SIMPLER = 0.05  # of its merit: a simpler law that lacks no more of it is alike
-UNHEARD = 10.0  # as evidence: blows that come again, and a hypothesis without play
+UNHEARD = 10.0  # as evidence: impacts that come again, and a hypothesis without play
 AS_GOOD = 12.0  # merit within which another hypothesis is as good as the best
 BENDS = 0.1  # of a remainder's chi^2: so much of it the base parameters take up
 HALF = 0.5  # of the best one's merit: what a part of it has to have
@@ -132,7 +132,7 @@ def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
         merit = beyond_discrepancy(problem, search.base, fit, gain, scores[names].sizes) - cost(
             problem, len(fit.z) - len(search.base.z)
         )
-        merit = of_blows(problem, names, beyond_trace(problem, fit, names[0], merit))
+        merit = of_impacts(problem, names, beyond_trace(problem, fit, names[0], merit))
         singles[names] = weighed(names, scores[names], merit)
     all_weighed = {names: _not_freer(search, w, singles, kind) for names, w in singles.items()}
     for size in range(2, max(map(len, search.fits), default=0) + 1):
@@ -203,7 +203,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     whatever their merit.
     """
     if search.problem.struck and lag_explains(search.problem, search.within_tolerances, search.fits):
-        search = replace(search, problem=search.problem.without_blows())
+        search = replace(search, problem=search.problem.without_impacts())
     weighed, score = weigh(search)
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(search.problem, weighed, search.within_tolerances)
@@ -321,7 +321,7 @@ def evidence_of(search: SearchResult, held: Fitted, score: Score, left: Left, sh
     far two effects cancel each other (see `cancellation`), above UNDONE.
     """
     own = len(search.base.z)
-    if search.problem.struck:  # what stays beside a blow are its rebounds, which no law foretells
+    if search.problem.struck:  # what stays beside an impact are its rebounds, which no law foretells
         return {"left": 0.0 if PLAY in held.effects else UNHEARD, "prior": 0.0, "bound": 0.0, "against": 0.0}
     open_share = min((1.0 - share) / MUCH, 1.0) if held.effects else 1.0
     bent = 0.0

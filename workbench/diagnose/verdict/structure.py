@@ -1,8 +1,8 @@
 """Structure in the residual that points to a cause: repeated, sudden or lasting parts.
 
 Every real machine leaves a residual that no lumped model has: resonances, a controller's cycle, slow wear. A cause
-shows as a residual that repeats in the same state of the machine, as a blow within a few moments, or as friction that
-changes its level at one moment of a run and keeps it.
+shows as a residual that repeats in the same state of the machine, as an impact within a few moments, or as friction
+that changes its level at one moment of a run and keeps it.
 """
 
 from __future__ import annotations
