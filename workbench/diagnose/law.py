@@ -30,9 +30,8 @@ from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, replace_file
 from workbench.machines import kind_of
 from workbench.machines.files import machine_text
-from workbench.simulate.driven import changed
+from workbench.simulate.driven import InverseSimulation, changed
 from workbench.simulate.lowpass import lowpass
-from workbench.simulate.replay import replay_runs
 from workbench.symbolic import expr
 
 MOST_TERMS = 4
@@ -54,11 +53,18 @@ class Term:
 
     code: tuple[str, ...]
     formula: tuple[str, ...]
-    per: str
-    size: str
+    per: str | tuple[str, ...]
+    size: str | tuple[str, ...]
     shape: Mapping[str, float] = field(default_factory=dict)
     refined: str = ""
     step: float = 0.0
+
+    @property
+    def columns(self) -> list[tuple[str, str, str, str]]:
+        """Of each column its code, its formula, `per` and `size`."""
+        many = len(self.code)
+        per, size = (x if isinstance(x, tuple) else (x,) * many for x in (self.per, self.size))
+        return list(zip(self.texts(self.code), self.texts(self.formula), per, size, strict=True))
 
     def texts(self, forms: Sequence[str]) -> list[str]:
         numbers = {name: f"{value:.5g}" for name, value in self.shape.items()}
@@ -126,10 +132,14 @@ def dictionary(problem: Problem, acts_on: str, rides: Sequence[SimpleNamespace])
     length = high - low
     if length > 0.0:
         xm = "rad" if kind_of(problem.machine).moved.unit == "rad" else "m"
+        middle = {"x_m": 0.5 * (low + high)}
         for sign, said in (("", ""), (" * s.switch", " sign v")):
-            terms.append(Term((f"s.x{sign}",), (f"x{said}",), f"per_{xm}", f"{force}/length"))
-            powers = [f"s.x{sign}", f"s.x * s.x{sign}"]
-            terms.append(Term(tuple(powers), (f"x{said}", f"x²{said}"), f"per_{xm}n", f"{force}/length"))
+            linear, square = f"(s.x - {{x_m}}){sign}", f"(s.x - {{x_m}}) * (s.x - {{x_m}}){sign}"
+            words = (f"(x − {{x_m}}){said}", f"(x − {{x_m}})²{said}", said.strip() or "1")
+            codes = (linear, square, sign.removeprefix(" * ") or "1.0")
+            terms.append(Term(codes[:1], words[:1], (f"per_{xm}",), (f"{force}/length",), middle))
+            terms.append(Term(codes, words, (f"per_{xm}", f"per_{xm}2", ""),
+                              (f"{force}/length", f"{force}/length*length", force), middle))  # fmt: skip
         terms.append(Term((f"s.x * {v}",), ("x v",), f"s_per_{m}_{xm}", f"{force}/{speed}*length"))
         gap = length / PLACES
         for place in low + gap * (0.5 + np.arange(PLACES)):
@@ -146,7 +156,7 @@ def dictionary(problem: Problem, acts_on: str, rides: Sequence[SimpleNamespace])
             0.5 * top * (length / max(length, 1e-300)) / problem.band_hz
         )  # the shortest wave that passes the band
         if port.speed == "w":
-            resolved *= kind_of(problem.machine).lever_of(problem.machine)
+            resolved *= kind_of(problem.machine).transmission_of(problem.machine)
         for half in range(2, 2 * MOST_WAVES + 1):
             d = 2.0 * length / half
             if d < resolved:
@@ -373,10 +383,8 @@ def _finished(
             return with_effects(plain, {**plain.effects, name: amplitudes})
 
         def residual(solution: Array) -> Array:
-            replayed = replay_runs(machine_at(solution), problem.runs, problem.band_hz)
-            return np.concatenate(
-                [r.balance.residual[rows] for r, rows in zip(replayed.runs, problem.rows, strict=True)]
-            )
+            balances = InverseSimulation(machine_at(solution), problem.runs, problem.band_hz).balances()
+            return np.concatenate([b.residual[rows] for b, rows in zip(balances, problem.rows, strict=True)])
 
         best = shown
         rows = residual(best)
@@ -413,14 +421,10 @@ def source_of(terms: Sequence[Term], port: Any, kind: str, acts_on: str, name: s
     """The text of a Python file that declares the law as an effect."""
     force = "nm" if port.unit == "N m" else "n"
     parameters, parts, said = [], [], []
-    codes = [(term, code, text) for term in terms
-             for code, text in zip(term.texts(term.code), term.texts(term.formula), strict=True)]  # fmt: skip
-    for k, (term, code, text) in enumerate(codes, 1):
-        unit = "fraction" if term.size == "1" else f"{force}{'_' if term.per else ''}{term.per}"
-        if term.size.startswith("1/"):
-            unit = term.per
+    for k, (code, text, per, size) in enumerate([column for term in terms for column in term.columns], 1):
+        unit = "fraction" if size == "1" else per if size.startswith("1/") else f"{force}_{per}".rstrip("_")
         parameters.append(
-            f'        Parameter("c{k}", "c{k}_{unit}", "of {text}", "{term.size}", -100.0, 100.0, 0.02, 0.0, '
+            f'        Parameter("c{k}", "c{k}_{unit}", "of {text}", "{size}", -100.0, 100.0, 0.02, 0.0, '
             "vanishes_at=0.0),"
         )
         parts.append(f"e.c{k} * ({code})")
