@@ -19,7 +19,7 @@ from workbench.core.yaml_strict import readable_file
 from workbench.identify import identify as module
 from workbench.logs import Campaign
 from workbench.machines import default_hoist
-from workbench.study.findings import alarm, sentences, utilisation
+from workbench.study.conclude import alarm, sentences, utilisation
 from workbench.study.load import load_study
 from workbench.study.rows import INDEX, Row, check_whole, read_manifest, read_rows
 from workbench.study.store import Part
@@ -113,7 +113,10 @@ def hunting(swings: float) -> Row:
 
 
 def test_a_loop_that_hunts_below_its_limits_is_pointed_out_where_runs_are_judged():
-    assert any("50 times a second of motion: the loop hunts" in said for said in sentences([hunting(350.0)], 1000.0))
+    assert any(
+        "The loop hunts" in said and "50 times a second of motion" in said
+        for said in sentences([hunting(350.0)], 1000.0)
+    )
     assert not any("hunts" in said for said in sentences([hunting(14.0)], 1000.0))
     lights = {use.what: use.light for use in utilisation([hunting(350.0)], default_hoist())}
     assert lights["torque swings"] == "red"

@@ -21,12 +21,12 @@ from workbench.dashboard.pages.study_desk import START
 from workbench.machines import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
 from workbench.metrics.metric import largest
-from workbench.reports.study import figures_of
-from workbench.study import tables
-from workbench.study.findings import sentences
+from workbench.study.conclude import sentences
 from workbench.study.load import plan_study
 from workbench.study.rows import Row
 from workbench.study.store import read_finished
+from workbench.view import study as tables
+from workbench.view.study import figures_of
 
 SCENARIO = """\
 format: 1

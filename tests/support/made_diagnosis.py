@@ -12,7 +12,6 @@ import numpy as np
 
 from tests.support.log_campaign import csv_text
 from tests.support.simulated_campaign import simulated_campaign
-from workbench.consequences import consequences_of
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.gap import Gap, Shrink, delivered_of
@@ -29,6 +28,7 @@ from workbench.logs import Campaign, read_campaign
 from workbench.machines import Axis, Hoist, default_hoist, plant_of, with_correction
 from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms
 from workbench.simulate.replay import replay_runs
+from workbench.study.consequences import consequences_of
 from workbench.view.words import words_of
 
 Values = Mapping[str, Mapping[str, float]]

@@ -15,7 +15,7 @@ import click
 if TYPE_CHECKING:
     from workbench.analysis.tune import TuneProgress
     from workbench.diagnose.progress import Progress as DiagnoseProgress
-    from workbench.study.batch import Progress, Tell
+    from workbench.study.store import Progress, Tell
 
 LINE_EVERY_S = 10.0
 Show = Callable[[str, int, int | None], None]  # a sentence, what is done, and of how many

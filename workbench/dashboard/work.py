@@ -219,11 +219,10 @@ def batch(out: Path, tell: Teller, scenario: str) -> None:
     """
     from pyarrow.csv import write_csv
 
-    from workbench.reports.study import write_study_report
-    from workbench.study.batch import Progress, run_batch
     from workbench.study.load import load_study
     from workbench.study.rows import INDEX, read_table
-    from workbench.study.store import place_for, read_finished
+    from workbench.study.store import Progress, place_for, read_finished, run_batch
+    from workbench.view.study import write_study_report
 
     begun = time.monotonic()
 

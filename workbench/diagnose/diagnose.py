@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from workbench.consequences import Consequences, consequences_of
 from workbench.core.errors import InputError, nearest
 from workbench.core.shown import Shown
 from workbench.diagnose.candidates import candidates as candidate_rows
@@ -32,6 +31,7 @@ from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.replay import ReplayResult, replay_runs
+from workbench.study.consequences import Consequences, consequences_of
 from workbench.study.load import Study
 
 MOSTLY = {

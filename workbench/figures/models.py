@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from workbench.core.run import Run
-from workbench.figures.panels import ranges_below_names
+from workbench.view.panels import ranges_below_names
 from workbench.view.replay import run_grid
 from workbench.view.style import BLUE, ORANGE, SPARE, line
 

@@ -99,7 +99,8 @@ def _free(machine: Hoist | Axis, runs: Sequence[Run], key: str) -> Free:
 def _typical(machine: Hoist | Axis, runs: Sequence[Run], key: str) -> float:
     """A typical size for a value whose nominal may be zero, in its own unit; from the logs if the kind says so."""
     kind = kind_of(machine)
-    size = kind.sized_by_runs.get(key, "input" if get_value(machine, key) == 0.0 else 0.0)
+    value = kind.value(key)
+    size = value.scale if value and value.scale else "input" if get_value(machine, key) == 0.0 else 0.0
     if isinstance(size, float):
         return size
     force = float(np.sqrt(np.mean(np.concatenate([run[kind.plant.input] for run in runs]) ** 2)))

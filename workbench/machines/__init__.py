@@ -3,10 +3,9 @@
 from typing import Any, TypeAlias
 
 from workbench.machines.correction import MeasuredCorrection
-from workbench.machines.kind import (
+from workbench.machines.declare import (
     STANDSTILL_LOG_STD,
     TIME,
-    BaseValue,
     ClosedLoop,
     CrossCheck,
     DeadLine,
@@ -21,6 +20,7 @@ from workbench.machines.kind import (
     Sizes,
     Table,
     TopSpeed,
+    Value,
 )
 from workbench.machines.kinds import (
     HOIST,

@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.shown import Shown
 from workbench.logs.signal_files import Labelled
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import AnyKind, Axis, Hoist, kind_of
 from workbench.metrics import RunFacts, columns, run_metrics, set_of
 from workbench.references import Plan
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
@@ -156,11 +158,26 @@ def _reason(spec: RunSpec, result: LoopResult) -> str:
 
 @dataclass(frozen=True, repr=False)
 class StudyResult(Shown):
-    """All rows in the order of the scenario, and the signals of the runs by run_id."""
+    """All rows in the order of the scenario, and the signals of the runs by run_id. folder: where they are kept."""
 
     study: Study
     rows: Sequence[Row]
     runs: Mapping[str, Run] = field(default_factory=dict)
+    folder: Path | None = None
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return self.study.scenario.name
+
+    @property
+    def machine(self) -> AnyKind:
+        return self.study.machine
+
+    @property
+    def scenario(self) -> dict[str, Any]:
+        """As its file has it, complete."""
+        return self.study.scenario.model_dump(mode="json", exclude_none=True)
 
 
 def run_study(study: Study) -> StudyResult:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from workbench.consequences import consequences_table
 from workbench.core.errors import InputError
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
@@ -19,9 +18,10 @@ from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.unexplained.words import OVER, over_what
 from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
-from workbench.figures.consequences import before_and_after
 from workbench.machines import kind_of, plant_of, save_machine
+from workbench.study.consequences import consequences_table
 from workbench.view import diagnosis_figures as draw
+from workbench.view.consequences import before_and_after
 from workbench.view.diagnosis_figures import RunSeries
 from workbench.view.diagnosis_json import to_json
 from workbench.view.numbers import NOTHING, figures, with_error

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from workbench import __version__
-from workbench.consequences import as_json
 from workbench.core.json_records import plain
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.records import Estimate
+from workbench.study.consequences import as_json
 from workbench.view.words import words_of
 
 DIGITS = 5  # significant

@@ -14,7 +14,6 @@ from workbench.core.run import Array
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
-from workbench.figures.panels import Panels
 from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification, friction_speed
 from workbench.identify.model import fittable, free_parameters
@@ -26,6 +25,7 @@ from workbench.simulate.replay import ReplayResult
 from workbench.view import replay as replay_view
 from workbench.view.numbers import change_percent, figures, with_error
 from workbench.view.page import Section, save_page
+from workbench.view.panels import Panels
 from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE, line
 from workbench.view.words import direction_names, words_of
 

@@ -20,11 +20,11 @@ from workbench.core.shown import View
 from workbench.core.table import Column, Table
 from workbench.core.whole_folder import write_json
 from workbench.effects import find
-from workbench.figures.panels import Panels
 from workbench.machines import Axis, Hoist, Kind, kind_of
 from workbench.study.loop_design import DesignCase
 from workbench.view.numbers import NOTHING, figures
 from workbench.view.page import Section, save_page
+from workbench.view.panels import Panels
 from workbench.view.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
 
 if TYPE_CHECKING:

@@ -13,12 +13,12 @@ from workbench.core.run import Array, Run
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
-from workbench.figures.panels import Panels, ranges_below_names
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of, plant_of
 from workbench.simulate.replay import Replay, ReplayResult
 from workbench.view.numbers import MOST, figures
 from workbench.view.page import Section, save_page
+from workbench.view.panels import Panels, ranges_below_names
 from workbench.view.style import (
     BLACK,
     LINE_AFTER,

@@ -19,7 +19,6 @@ from workbench.view.thin import straightened, thin
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-
 FEW_POINTS = 200  # a line of fewer costs nothing, and the pointer finds each
 PAPER, LEGEND_LINE = 640, 20  # px: what a legend's line has room for on paper, and its height
 TITLE_LINE = 36  # px that a figure without a title does without
@@ -115,6 +114,15 @@ class Panels:
                 {"text": text, "x": end, "y": 1, "xanchor": "left", "yanchor": "top", "showarrow": False, **place}
                 | {"font": {"size": 11, "color": colour}}
             )
+
+    def note(self, row: int, column: int, x: float, y: float, text: str, colour: str) -> None:
+        """Words beside a point, with a line to it."""
+        number = self._number(row, column)
+        self.annotations.append(
+            {"text": text, "x": x, "y": y, "xref": f"x{self._across(row, column)}", "yref": f"y{number}"}
+            | {"align": "left", "showarrow": True, "arrowhead": 0, "arrowcolor": colour, "ax": 60, "ay": -64}
+            | {"xanchor": "left", "font": {"size": 12}, "bgcolor": "rgba(255,255,255,0.85)", "borderpad": 2}
+        )
 
     def _legend_lines(self) -> int:
         """How many lines the legend takes on paper, the narrowest that figures are drawn for."""

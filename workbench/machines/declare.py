@@ -7,8 +7,8 @@ dashboard ask about it. A rule that differs from kind to kind reads the record a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any, Literal
@@ -93,22 +93,29 @@ class Friction:
 
 
 @dataclass(frozen=True)
-class BaseValue:
-    """A value that a nominal machine may honestly be off by, and by how much.
+class Value:
+    """One number of machine.yaml: its symbol in the equations, and how far a nominal machine may honestly be off.
 
-    key: in machine.yaml. tolerance: its name among the machine's tolerances. spread: of the nominal value
-    (relative), in the key's own unit (absolute), or a factor of ten either way (factor; it needs no tolerance).
-    default: of the largest measured input, where an absolute tolerance is not given. in_fit: whether `identify` holds
-    the value by its tolerance, too. signed: may be negative. with_payload: says nothing in runs without payload.
+    symbol: "" for what the equations do not have, such as a sensor's gain. exact: why nobody doubts it; it then has no
+    prior. tolerance: its name among the machine's tolerances. spread: of the nominal value (relative), in the key's own
+    unit (absolute), or a factor of ten either way (factor; it needs no tolerance). default: of the largest measured
+    input, where an absolute tolerance is not given. free: whether `identify` frees it unless told. in_fit: whether
+    `identify` holds it by its tolerance, too. signed: may be negative. with_payload: says nothing in runs without
+    payload. scale: what the runs tell of its size where the nominal value is no measure: "input", "input/speed", or a
+    number.
     """
 
     key: str
+    symbol: str = ""
     tolerance: str = ""
     spread: Literal["relative", "absolute", "factor"] = "relative"
     default: float = 0.0
+    exact: str = ""
+    free: bool = False
     in_fit: bool = True
     signed: bool = False
     with_payload: bool = False
+    scale: str | float = ""
 
     def std(self, machine: Any, largest_input: float) -> float:
         """One standard deviation: in the value's own unit, of a factor in its logarithm. 0: nothing is said."""
@@ -118,6 +125,11 @@ class BaseValue:
         if self.spread == "absolute":
             return self.default * largest_input if stated is None else float(stated)
         return float(stated) * abs(float(attrgetter(self.key)(machine)))
+
+
+def parameters_of(values: Iterable[Value], **more: str | float) -> dict[str, str | float]:
+    """A plant's parameters: symbol -> key; more: what is no number of machine.yaml."""
+    return {value.symbol: value.key for value in values if value.symbol} | more
 
 
 @dataclass(frozen=True)
@@ -402,9 +414,8 @@ class Kind:
     coordinate; None where the two are one. nominal_speed: what speeds are judged against; None: the largest
     measured. motor_torque: one motor's nominal torque, N m. weight(machine, payload_kg): of what hangs, N.
     speed_scale: (in words, in one word). sensor: keys of the input's gain and offset.
-    base: what may be off. free: what `identify` frees unless told; roles of one fit. watched: what `watch` estimates of
-    each cycle, () for all that is free. sized_by_runs: keys whose scale
-    the runs tell rather than the nominal value: "input" or "input/speed", or a number.
+    values: the numbers of machine.yaml, in the order of a fit's columns. watched: what `watch` estimates of
+    each cycle, () for all that is free.
     ties: ((two keys), third): what runs show of the three is two sums only, so the two are held alike in a fit.
     floor: what a machine without a gap leaves: its sensors' noise, or ripple and resonances of its own. nuisances,
     model_error: what a diagnosis allows for besides. load(machine, payload_kg): as references that know their machine
@@ -434,8 +445,7 @@ class Kind:
     speed_scale: tuple[str, str]
     sensor: tuple[str, str]
     friction: Friction
-    base: tuple[BaseValue, ...]
-    free: tuple[str, ...]
+    values: tuple[Value, ...]
     sizes: Callable[[Any, Sequence[Run]], Sizes]
     transmitted: Callable[[Any, SimpleNamespace, Array, Array, float], tuple[Array, float]]
     rigid: Callable[[Any, float], RigidBody]
@@ -449,7 +459,6 @@ class Kind:
     nominal_speed: Callable[[Any], float] | None = None
     motor_torque: Callable[[Any], float] | None = None
     watched: tuple[str, ...] = ()
-    sized_by_runs: Mapping[str, str | float] = field(default_factory=dict)
     ties: tuple[tuple[tuple[str, str], str], ...] = ()
     log_timing: bool = True
     bridged_impacts: bool = False
@@ -458,7 +467,7 @@ class Kind:
     closed_loop: ClosedLoop | None = None
     start: Start | None = None
     limits: Callable[[Any], Limits] | None = None
-    load: Callable[[Any, float], Load] | None = None
+    load: Callable[[Any, float], Load | None] | None = None
     weight: Callable[[Any, float], float] | None = None
     gravity: Callable[[Any], float] = lambda machine: STANDARD_GRAVITY
     dead_line: DeadLine | None = None
@@ -466,7 +475,6 @@ class Kind:
     to_log: tuple[str, ...] = ()
     zero_input: str = ""
     cross_checks: Callable[..., Iterator[CrossCheck]] | None = None
-    held: tuple[str, ...] = ()
 
     @property
     def looped(self) -> ClosedLoop:
@@ -513,8 +521,22 @@ class Kind:
         """Of all runs, in the input's unit."""
         return max(float(np.max(np.abs(run[self.plant.input]))) for run in runs)
 
-    def base_value(self, key: str) -> BaseValue | None:
-        """The base value of that key, if it is one."""
+    @property
+    def base(self) -> tuple[Value, ...]:
+        """What a nominal machine may be off by: the base parameters of a fit and of a diagnosis."""
+        return tuple(value for value in self.values if not value.exact)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """What `identify` frees unless told."""
+        return tuple(value.key for value in self.values if value.free)
+
+    def value(self, key: str) -> Value | None:
+        """The value of that key, if it is declared."""
+        return next((value for value in self.values if value.key == key), None)
+
+    def base_value(self, key: str) -> Value | None:
+        """The value of that key, if it may be off."""
         return next((value for value in self.base if value.key == key), None)
 
     def frame(self, run: Run, position: Array, speed: Array, states: Array, p: Any) -> SimpleNamespace:

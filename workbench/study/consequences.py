@@ -28,7 +28,7 @@ from workbench.effects import find as find_effect
 from workbench.machines import HOIST, LOOPED, Axis, Hoist, Kind, kind_of, looped
 from workbench.metrics import Metric, find, set_of
 from workbench.references import LimitPair, Limits, Step, allowed_carriage_speed_m_s, motion_time_s
-from workbench.study.findings import NO_CHANGE
+from workbench.study.conclude import NO_CHANGE
 from workbench.study.grid import RunSpec
 from workbench.study.labels import listed
 from workbench.study.load import Study, changed, plan_study

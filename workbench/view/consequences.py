@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from workbench.consequences import Change, Consequences
 from workbench.machines import Kind
 from workbench.metrics import set_of
-from workbench.view.style import GREY, TEMPLATE, line
+from workbench.study.consequences import Change, Consequences
+from workbench.view.style import GREY, TEMPLATE, faint, line
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -83,7 +83,7 @@ def _bars(rows: Sequence[Change], shown: tuple[str, str, float], when: str, kind
     before = when == "before"
     changes = ["" if before else _change(row.percent(metric)) for row in rows]
     labels = [change if run.ok else "failed" for run, change in zip(runs, changes, strict=True)]
-    light = {"color": _light(colour), "line": {"color": colour, "width": 1.2}}
+    light = {"color": faint(colour, 0.18), "line": {"color": colour, "width": 1.2}}
     hatched = {"shape": "/", "fgcolor": colour, "fgopacity": 0.55, "size": 7, "solidity": 0.18}
     return {
         "type": "bar",
@@ -109,11 +109,6 @@ def _change(percent: float) -> str:
     if not math.isfinite(percent):
         return ""
     return f"{percent:+.1f} %" if abs(percent) >= 0.05 else "±0 %"
-
-
-def _light(colour: str) -> str:
-    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return f"rgba({red},{green},{blue},0.18)"
 
 
 def _place(payload_kg: float, kind: Kind) -> str:
