@@ -22,8 +22,7 @@ from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.condition import Condition, condition
 from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
-from workbench.diagnose.unexplained.records import Unknown
-from workbench.diagnose.unexplained.unknown import explain, explained_machine
+from workbench.diagnose.unknown import Unknown, explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
 from workbench.diagnose.verdict.probability import shared
 from workbench.diagnose.verdict.records import Candidate, Left, ReasonKind, Remainder, Verdict

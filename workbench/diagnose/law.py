@@ -2,9 +2,9 @@
 
 A sparse regression beside the base parameters. The terms are what a force at one place of the machine may depend on;
 sets of them are built up one by one, the best few kept (J. A. Tropp, Greed is good, IEEE Transactions on Information
-Theory 50, 2004), and the smallest set within one standard error of the best one on held-out runs is taken (L. Breiman et
-al., Classification and Regression Trees, 1984, section 3.4.3). Numbers inside a term, such as where a step lies, are
-refined afterwards. The law is written as an effect in a Python file, which `load_effects` and machine.yaml accept.
+Theory 50, 2004), the number inside a term, such as where a step lies, refined as it comes in. The smallest set within
+one standard error of the best one on held-out runs is taken (L. Breiman et al., Classification and Regression Trees,
+1984, section 3.4.3). The law is written as an effect in a Python file that `load_effects` and machine.yaml accept.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine, with_effects
-from workbench.diagnose.unexplained.table_fit import TableFitter
-from workbench.diagnose.unexplained.tables import gain_of, lever_of
+from workbench.diagnose.tables import TableFitter, gain_of, lever_of
 from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, replace_file
 from workbench.machines import kind_of
@@ -36,7 +35,7 @@ from workbench.symbolic import expr
 
 MOST_TERMS = 4
 BEAM = 4  # sets of each size that are built on
-MOST_WAVES = 40  # along the distance passed
+LEAST_WAVES, MOST_WAVES = 3, 40  # halves of waves, whole waves along the distance passed; a bend is no wave
 PLACES = 12  # where a step or a tight stretch is tried
 HOLD = 10.0  # of the gap's size: a term's amplitude, one standard deviation; keeps what the runs do not show at zero
 ROUNDS = 2  # simulations of the driven machine with the law, after each of which its amplitudes are fitted again
@@ -113,12 +112,13 @@ def dictionary(problem: Problem, acts_on: str, rides: Sequence[SimpleNamespace])
         Term(("1.0",), ("1",), "", force),
         Term(("s.switch",), ("sign v",), "", force),
     ]
+    per_load = f"per_{'nm' if port.unit == 'N m' else 'n'}"
     if np.ptp(np.concatenate([np.abs(ride.load) for ride in rides])) > 0.0:
         terms += [
-            Term(("absolute(s.load) * s.switch",), ("|load| sign v",), f"per_{port.unit.replace(' ', '').lower()}", "1"),
-            Term(("s.load",), ("load",), f"per_{port.unit.replace(' ', '').lower()}", "1"),
-            Term((f"absolute(s.load) * {v}",), ("|load| v",), f"s_per_{m}_per_load", f"1/{speed}"),
-            Term((f"absolute(s.load) * {v} * absolute({v})",), ("|load| v |v|",), f"s2_per_{m}2_per_load",
+            Term(("absolute(s.load) * s.switch",), ("|load| sign v",), per_load, "1"),
+            Term(("s.load",), ("load",), per_load, "1"),
+            Term((f"absolute(s.load) * {v}",), ("|load| v",), f"s_per_{m}", f"1/{speed}"),
+            Term((f"absolute(s.load) * {v} * absolute({v})",), ("|load| v |v|",), f"s2_per_{m}2",
                  f"1/{speed}*{speed}"),
         ]  # fmt: skip
     top = max(float(np.max(np.abs(getattr(ride, port.speed)))) for ride in rides)
@@ -157,7 +157,7 @@ def dictionary(problem: Problem, acts_on: str, rides: Sequence[SimpleNamespace])
         )  # the shortest wave that passes the band
         if port.speed == "w":
             resolved *= kind_of(problem.machine).transmission_of(problem.machine)
-        for half in range(2, 2 * MOST_WAVES + 1):
+        for half in range(LEAST_WAVES, 2 * MOST_WAVES + 1):
             d = 2.0 * length / half
             if d < resolved:
                 break

@@ -15,7 +15,7 @@ from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.progress import Progress, Stage, Task
-from workbench.diagnose.unexplained.words import OVER, over_what
+from workbench.diagnose.unknown import OVER, over_what
 from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
 from workbench.machines import kind_of, plant_of, save_machine

@@ -12,7 +12,7 @@ from workbench.core.names import powers
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.location.profiles import Profile
-from workbench.diagnose.unexplained.records import Curve
+from workbench.diagnose.tables import Curve
 from workbench.machines import plant_of
 from workbench.view.panels import ranges_below_names
 from workbench.view.replay import run_grid, runs_figure, stretches, torque_residual
