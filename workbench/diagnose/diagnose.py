@@ -237,7 +237,9 @@ def diagnose(
     also = alike(judged, problem.active.kind)
     more = next_run(problem, search, _open(judged, alternatives(judged, problem.active.kind)))
     say(Progress(Stage.SHRINK))
-    unknown = explain(problem, search.within_tolerances) if judged.word == "unknown" else None
+    unlisted = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
+    fits = [search.fits[names] for names in unlisted if names in search.fits]
+    unknown = explain(problem, search.within_tolerances, fits) if judged.word == "unknown" else None
     if fit is not None:
         corrected = corrected_machine(problem, keys, fit)
     elif unknown is not None:

@@ -89,6 +89,21 @@ class Law:
     name: str
     source: str
     machine: str  # machine.yaml with it, which needs `source`
+    taken: Array  # (samples,) what it takes off the residual, on a stiff machine
+
+    @property
+    def equation(self) -> str:
+        """F = −(c1 v |v| + …), the force along forward motion."""
+        return f"F = −({' + '.join(f'c{k} {text}' for k, text in enumerate(self.formulas, 1))})"
+
+    @property
+    def values(self) -> list[tuple[str, float, float, str]]:
+        """(name, value, standard error, unit) of each amplitude."""
+        columns = [column for term in self.terms for column in term.columns]
+        return [
+            (f"c{k}", float(value), float(error), unit_of(unit_suffix(column, self.unit)))
+            for k, (value, error, column) in enumerate(zip(self.amplitudes, self.std, columns, strict=True), 1)
+        ]
 
     @property
     def formulas(self) -> list[str]:
@@ -303,8 +318,8 @@ def find_law(problem: Problem, fitted: Fitted, acts_on: str, name: str = "measur
                 finer.append(tuple(sorted({*key} - {added} | {len(terms) - 1})))
                 tried[finer[-1]] = left
         beam = sorted([*finer, *beam], key=lambda key: float(tried[key].sum()))[:BEAM]
-        least = min(float(left.sum()) for left in tried.values())
-        if min(float(tried[key].sum()) for key in before) - least < NEARLY * float(tried[()].sum() - least):
+        lowest = min(float(left.sum()) for left in tried.values())
+        if min(float(tried[key].sum()) for key in before) - lowest < NEARLY * (float(tried[()].sum()) - lowest):
             break
     alone, least = tried[()], min(tried.values(), key=lambda left: float(left.sum()))
     spared = NEARLY * float((alone - least).sum())
@@ -414,15 +429,27 @@ def _finished(
     std = np.sqrt((len(others) - 1) / len(others) * np.sum(spread**2, axis=0))
     if explains < USEFUL:
         return None
-    return Law(tuple(terms), best[base:], std, acts_on, port.unit, before, after, explains, name, source, text)
+    return Law(
+        tuple(terms),
+        best[base:],
+        std,
+        acts_on,
+        port.unit,
+        before,
+        after,
+        explains,
+        name,
+        source,
+        text,
+        x @ shown[base:],
+    )  # fmt: skip
 
 
 def source_of(terms: Sequence[Term], port: Any, kind: str, acts_on: str, name: str) -> str:
     """The text of a Python file that declares the law as an effect."""
-    force = "nm" if port.unit == "N m" else "n"
     parameters, parts, said = [], [], []
     for k, (code, text, per, size) in enumerate([column for term in terms for column in term.columns], 1):
-        unit = "fraction" if size == "1" else per if size.startswith("1/") else f"{force}_{per}".rstrip("_")
+        unit = unit_suffix((code, text, per, size), port.unit)
         parameters.append(
             f'        Parameter("c{k}", "c{k}_{unit}", "of {text}", "{size}", -100.0, 100.0, 0.02, 0.0, '
             "vanishes_at=0.0),"
@@ -456,6 +483,28 @@ def {name}(s, e, p):
         {body}
     )
 '''
+
+
+def unit_of(suffix: str) -> str:
+    """n_s2_per_m2 as N s²/m²; "" for a plain number."""
+    if suffix == "fraction":
+        return ""
+    over, _, under = suffix.partition("per_")
+
+    def said(part: str) -> str:
+        words = {"n": "N", "nm": "N m"}
+        raised = str.maketrans("23", "²³")
+        return " ".join(words.get(word, word.translate(raised)) for word in part.strip("_").split("_") if word)
+
+    return f"{said(over) or '1'}/{said(under)}" if under else said(over)
+
+
+def unit_suffix(column: tuple[str, str, str, str], force_unit: str) -> str:
+    """The end of an amplitude's name: its unit."""
+    _, _, per, size = column
+    if size == "1":
+        return "fraction"
+    return per if size.startswith("1/") else f"{'nm' if force_unit == 'N m' else 'n'}_{per}".rstrip("_")
 
 
 def _rounded(value: float) -> float:
