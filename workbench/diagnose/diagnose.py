@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from workbench.core.errors import InputError, nearest
@@ -63,10 +63,13 @@ def either(names: Names, twins: Sequence[Names]) -> str:
     return f"{text}, and {listed(tuple(shared))}" if shared else text
 
 
-def sentence_of(judged: Judged, shrink: Shrink, rest: Remainder, also: Names, tabled: bool = False) -> str:
+def sentence_of(
+    judged: Judged, shrink: Shrink, rest: Remainder, also: Names, tabled: bool = False, unlisted: Iterable[str] = ()
+) -> str:
     """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
-    tabled: whether the corrected machine contains the measured force of an unknown cause.
+    tabled: whether the corrected machine contains the measured force of an unknown cause. unlisted: effects of the
+    library that the corrected machine contains in its place, and that no answer may name unasked.
     """
     unit = shrink.unit
     sure = judged.ranking[0].probability
@@ -84,7 +87,9 @@ def sentence_of(judged: Judged, shrink: Shrink, rest: Remainder, also: Names, ta
         return (
             f"{head}; "
             + (
-                f"with its measured force, which is in the corrected machine, {shrink.after:.2g} {unit} are left"
+                f"with {' and '.join(unlisted)}, an effect that is not listed, {shrink.after:.2g} {unit} are left"
+                if unlisted
+                else f"with its measured force, which is in the corrected machine, {shrink.after:.2g} {unit} are left"
                 if tabled
                 else "no table of it keeps what it promises, so the machine holds none"
             )
@@ -261,7 +266,9 @@ def diagnose(
             campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario
         )
     remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
-    sentence = sentence_of(judged, shrink, remainder, also, corrected.measured_correction is not None)
+    sentence = sentence_of(
+        judged, shrink, remainder, also, corrected.measured_correction is not None, unknown.effects if unknown else ()
+    )
     verdict = Verdict(
         judged.word,
         judged.names,

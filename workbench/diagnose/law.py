@@ -90,6 +90,7 @@ class Law:
     source: str
     machine: str  # machine.yaml with it, which needs `source`
     taken: Array  # (samples,) what it takes off the residual, on a stiff machine
+    rms: float  # of the residual of `machine` with `source`, fitted to all runs
 
     @property
     def equation(self) -> str:
@@ -413,16 +414,20 @@ def _finished(
             if np.sum(fresh**2) >= np.sum(rows**2):
                 break
             best, rows, others = moved, fresh, np.concatenate([z, c]) + without[0]
-        unseen = np.empty(problem.inputs)
-        for g, solution in enumerate(others):
-            mine = groups == g
-            if np.any(mine):
-                unseen[mine] = residual(solution)[mine]
+
+        def held_out(solutions: Array) -> float:
+            unseen = np.empty(problem.inputs)
+            for g, solution in enumerate(solutions):
+                unseen[groups == g] = residual(solution)[groups == g]
+            return float(np.sqrt(np.mean(unseen**2)))
+
+        alone = start.solve(start.normal(x), [()])[1][0]
+        before = held_out(np.hstack([alone, np.zeros((len(alone), x.shape[1]))]))
+        before = min(before, float(np.sqrt(np.sum(start.fitter.before) / problem.inputs)))
+        after = held_out(others)
         text = machine_text(machine_at(best))
     finally:
         replace_file(file, [], name)
-    before = float(np.sqrt(np.sum(start.fitter.before) / problem.inputs))
-    after = float(np.sqrt(np.mean(unseen**2)))
     gap = before**2 - problem.noise**2
     explains = (before**2 - after**2) / gap if gap > 0.0 else 0.0
     spread = others[:, base:] - others[:, base:].mean(axis=0)
@@ -441,7 +446,7 @@ def _finished(
         name,
         source,
         text,
-        x @ shown[base:],
+        x @ shown[base:], float(np.sqrt(np.mean(rows**2))),
     )  # fmt: skip
 
 
