@@ -12,8 +12,7 @@ pytest.importorskip("streamlit")
 
 from tests.support.dashboard_app import errors, figures, page
 from workbench.analysis.family import family, operating_points
-from workbench.analysis.loop import INPUTS, SHOWN
-from workbench.analysis.step import step_response
+from workbench.analysis.loop import INPUTS, SHOWN, step_response
 from workbench.analysis.usual import usual_controller
 from workbench.control import PiSettings
 from workbench.dashboard.pages.loop import gain_steps, rule_settings

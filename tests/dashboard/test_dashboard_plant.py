@@ -36,7 +36,8 @@ from workbench.dashboard.plant_worker import (
 from workbench.figures.served import last_seconds, late_starts
 from workbench.machines import default_hoist
 from workbench.machines.files import machine_text
-from workbench.references import Limits, time_optimal
+from workbench.references import Limits
+from workbench.references.shape import shortest_move_s
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish
 from workbench.serve.session import Session
@@ -95,7 +96,7 @@ def test_the_built_in_client_goes_up_and_down_between_two_heights():
     clock = Hand()
     session = new_session(clock)
     wanted = Wanted(PI, (8.5, 9.6), "ruckig", LIMITS)
-    takes = sum(time_optimal.shortest_move_s(by, LIMITS) + PAUSE_S for by in (0.6, -1.1))
+    takes = sum(shortest_move_s(by, LIMITS) + PAUSE_S for by in (0.6, -1.1))
     seen = driven(session, clock, Controller(HOIST, wanted), takes)
     heights = [height(state) for state in seen]
     assert max(heights) == pytest.approx(9.6, abs=0.02)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support import axes
-from workbench.analysis.step import StepResponse
+from workbench.analysis.loop import StepResponse
 from workbench.figures.place import marked_machine
 from workbench.machines import kind_of
 from workbench.references import by_name

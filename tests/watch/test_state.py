@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import resource
 import shutil
 import signal
@@ -256,7 +257,7 @@ def test_a_state_of_the_version_before_is_taken_over(place: Path, commands: Comm
     done = commands(*words(place, "--once"))
     assert done.status == 0 and "its cycles are judged anew" in done.err
     store = Store(place / "state", HOIST, RULES)
-    first = store.alarms()[0]
+    first = next(iter(store.said().values()))
     assert len(store.cycles()) == 60 and first.diagnosis is not None and first.diagnosis["sentence"] == "It is so."
     store.close()
 
@@ -267,3 +268,11 @@ def test_a_reader_that_leaves_early_is_no_alarm(place: Path):
     assert done.returncode in (1, 2)  # 1 where all was written before the reader left
     if done.returncode == 2:
         assert subprocess.run(["bash", "-c", line], check=False, stdout=subprocess.DEVNULL).returncode == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="allowed: pipes of POSIX")
+def test_a_pipe_in_the_place_of_the_state_is_refused_and_not_waited_for(tmp_path: Path):
+    (tmp_path / "state").mkdir()
+    os.mkfifo(tmp_path / "state" / "watch.sqlite")
+    with pytest.raises(InputError, match="is not a regular file"):
+        Store(tmp_path / "state", HOIST, RULES)

@@ -26,6 +26,7 @@ from workbench.blind.answer import answer, save, text_of
 from workbench.blind.ledger import Entry, append, compare, entries, head_of, manifest_hash
 from workbench.blind.seal import CAMPAIGNS, check_campaign, read_manifest, sha256
 from workbench.core.errors import InputError
+from workbench.core.input_file import read_input
 
 ANSWERS, LOCK = "answers", ".run.lock"
 Tell = Callable[[str], None]
@@ -108,15 +109,12 @@ def _said(text: str) -> str:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    lock = FileLock(folder / LOCK)
     try:
-        lock.acquire(timeout=0)
+        lock = FileLock(folder / LOCK, timeout=0).acquire()
     except Timeout:
         raise InputError("another `workbench blind run` works in this folder", file=folder) from None
-    try:
+    with lock:
         yield
-    finally:
-        lock.release()
 
 
 def _answers(folder: Path, names: Sequence[str], processes: int, diagnose: Diagnose) -> Iterator[tuple[str, str]]:
@@ -181,7 +179,7 @@ def _on_cluster(folder: Path, names: Sequence[str], cluster: str, diagnose: Diag
 
     def files_of(name: str) -> dict[str, bytes]:
         campaign = folder / CAMPAIGNS / name
-        return {p.relative_to(campaign).as_posix(): p.read_bytes() for p in campaign.rglob("*") if p.is_file()}
+        return {p.relative_to(campaign).as_posix(): read_input(p, "log") for p in campaign.rglob("*") if p.is_file()}
 
     with client_on(cluster) as client:
         task = partial(_answered_elsewhere, __version__, diagnose)

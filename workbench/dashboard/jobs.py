@@ -40,6 +40,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeGuard
 
 from workbench.core.errors import InputError
+from workbench.core.input_file import read_input
 
 INPUTS = "{inputs}"  # in an argument: the folder of the inputs' copies
 FOLDER = "jobs"
@@ -174,8 +175,8 @@ def read_job(workspace: Path, job_id: str) -> Job | None:
     """The job of that id in a workspace; None where there is none, whatever the id holds."""
     if is_id(job_id):
         folder = workspace.resolve() / FOLDER / job_id
-        with contextlib.suppress(OSError, ValueError, TypeError):
-            return Job(job_id, folder=folder, **json.loads((folder / "job.json").read_text(encoding="utf-8")))
+        with contextlib.suppress(InputError, OSError, ValueError, TypeError):
+            return Job(job_id, folder=folder, **json.loads(read_input(folder / "job.json", "json")))
     return None
 
 

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from pydantic import TypeAdapter
 
-from workbench.control import PiSettings, full_pi, loop_values
+from workbench.control import PiSettings, full_pi, loop_values, refuse
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
 from workbench.dashboard.plant import EVERY_S, KEPT_S
@@ -225,8 +225,10 @@ class Controller:
 
     def _begun(self, seen: Numbers, hold: float, payload_kg: float) -> ControllerStep:
         machine = self.machine
-        controller = full_pi(machine.drive.speed_delay_s > 0.0, self.settings.feed_forward.through_the_wire)
-        numbers = {**vars(HOIST.plant.values(machine, payload_kg)), **loop_values(self.settings, machine.drive, hold)}
+        refuse(self.settings, "the built-in client runs", "load_damping", "input_shaper")
+        controller = full_pi(machine.drive.speed_delay_s > 0.0, *self.settings.parts)
+        own = loop_values(self.settings, machine.drive, hold, payload_kg)
+        numbers = {**vars(HOIST.plant.values(machine, payload_kg)), **own}
         # Angles taken at the uneven instants of an ordinary clock are no encoder: the speed is read instead.
         numbers["counts"] = 0.0
         case = LoopCase("served", machine, payload_kg, seen["position_carriage_m"], self.settings, np.zeros(1))

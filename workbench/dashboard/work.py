@@ -190,8 +190,8 @@ def models(
     compared.
     """
     from workbench.machines import load_machine, of_kind, studied
-    from workbench.reports.models.report import section_of, write_models
     from workbench.simulate.models import ModelsCompared, compare_models
+    from workbench.view.models import section_of, write_models
 
     given = out.parent / "machine.yaml"
     given.write_text(machine, encoding="utf-8")

@@ -18,10 +18,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.effects import Active, Part, logged_input, moved_by, true_run
+from workbench.effects import Active, Part, logged_input, moved_by, true_input, true_run
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
-from workbench.simulate.impacts import bridged
+from workbench.simulate.impacts import GUARD_S, beside, bridged
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving
 from workbench.simulate.plant_model import PlantModel, plant_model
@@ -37,7 +37,7 @@ class Balance:
     """The balance of one run: all arrays (n,), in the input's unit (N m or N).
 
     measured, predicted: low-passed to `band_hz`; residual is their difference.
-    inside: away from the ends. moving: inside, and not at rest (see `motion.moving`).
+    inside: away from the ends. moving: inside, not at rest (see `motion.moving`), no impact of a play near.
     states: (n, other states), simulated; for a hoist sheave angle, height, sheave speed, carriage speed.
     """
 
@@ -80,7 +80,9 @@ class InverseSimulation:
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
         # The motion behind the log: what a late speed sensor shows is brought forward first.
         self.impacts = tuple(impacts) or tuple(np.zeros(0) for _ in self.runs)
-        self.motions = [self._motion(j, true_run(run, self.model.active), 0.0) for j, run in enumerate(self.runs)]
+        self._driven = (self.plant.positions[0], self.plant.speeds[0])
+        true = [true_run(run, self.model.active) for run in self.runs]
+        self.motions = [self._motion(j, run, 0.0) for j, run in enumerate(true)]
         self.symbols = tuple(vars(self.base[0]))
         self.row_of = {symbol: row for row, symbol in enumerate(self.symbols)}
         self.parts = tuple(parts)
@@ -95,6 +97,7 @@ class InverseSimulation:
             i & moving(run.time_s, m.speed, self.scale, self.band_hz)
             for run, m, i in zip(self.runs, self.motions, self.inside, strict=True)
         ]
+        self.judged = [self._judged(j, run) for j, run in enumerate(true)]
         self.noise = [noise_rms(r.time_s, u, self.band_hz) for r, u in zip(self.runs, self.inputs, strict=True)]
 
     def predict(self, values: Sequence[Sequence[SimpleNamespace]]) -> list[list[tuple[Array, Array]]]:
@@ -206,6 +209,28 @@ class InverseSimulation:
                 self._behind.popitem(last=False)
         return self._behind[j, key]
 
+    def starts(self) -> Array:
+        """(states, runs): where each run begins, with the load held."""
+        points = [start_point(self.plant, run, motion) for run, motion in zip(self.runs, self.motions, strict=True)]
+        clocks = [float(run.time_s[0]) for run in self.runs]
+        return self.model.starts([x for x, _ in points], [w for _, w in points], clocks, self.base)[0]
+
+    def true_inputs(self) -> list[Array]:
+        """The true input (n,) of each run, recovered from the logged one."""
+        gain, offset = sensor(self.machine)
+        return [
+            true_input(self.model.active, run.time_s, (logged - offset) / gain)
+            for run, logged in zip(self.runs, self.inputs, strict=True)
+        ]
+
+    def _judged(self, j: int, true: Run) -> np.ndarray:
+        """(n,) bool: the samples that residuals are judged by: moving, and so in a late log too; no impact beside."""
+        run = self.runs[j]
+        going = self.moving[j] & ~beside(run.time_s, self.impacts[j], GUARD_S)
+        if any(true[name] is not run[name] for name in self._driven if name in run):
+            going &= moving(run.time_s, motion_of(run, self.plant, self.band_hz).speed, self.scale, self.band_hz)
+        return going
+
     def balances(self, values: Sequence[SimpleNamespace] | None = None) -> list[Balance]:
         """Each run's balance under one set of parameters, the machine's own by default."""
         predicted = self.predict([self.base if values is None else values])[0]
@@ -224,7 +249,7 @@ class InverseSimulation:
                 noise,
             )
             for run, motion, measured, (raw, states), within, going, noise in zip(
-                self.runs, self.motions, self.measured, predicted, self.inside, self.moving, self.noise, strict=True
+                self.runs, self.motions, self.measured, predicted, self.inside, self.judged, self.noise, strict=True
             )
         ]
 

@@ -19,9 +19,8 @@ from typing import Any, TypeVar, cast
 
 from pydantic import ValidationError
 
-from workbench.analysis.usual import usual_cascade
+from workbench.analysis.usual import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2, usual_cascade
 from workbench.control import Cascade, PiSettings, Settings
-from workbench.control.rigid import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import Document, dumps, loads
 from workbench.dashboard.pages.batches import shipped as shipped_scenarios

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import streamlit as st
 
-from workbench.control.rigid import bandwidth_and_damping, shaft_inertia_kg_m2
+from workbench.analysis.usual import bandwidth_and_damping, shaft_inertia_kg_m2
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import load
 from workbench.dashboard import session

@@ -17,7 +17,7 @@ from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSIO
 from workbench.effects import find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
-from workbench.simulate.impacts import beside, impacts_of
+from workbench.simulate.impacts import GUARD_S, beside, impacts_of
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the discrepancy, which hangs together
@@ -25,7 +25,6 @@ SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
 STEP = 1e-3  # of z, for derivatives
 LATE_STEP = 0.5  # of a sample, for derivatives by a delay: friction jumps between two samples, not on the way
-BLOW_GUARD_S = 0.04  # around an impact of a play, not looked at: how well its time can be foretold
 LATE_OF_BAND = 0.05  # of its period, at least: over less, the jumps of friction outweigh what the band shows
 
 
@@ -66,7 +65,7 @@ class Problem:
         self.rows: list[np.ndarray] = []
         spacing = []
         for run, at_speed, impacts_s in zip(self.bench.runs, self.bench.moving, self.bench.impacts, strict=True):
-            moving = at_speed & ~beside(run.time_s, impacts_s, BLOW_GUARD_S)
+            moving = at_speed & ~beside(run.time_s, impacts_s, GUARD_S)
             stride = max(1, int(1.0 / (SAMPLES_PER_PERIOD * self.band_hz * run.sample_time_s)))
             stride = max(stride, int(np.count_nonzero(moving)) // MOST_ROWS)
             self.rows.append(np.flatnonzero(moving)[::stride])
