@@ -13,7 +13,7 @@ import pytest
 
 from tests.support import axes
 from workbench.core.errors import InputError
-from workbench.dashboard.pages.study_desk import scenario_of, usual_desk
+from workbench.dashboard.desk import usual_desk
 from workbench.machines import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
 from workbench.references import LimitPair, Limits
@@ -415,7 +415,7 @@ def test_two_inertias_say_how_far_their_answer_hangs_on_the_damping_of_the_coupl
     stiff = axes.two_inertia()
     own = stiff.coupling.damping_nm_s_per_rad * (stiff.coupling.stiffness_nm_per_rad * stiff.load.inertia_kg_m2) ** -0.5
     said = {
-        damping: damping_sentence(scenario_of(usual_desk(machine), machine), machine)
+        damping: damping_sentence(usual_desk(machine).scenario, machine)
         for damping in (stiff.coupling.damping_nm_s_per_rad, 0.05)
         for machine in (axes.two_inertia(coupling__damping_nm_s_per_rad=damping),)
     }
