@@ -141,7 +141,7 @@ def described() -> dict[str, Model]:
 
 def replayed(machine: Hoist | Axis, run: Run, start_speed: float = 0.0) -> Array:
     """What `workbench replay` makes of a run: states (n, states)."""
-    return simulate_replays(machine, InverseSimulation(machine, [run], band_hz=1.0))[0]
+    return simulate_replays(InverseSimulation(machine, [run], band_hz=1.0))[0]
 
 
 def torque_run(machine: Hoist, duration_s: float = 8.0) -> Run:
