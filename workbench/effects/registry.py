@@ -110,6 +110,12 @@ def files_behind(names: Iterable[str], kind: str) -> tuple[UserFile, ...]:
         return tuple(file for file in _files.values() if file.module in modules)
 
 
+def user_files() -> tuple[UserFile, ...]:
+    """All users' files, in the order they were loaded."""
+    with _changing:
+        return tuple(_files.values())
+
+
 def digests_of(names: Iterable[str], kind: str) -> dict[str, str]:
     """id -> digest of the text that declares it, of those effects that are not the library's."""
     own = {effect.id for effect in library_effects() if kind in effect.kinds}
