@@ -112,7 +112,7 @@ def files_behind(names: Iterable[str], kind: str) -> tuple[UserFile, ...]:
 def user_files() -> tuple[UserFile, ...]:
     """All users' files, in the order they were loaded."""
     with _changing:
-        return tuple(_files.values())
+        return tuple(file for file, _ in _sources.values() if file is not None)
 
 
 def digests_of(names: Iterable[str], kind: str) -> dict[str, str]:
