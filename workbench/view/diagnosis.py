@@ -18,7 +18,8 @@ from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS
-from workbench.diagnose.unexplained.words import OVER, over_what
+from workbench.diagnose.saved import FILE, write_diagnosis_file
+from workbench.diagnose.unknown import OVER, over_what
 from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
 from workbench.machines import kind_of, plant_of, save_machine
@@ -26,7 +27,7 @@ from workbench.study.consequences import consequences_table
 from workbench.view import diagnosis_figures as draw
 from workbench.view.consequences import before_and_after
 from workbench.view.diagnosis_figures import RunSeries
-from workbench.view.diagnosis_json import to_json
+from workbench.view.diagnosis_json import probabilities, to_json
 from workbench.view.numbers import NOTHING, figures, with_error
 from workbench.view.page import Section, save_page
 from workbench.view.words import direction_names, listed, words_of
@@ -585,7 +586,7 @@ def _unknown(d: Diagnosis) -> Section:
     if d.unknown is not None and d.unknown.curves:
         ports = kind_of(d.campaign.machine).ports
         units = [ports[curve.acts_on].unit for curve in d.unknown.curves]  # N at the guide and on a linear axis
-        figure = draw.curves(d.unknown.curves, direction_names(d.campaign.machine), OVER, units)
+        figure = draw.curves(d.unknown.curves, direction_names(d.campaign.machine), OVER, units, d.unknown.law_levels)
         note = "A level for each direction, with a band of two standard errors; positive opposes the motion."
         drawn = [(figure, note)]
     return Section("What is known of the unknown cause", unknown_sentences(d), (), (), drawn)
@@ -643,10 +644,12 @@ def brief_sections(d: Diagnosis) -> list[Section]:
     return [replace(s, tables=[replace(table, note="") for table in s.tables]) for s in sections]
 
 
-def write_diagnosis(run: Callable[[], Diagnosis], folder: Path, say: Callable[[str], None] | None = None) -> Diagnosis:
+def write_diagnosis(
+    run: Callable[[], Diagnosis], folder: Path, say: Callable[[str], None] | None = None, keep: bool = False
+) -> Diagnosis:
     """Diagnose, and write diagnosis.json, machine.yaml (corrected) and diagnose.html, or none of them.
 
-    say: called with each step after the diagnosis itself.
+    say: called with each step after the diagnosis itself. keep: write diagnosis.pickle too.
     """
     check_free(folder)
     with whole_folder(folder) as hidden:
@@ -655,7 +658,12 @@ def write_diagnosis(run: Callable[[], Diagnosis], folder: Path, say: Callable[[s
             say(STAGES[Stage.WRITE])
         write_json(hidden / "diagnosis.json", to_json(diagnosis))
         save_machine(diagnosis.corrected, hidden / "machine.yaml")
+        if diagnosis.unknown is not None and diagnosis.unknown.law is not None:
+            (hidden / "law.py").write_text(diagnosis.unknown.law.source, encoding="utf-8")
+            (hidden / "machine_law.yaml").write_text(diagnosis.unknown.law.machine, encoding="utf-8")
         save_diagnosis_page(diagnosis, hidden / "diagnose.html")
+        if keep:
+            write_diagnosis_file(diagnosis, hidden / FILE)
     return diagnosis
 
 
@@ -690,8 +698,23 @@ def _columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
     return {
         "verdict": [row.verdict for row in rows],
         "effects": [" + ".join(row.effects) for row in rows],
-        "probability": [row.probability for row in rows],
+        "probability": probabilities([row.probability for row in rows]),
     }
+
+
+def _shrink_columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
+    """One row a run, rms of the residual by a fit to the other runs, N m (N)."""
+    runs = d.shrink.by_run
+    before, after = ([pair[k] for pair in runs.values()] for k in (0, 1))
+    return {"run": list(runs), "before": before, "after": after, "noise": [d.shrink.noise] * len(runs)}
+
+
+def _run_columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
+    """One row a run under the delivered machine, those kept for the end last."""
+    rows = [*d.delivered.runs, *d.delivered.validated]
+    names = ("name", "share", "before", "after", "noise", "differs", "p_alike")
+    fitted = [True] * len(d.delivered.runs) + [False] * len(d.delivered.validated)
+    return {**{name: [getattr(row, name) for row in rows] for name in names}, "in_fit": fitted}
 
 
 VIEW = View(
@@ -717,4 +740,5 @@ VIEW = View(
         "consequences": _figure("consequences"),
     },
     _columns,
+    frames={"ranking": _columns, "shrink": _shrink_columns, "runs": _run_columns},
 )
