@@ -40,6 +40,7 @@ PAGES: dict[str, tuple[str, str]] = {
     "Study": ("study", "tune"),
     "Compare": ("compare", "compare_arrows"),
     "Loop": ("loop", "all_inclusive"),
+    "Sizing": ("sizing", "straighten"),
     "Import": ("imports", "input"),
     "Signals": ("signals", "show_chart"),
     "Validate": ("validate", "fact_check"),

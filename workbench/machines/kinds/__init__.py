@@ -16,7 +16,6 @@ from workbench.machines.declare import Kind, Load
 from workbench.machines.kinds.axis import LINEAR, ROTARY, Axis
 from workbench.machines.kinds.hoist import KIND as HOIST
 from workbench.machines.kinds.hoist import Hoist
-from workbench.machines.kinds.two_inertia import KIND as TWO_INERTIA
 from workbench.machines.plant import Plant
 
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
