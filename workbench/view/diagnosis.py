@@ -21,6 +21,7 @@ from workbench.diagnose.hypotheses.records import Estimate
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS
+from workbench.diagnose.saved import FILE, write_diagnosis_file
 from workbench.diagnose.unknown import OVER, over_what
 from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
@@ -30,7 +31,7 @@ from workbench.study.consequences import consequences_table
 from workbench.view import diagnosis_figures as draw
 from workbench.view.consequences import before_and_after
 from workbench.view.diagnosis_figures import RunSeries
-from workbench.view.diagnosis_json import to_json
+from workbench.view.diagnosis_json import probabilities, to_json
 from workbench.view.numbers import NOTHING, figures, with_error
 from workbench.view.page import Section, save_page
 from workbench.view.words import direction_names, listed, words_of
@@ -650,10 +651,12 @@ def brief_sections(d: Diagnosis) -> list[Section]:
     return [replace(s, tables=[replace(table, note="") for table in s.tables]) for s in sections]
 
 
-def write_diagnosis(run: Callable[[], Diagnosis], folder: Path, say: Callable[[str], None] | None = None) -> Diagnosis:
+def write_diagnosis(
+    run: Callable[[], Diagnosis], folder: Path, say: Callable[[str], None] | None = None, keep: bool = False
+) -> Diagnosis:
     """Diagnose, and write diagnosis.json, machine.yaml (corrected) and diagnose.html, or none of them.
 
-    say: called with each step after the diagnosis itself.
+    say: called with each step after the diagnosis itself. keep: write diagnosis.pickle too.
     """
     check_free(folder)
     with whole_folder(folder) as hidden:
@@ -668,6 +671,8 @@ def write_diagnosis(run: Callable[[], Diagnosis], folder: Path, say: Callable[[s
         if diagnosis.next_run is not None and diagnosis.next_run.planned is not None:
             write_next_run(diagnosis, diagnosis.next_run.planned, hidden)
         save_diagnosis_page(diagnosis, hidden / "diagnose.html")
+        if keep:
+            write_diagnosis_file(diagnosis, hidden / FILE)
     return diagnosis
 
 
@@ -739,8 +744,23 @@ def _columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
     return {
         "verdict": [row.verdict for row in rows],
         "effects": [" + ".join(row.effects) for row in rows],
-        "probability": [row.probability for row in rows],
+        "probability": probabilities([row.probability for row in rows]),
     }
+
+
+def _shrink_columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
+    """One row a run, rms of the residual by a fit to the other runs, N m (N)."""
+    runs = d.shrink.by_run
+    before, after = ([pair[k] for pair in runs.values()] for k in (0, 1))
+    return {"run": list(runs), "before": before, "after": after, "noise": [d.shrink.noise] * len(runs)}
+
+
+def _run_columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
+    """One row a run under the delivered machine, those kept for the end last."""
+    rows = [*d.delivered.runs, *d.delivered.validated]
+    names = ("name", "share", "before", "after", "noise", "differs", "p_alike")
+    fitted = [True] * len(d.delivered.runs) + [False] * len(d.delivered.validated)
+    return {**{name: [getattr(row, name) for row in rows] for name in names}, "in_fit": fitted}
 
 
 VIEW = View(
@@ -766,4 +786,5 @@ VIEW = View(
         "consequences": _figure("consequences"),
     },
     _columns,
+    frames={"ranking": _columns, "shrink": _shrink_columns, "runs": _run_columns},
 )
