@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Run
 from workbench.core.shown import Shown
+from workbench.core.verb import attribute
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.gap import Delivered, Gap, Shrink, delivered_of, folds_of, gap_of, shrink_of
 from workbench.diagnose.hypotheses.base import base_knobs
@@ -24,8 +28,7 @@ from workbench.diagnose.readiness.condition import Condition, condition
 from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.residual_tests import ResidualTest, residual_tests
-from workbench.diagnose.unexplained.records import Unknown
-from workbench.diagnose.unexplained.unknown import explain, explained_machine
+from workbench.diagnose.unknown import Unknown, explain, explained_machine
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
 from workbench.diagnose.verdict.probability import shared
 from workbench.diagnose.verdict.records import Candidate, Left, ReasonKind, Remainder, Verdict
@@ -67,10 +70,13 @@ def either(names: Names, twins: Sequence[Names]) -> str:
     return f"{text}, and {listed(tuple(shared))}" if shared else text
 
 
-def sentence_of(judged: Judged, shrink: Shrink, rest: Remainder, also: Names, tabled: bool = False) -> str:
+def sentence_of(
+    judged: Judged, shrink: Shrink, rest: Remainder, also: Names, tabled: bool = False, unlisted: Iterable[str] = ()
+) -> str:
     """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
-    tabled: whether the corrected machine contains the measured force of an unknown cause.
+    tabled: whether the corrected machine contains the measured force of an unknown cause. unlisted: effects of the
+    library that the corrected machine contains in its place, and that no answer may name unasked.
     """
     unit = shrink.unit
     sure = judged.ranking[0].probability
@@ -88,7 +94,9 @@ def sentence_of(judged: Judged, shrink: Shrink, rest: Remainder, also: Names, ta
         return (
             f"{head}; "
             + (
-                f"with its measured force, which is in the corrected machine, {shrink.after:.2g} {unit} are left"
+                f"with {' and '.join(unlisted)}, an effect that is not listed, {shrink.after:.2g} {unit} are left"
+                if unlisted
+                else f"with its measured force, which is in the corrected machine, {shrink.after:.2g} {unit} are left"
                 if tabled
                 else "no table of it keeps what it promises, so the machine holds none"
             )
@@ -165,6 +173,14 @@ class Diagnosis(Shown):
         named = self.verdict.word == "named"
         return next((c for c in self.candidates if named and set(c.effects) == set(self.verdict.effects)), None)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the search and its replays, which only the process that made them needs."""
+        return {**vars(self), "search": None, "judged": None, "replays": None}
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write what the command writes, and `diagnosis.pickle` for `wb.open_diagnosis`, to a new folder."""
+        attribute("workbench.view.diagnosis:write_diagnosis")(lambda: self, Path(folder), keep=True)
+
     def __repr__(self) -> str:
         """The answer in a few lines; `table()` and `plot()` show the rest."""
         likeliest = sorted(self.verdict.ranking, key=lambda row: -row.probability)[:3]
@@ -177,6 +193,7 @@ class Diagnosis(Shown):
         ]
         if self.where is not None:
             lines.append(f"  where: {self.where.subsystem}, {self.where.regime}")
+        lines += [f"  note on the logs: {doubt}" for doubt in self.campaign.doubts]
         return "\n".join(lines)
 
 
@@ -252,7 +269,9 @@ def diagnose(
     also = alike(judged, problem.active.kind)
     more = next_run(problem, search, _open(judged, alternatives(judged, problem.active.kind)))
     say(Progress(Stage.SHRINK))
-    unknown = explain(problem, search.within_tolerances) if judged.word == "unknown" else None
+    unlisted = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
+    fits = [search.fits[names] for names in unlisted if names in search.fits]
+    unknown = explain(problem, search.within_tolerances, fits) if judged.word == "unknown" else None
     if unknown is not None:
         corrected = explained_machine(problem, unknown)
     replayed = refitted_replay
@@ -276,7 +295,9 @@ def diagnose(
             campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario
         )
     remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
-    sentence = sentence_of(judged, shrink, remainder, also, corrected.measured_correction is not None)
+    sentence = sentence_of(
+        judged, shrink, remainder, also, corrected.measured_correction is not None, unknown.effects if unknown else ()
+    )
     verdict = Verdict(
         judged.word,
         judged.names,

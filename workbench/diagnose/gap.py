@@ -19,7 +19,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.machines import machine_of
-from workbench.diagnose.unexplained.unknown import Explained
+from workbench.diagnose.unknown import Explained
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.replay import ReplayResult, replay_runs
 

@@ -10,6 +10,7 @@ from workbench import __version__
 from workbench.core.json_records import plain
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.isolation.planned import Planned
 from workbench.study.consequences import as_json
 from workbench.view.words import words_of
 
@@ -25,6 +26,7 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
 
 def _answer(d: Diagnosis) -> dict[str, Any]:
     v, g, where, w = d.verdict, d.gap, d.where, words_of(d.campaign.machine)
+    law = None if d.unknown is None else d.unknown.law
     exact = probabilities([row.probability for row in v.ranking])
     said = {
         "format": 1,
@@ -37,7 +39,7 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
             for row, p in zip(v.ranking, exact, strict=True)
         ],
         "alike": v.alike,
-        "next_run": d.next_run and _of(d.next_run, "why payload_kg profile signals"),
+        "next_run": d.next_run and {**_of(d.next_run, "why payload_kg profile signals"), **_moves(d.next_run.planned)},
         "where": where
         and {
             "subsystem": where.subsystem,
@@ -67,6 +69,15 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
             "validated": list(map(vars, d.delivered.validated)),
         },
         "steps": list(map(vars, v.steps)),
+        "law": law
+        and {
+            "equation": law.equation,
+            "acts_on": law.acts_on,
+            "unit": law.unit,
+            "values": {name: {"value": a, "std_error": error, "unit": unit} for name, a, error, unit in law.values},
+            **_of(law, "before after explains rms"),
+        },
+        "unlisted": {} if d.unknown is None else d.unknown.effects,
     }
     # Times of windows have their own rounding: milliseconds.
     return plain(said, DIGITS) | {"where": _kept_times(plain(said["where"], DIGITS), said["where"])}
@@ -74,6 +85,13 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
 
 def _kept_times(rounded: Any, exact: Any) -> Any:
     return rounded and rounded | {"windows": exact["windows"]}
+
+
+def _moves(planned: Planned | None) -> dict[str, Any]:
+    if planned is None:
+        return {}
+    moves = [{key: value for key, value in vars(step).items() if value is not None} for step in planned.steps]
+    return {"start_position": planned.start_position, "speed": planned.limits.speed_m_s, "moves": moves}
 
 
 def _steps(d: Diagnosis) -> dict[str, Any]:
@@ -123,7 +141,13 @@ def _steps(d: Diagnosis) -> dict[str, Any]:
             },
             "sentences": i.sentences,
         },
-        "next_run_details": d.next_run and {"separation": d.next_run.separation, "separation_now": d.next_run.now},
+        "next_run_details": d.next_run
+        and {
+            "separation": d.next_run.separation,
+            "separation_now": d.next_run.now,
+            "separation_menu": d.next_run.menu,
+            "decides": d.next_run.decides,
+        },
         "shrink_details": {
             "by_run": {name: {"before": was, "after": now} for name, (was, now) in d.shrink.by_run.items()},
             "sentences": d.shrink.sentences,
