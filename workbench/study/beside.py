@@ -26,6 +26,7 @@ from workbench.references import (
     planned_kinds,
 )
 from workbench.references.least_peak import least_peak, peak_force_n
+from workbench.references.limits import raised
 from workbench.study.decide import Given, candidates, criteria_for
 from workbench.study.grid import RunSpec
 from workbench.study.labels import field_label, listed, words_of
@@ -378,21 +379,22 @@ def asked_sentences(study: Study, found: Sequence[Asked]) -> list[str]:
     return said
 
 
+EQUAL = "ruckig_equal_time"
 Moves = Sequence[Shape]
 
 
-def from_the_bound(study: Study) -> str | None:
-    """At the heaviest payload the least peak in the trapezoid's time, from below and from above, and how far the
-    study's planned references are from it. None without a trapezoid, with jogs or a stop on the way, and where the load
-    is not known or goes with its angle."""
+def from_the_bound(study: Study) -> list[str]:
+    """At the heaviest payload the least peak in the trapezoid's time, from below and from above, how far the
+    study's planned references are from it, and which limit a move at equal time exceeds. [] without a trapezoid, with
+    jogs or a stop on the way, and where the load is not known or goes with its angle."""
     specs = {spec.reference: spec for spec in at_heaviest(study)}
     own = specs.get(BASELINE)
     load = None if own is None else load_of(own.machine, own.payload_kg)
     if own is None or own.limits is None or load is None or own.events.emergency_stop_s is not None:
-        return None
+        return []
     distances = _distances(own)
     if not distances:
-        return None
+        return []
     limits, judged = own.limits, set_of(kind_of(own.machine).name)
     limit, of_load, word, unit = peak_limit(own.machine), load.force_limit_n, judged.input_words, judged.input_unit
     scale = limit / of_load if math.isfinite(of_load) else 1.0  # of a force at the load: one motor's torque
@@ -414,7 +416,7 @@ def from_the_bound(study: Study) -> str | None:
             for still in (True, False)
         )
     except InputError:
-        return f"No motion in the {BASELINE}'s time{where} keeps to {word}, speed and a taut wire."
+        return [f"No motion in the {BASELINE}'s time{where} keeps to {word}, speed and a taut wire."]
     least, found, least_of_all = (
         scale * max(forces)
         for forces in ([b.dual_n for b in still], [b.primal_n for b in still], [b.dual_n for b in any_end])
@@ -429,7 +431,14 @@ def from_the_bound(study: Study) -> str | None:
         names = [f"{words_of(name)} by {abs(p):.0f} %{_longer(moves[name], moves[BASELINE])}" for p, name in chosen]
         if names:
             said += f" {side} {_down(least)} {unit} {'is' if len(names) == 1 else 'are'} {listed(names)}."
-    return said
+    if EQUAL not in moves:
+        return [said]
+    given, used, length = limits.towards(distances[0]), moves[EQUAL][0].limits, kind_of(own.machine).moved.unit
+    exceeded = raised(given, used, length) or "no limit"
+    if load.top_speed_m_s > 0.0 and used.speed_m_s > given.speed_m_s:
+        exceeded += f" ({100.0 * used.speed_m_s / load.top_speed_m_s:.3g} % of the drive's top speed)"
+    value = judged.by_name[judged.peak].text(peak(moves[EQUAL]))
+    return [said, f"To keep that time {words_of(EQUAL)} exceeds {exceeded}: {value} {unit}, followed exactly."]
 
 
 def _down(value: float) -> float:

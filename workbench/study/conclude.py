@@ -441,8 +441,7 @@ def answer_of(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> An
     if simulate and len(found) < MOST_FINDINGS and (damping := on_another_damping(study)) is not None:
         found.append(damping)
     if len(found) < MOST_FINDINGS and not study.scenario.sweep and not study.scenario.sample:
-        bound = from_the_bound(study)  # of the base values: a sweep has others
-        found += [bound] if bound is not None else []
+        found += from_the_bound(study)  # of the base values: a sweep has others
     return Answer((*first, *found[:MOST_FINDINGS]), tuple(rivals), tuple(asked))
 
 
