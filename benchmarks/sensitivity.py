@@ -30,11 +30,11 @@ from workbench.blind.seal import CAMPAIGNS
 from workbench.core.table import Column, Table, words
 
 if TYPE_CHECKING:
-    from workbench.diagnose.hypotheses.records import Names
+    from workbench.diagnose.hypotheses.free_parameters import Names
     from workbench.diagnose.hypotheses.search import SearchResult
 
 ROOT = Path(__file__).resolve().parents[1]
-PLACES = ("workbench/diagnose/verdict", "workbench/diagnose/hypotheses/merit.py")
+PLACES = ("workbench/diagnose/hypotheses/settings.py", "workbench/diagnose/verdict")
 FACTORS = (0.7, 1.3)
 CALIBRATION = "calibration.json"
 SHARE = "missed_"  # how names begin that are shares, 1 at most
@@ -44,16 +44,12 @@ REASONS = {
     "pair": "merit that a second effect costs beside its parameters",
     "temperature": "merits count divided by it: the sureness of the answers",
     "elsewhere": "of the logarithm of the number of hypotheses: of many, one looks good by chance",
-    "interval": "factor on standard errors: nine of ten true values inside the 90 % interval",
     "surer": "factor on the log odds where nothing speaks for an unknown cause: of what is stated, no answer changes",
     "missed_no_gap": "of answers of no gap, as stated: so many have a listed cause that is too small to see",
     "missed_unknown": "of unknown causes, as stated: so many are a listed one that the fits miss",
-    "missed_lost": "the same where a named cause leaves more than LOST_PERCENT",
     "unknown_bias": "log odds of an unknown cause where nothing speaks for one",
     "unknown_left": "weight of what the best hypothesis leaves",
     "unknown_prior": "weight of tolerances stretched beyond chance",
-    "unknown_bound": "weight of an effect's value at its bound",
-    "unknown_against": "weight of two effects that undo each other",
 }
 
 
@@ -84,7 +80,7 @@ def _times(value: Any, factor: float) -> Any:
 
 def numbers() -> list[Number]:
     """In the order of the code; the calibration's first."""
-    from workbench.diagnose.verdict.probability import calibration
+    from workbench.diagnose.hypotheses.settings import calibration
 
     listed = [Number(CALIBRATION, name, value, reason_of(name)) for name, value in calibration().items()]
     for place in PLACES:
@@ -137,7 +133,7 @@ def _comment(lines: Sequence[str], at: int) -> str:
 def changed(number: Number, factor: float) -> Iterator[None]:
     """The number at `factor` of itself, in every module of the diagnosis that has imported it."""
     if number.place == CALIBRATION:
-        from workbench.diagnose.verdict.probability import calibration
+        from workbench.diagnose.hypotheses.settings import calibration
 
         kept: Any = calibration()
         kept[number.name] = number.times(factor)
@@ -192,7 +188,7 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
             "names": list(judged.names),
             "alike": list(alike(judged, kind)),
             "ranking": [[first.verdict, list(first.effects), first.probability]],
-            "twins": [[list(names) for names in group] for group in judged.twins],
+            "twins": [[list(names) for names in group] for group in judged.groups],
         }
 
     as_is = said()

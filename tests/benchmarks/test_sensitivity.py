@@ -42,7 +42,7 @@ def test_a_changed_number_is_another_one_wherever_the_diagnosis_reads_it_and_com
 
 
 def test_numbers_of_one_name_in_two_modules_are_two():
-    structure: Any = importlib.import_module("workbench.diagnose.verdict.structure")
+    structure: Any = importlib.import_module("workbench.diagnose.verdict.unknown_cause")
     of_both = ("structure", "judge")
     kept = {place: the("BY_CHANCE", place) for place in of_both}
     with changed(kept["structure"], 0.7):

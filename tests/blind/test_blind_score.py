@@ -13,7 +13,7 @@ import pytest
 from benchmarks import calibrate, practice
 from workbench.blind import criteria, measures
 from workbench.blind.criteria import Share
-from workbench.diagnose.verdict.probability import calibration
+from workbench.diagnose.hypotheses.settings import calibration
 from workbench.reports.blind import tables
 
 EVIDENCE = dict.fromkeys(calibrate.EVIDENCE, 0.0)

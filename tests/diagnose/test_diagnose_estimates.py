@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from tests.support.fitted_runs import fitted_to
-from workbench.diagnose.hypotheses.error_model import ErrorModel
-from workbench.diagnose.hypotheses.estimates import covariance, estimates
-from workbench.diagnose.hypotheses.knobs import Value
+from workbench.diagnose.hypotheses.fit import covariance, estimates
+from workbench.diagnose.hypotheses.free_parameters import Scalar
+from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.effects import Effect, library_effects
 
 SIMPLIFIED = [
@@ -41,9 +41,9 @@ def test_correlated_noise_widens_the_interval_of_a_level_as_theory_says(carry: f
     rho = np.full(n, carry)
     rho[0] = 0.0
     errors = ErrorModel(np.full(n, 1e-6), np.full(n, sigma), np.zeros(n), rho)
-    knobs = (Value("level", 0.0, 1.0),)
+    free = (Scalar("level", 0.0, 1.0),)
     problem = SimpleNamespace(errors=errors, share=1.0, samples=n)
-    fit = SimpleNamespace(knobs=knobs, jacobian=np.ones((n, 1)), chi2=float(n))
+    fit = SimpleNamespace(free=free, jacobian=np.ones((n, 1)), chi2=float(n))
     variance = covariance(cast(Any, problem), cast(Any, fit), 1.0)[0, 0]
     assert variance == pytest.approx(sigma**2 * (1.0 + carry) / (n - (n - 2) * carry), rel=1e-3)
 

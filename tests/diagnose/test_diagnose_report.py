@@ -19,10 +19,10 @@ from tests.support.effect_machines import rotary_axis
 from tests.support.made_diagnosis import KINDS, made_diagnosis
 from workbench.cli.campaign import chosen_candidates
 from workbench.core.errors import InputError
-from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.location.records import Window
 from workbench.diagnose.records import Diagnosis
-from workbench.diagnose.verdict.records import Candidate, Hypothesis, Verdict
+from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.effects.declare import SUBSYSTEMS
 from workbench.figures.place import for_dark_ground, marked_machine

@@ -18,20 +18,22 @@ from hypothesis import strategies as st
 from tests.support.fitted_runs import fitted_to, made_by, rms
 from tests.support.noisy_runs import hoist_runs
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.estimates import covariance, estimates
-from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
+from workbench.diagnose.hypotheses.evidence import MOST, Score, cost, score_of
+from workbench.diagnose.hypotheses.fit import Fitted, covariance, estimates, fit_hypothesis
+from workbench.diagnose.hypotheses.free_parameters import (
+    FreeParameter,
+    Names,
+    base_parameters,
+    effect_parameters,
+    setting_of,
+)
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_payload, folds_by_run, held_out
-from workbench.diagnose.hypotheses.knobs import Knob, effect_knobs, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.score import MOST, Score, cost, score_of
 from workbench.diagnose.hypotheses.search import SearchResult
+from workbench.diagnose.hypotheses.settings import calibration
 from workbench.diagnose.shrink import folds_of, shrink_of
-from workbench.diagnose.verdict.judge import Judged, Weighed, alike, alternatives
-from workbench.diagnose.verdict.probability import LOST_PERCENT, calibration, rank
-from workbench.diagnose.verdict.records import Hypothesis
-from workbench.diagnose.verdict.twins import groups_of
+from workbench.diagnose.verdict.answer import LOST_PERCENT, Hypothesis, rank
+from workbench.diagnose.verdict.judge import Judged, Weighed, alike, alternatives, groups_of
 from workbench.diagnose.words import either, sentence_of
 from workbench.effects import find, ranges_of
 from workbench.machine import default_hoist
@@ -58,7 +60,7 @@ def test_a_score_without_discrepancy_to_speak_of_is_chi_squared_and_priors(tight
 
 def test_what_is_left_beyond_the_noise_asks_for_a_larger_discrepancy(tight: tuple[Problem, Fitted]):
     problem, fit = tight
-    slow = 10.0 * problem.errors.discrepancy * np.sin(np.arange(problem.samples) / 40.0)
+    slow = 10.0 * problem.errors.model_error * np.sin(np.arange(problem.samples) / 40.0)
     assert score_of(problem, replace(fit, residual=fit.residual + slow)).sizes[0] >= 4.0
     assert score_of(problem, fit).sizes[0] <= 2.0
 
@@ -72,11 +74,11 @@ def test_each_parameter_costs_the_logarithm_of_the_samples_as_far_as_they_are_hu
 # Held-out runs
 
 
-def alone(problem: Problem, effects: Names, knobs: Sequence[Knob], z: Array, fold: int) -> Array:
+def alone(problem: Problem, effects: Names, free: Sequence[FreeParameter], z: Array, fold: int) -> Array:
     """The residual of run `fold` by a real refit to all the others."""
     others = [run for j, run in enumerate(problem.runs) if j != fold]
     rest = Problem(problem.machine, others, problem.band_hz)
-    alone_fit = fit_knobs(rest, effects, knobs, z, 60)
+    alone_fit = fit_hypothesis(rest, effects, free, z, 60)
     (residual,) = problem.residuals([alone_fit.setting])
     return residual[problem.run_of_row == fold]
 
@@ -93,7 +95,7 @@ def test_a_fold_taken_out_by_one_step_is_what_a_refit_without_it_predicts(tight:
     quick = held_out(problem, fit, folds_by_run(problem))
     for j in range(len(problem.runs)):
         mine = problem.run_of_row == j
-        exact = alone(problem, fit.effects, fit.knobs, fit.z, j)
+        exact = alone(problem, fit.effects, fit.free, fit.z, j)
         assert rms(quick.residual[mine] - exact) < 0.25 * problem.noise
         assert quick.rms(problem.inputs, j) == pytest.approx(rms(exact), rel=0.1)
     assert len(quick.settings) == len(problem.runs)
@@ -144,14 +146,14 @@ def test_standard_errors_are_the_scatter_of_many_campaigns():
     hoist = Problem(default_hoist(), hoist_runs(default_hoist()))
     effect = find("friction_viscous", "hoist")
     (r,) = ranges_of(effect, hoist.machine, hoist.runs)
-    base = list(base_knobs(hoist.machine, hoist.runs).values())
-    more, start = effect_knobs(effect, (r,), {r.symbol: 3000.0})
-    knobs: list[Knob] = [*base, *more]
-    held = np.array([not knob.logarithmic for knob in base])
+    base = list(base_parameters(hoist.machine, hoist.runs).values())
+    more, start = effect_parameters(effect, (r,), {r.symbol: 3000.0})
+    free: list[FreeParameter] = [*base, *more]
+    held = np.array([not parameter.logarithmic for parameter in base])
     random, values, said = np.random.default_rng(8), [], []
     for _ in range(50):
         truth = np.concatenate([random.normal(size=len(base)) * held, start])
-        clean = made_by(hoist, setting_of(knobs, truth))
+        clean = made_by(hoist, setting_of(free, truth))
         runs = [
             replace(run, signals={**run.signals, TORQUE: run[TORQUE] + random.normal(scale=4.0, size=len(run.time_s))})
             for run in clean.runs
@@ -160,7 +162,7 @@ def test_standard_errors_are_the_scatter_of_many_campaigns():
         none = np.zeros(problem.samples)
         problem.errors = replace(problem.errors, moving=none, standstill=none)  # these runs have no discrepancy
         z = np.concatenate([np.zeros(len(base)), start])
-        fit = fit_knobs(problem, (effect.id,), knobs, z, 30)
+        fit = fit_hypothesis(problem, (effect.id,), free, z, 30)
         (estimate,) = estimates(problem, fit, interval=1.0)[effect.id]
         assert isinstance(estimate.value, float) and isinstance(estimate.std_error, float)
         values.append(estimate.value)
@@ -361,14 +363,14 @@ def test_a_listed_cause_that_the_fits_miss_is_not_said_to_be_on_no_list():
 @pytest.fixture(scope="module")
 def tight_search(tight: tuple[Problem, Fitted]) -> SearchResult:
     problem, fit = tight
-    knobs = list(base_knobs(problem.machine, problem.runs).values())
-    base = fit_knobs(problem, (), knobs, np.zeros(len(knobs)))
+    free = list(base_parameters(problem.machine, problem.runs).values())
+    base = fit_hypothesis(problem, (), free, np.zeros(len(free)))
     return SearchResult(problem, base, base, {fit.effects: fit}, {}, ())
 
 
 def test_the_interval_of_the_shrink_holds_its_factor_and_is_the_same_for_one_seed(tight_search: SearchResult):
     problem, names = tight_search.problem, ("friction_position_dependent",)
-    keys = base_knobs(problem.machine, problem.runs)
+    keys = base_parameters(problem.machine, problem.runs)
     folds = folds_of(tight_search, names)
     first, again, other = (shrink_of(tight_search, keys, names, folds, seed) for seed in (7, 7, 8))
     assert first == again
@@ -384,7 +386,7 @@ def test_the_interval_of_the_shrink_holds_its_factor_and_is_the_same_for_one_see
 
 
 def test_without_a_cause_nothing_shrinks(tight_search: SearchResult):
-    keys = base_knobs(tight_search.problem.machine, tight_search.problem.runs)
+    keys = base_parameters(tight_search.problem.machine, tight_search.problem.runs)
     shrink = shrink_of(tight_search, keys, (), folds_of(tight_search, ()), 0)
     assert shrink.factor == 1.0 and shrink.ci95 == (1.0, 1.0)
     assert shrink.before == shrink.after

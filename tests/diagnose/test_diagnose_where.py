@@ -12,8 +12,8 @@ import pytest
 
 from tests.support.searched_campaign import searched_in, simulated_search
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
+from workbench.diagnose.hypotheses.fit import parts_of, sum_of
+from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.location.gap import gap_of
@@ -240,7 +240,7 @@ def test_the_same_seed_gives_the_same_place(bump: tuple[Campaign, SearchResult])
 
 def gap_in(campaign: Campaign, search: SearchResult) -> Gap:
     problem = search.problem
-    keys = base_knobs(problem.machine, problem.runs)
+    keys = base_parameters(problem.machine, problem.runs)
     refitted = refitted_machine(problem, keys, search.within_tolerances)
     return gap_of(problem, search, replay_runs(refitted, campaign.runs, problem.band_hz))
 
@@ -267,7 +267,7 @@ def test_a_gap_is_given_as_torque_as_force_on_the_carriage_and_as_speed(bump: tu
 def test_the_refitted_machine_leaves_the_residual_of_its_fit(bump: tuple[Campaign, SearchResult]):
     campaign, search = bump
     problem = search.problem
-    machine = refitted_machine(problem, base_knobs(problem.machine, problem.runs), search.within_tolerances)
+    machine = refitted_machine(problem, base_parameters(problem.machine, problem.runs), search.within_tolerances)
     left = Problem(machine, campaign.runs, problem.band_hz).residuals([{}])[0]
     assert left == pytest.approx(search.within_tolerances.residual, abs=0.02 * problem.noise)
     assert not machine.effects
@@ -277,7 +277,7 @@ def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign
     campaign, search = bump
     problem = search.problem
     fit = search.fits[("friction_position_dependent",)]
-    machine = corrected_machine(problem, base_knobs(problem.machine, problem.runs), fit)
+    machine = corrected_machine(problem, base_parameters(problem.machine, problem.runs), fit)
     assert machine.effects["friction_position_dependent"]["peak_n"] == pytest.approx(4000.0, rel=0.1)
     save_machine(machine, tmp_path / "machine.yaml")
     again = load_machine(tmp_path / "machine.yaml")
@@ -289,7 +289,7 @@ def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign
 def test_a_machine_file_holds_what_is_each_runs_own(bump: tuple[Campaign, SearchResult]):
     campaign, search = bump
     fit = search.fits[("heave",)]
-    machine = corrected_machine(search.problem, base_knobs(search.problem.machine, search.problem.runs), fit)
+    machine = corrected_machine(search.problem, base_parameters(search.problem.machine, search.problem.runs), fit)
     phases = fit.setting["heave__phase_rad"]
     assert isinstance(phases, tuple)
     own = [machine.log.of_runs[run.name]["heave"]["phase_rad"] for run in campaign.runs]

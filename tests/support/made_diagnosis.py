@@ -14,7 +14,7 @@ from tests.support.log_campaign import csv_text
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.consequences import consequences_of
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.records import Isolability, NextRun
 from workbench.diagnose.location.gap import delivered_of
 from workbench.diagnose.location.records import Gap, Profile, Where, Window
@@ -22,7 +22,7 @@ from workbench.diagnose.readiness.records import Condition, RunCondition
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.shrink import Shrink
 from workbench.diagnose.unexplained.records import Curve, Unknown
-from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, ReasonKind, Verdict
+from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, Verdict
 from workbench.effects import effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.machine import Axis, Hoist, default_hoist, with_correction

@@ -100,10 +100,10 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
         names=d.verdict.effects,
         alike=d.verdict.alike,
         ranking=[(row.verdict, list(row.effects), row.probability) for row in d.verdict.ranking[:8]],
-        twins=[[list(names) for names in group] for group in d.judged.twins],
+        twins=[[list(names) for names in group] for group in d.judged.groups],
         weighed=[_weighed(w, len(base.z)) for w in d.judged.weighed],
         counted=[(list(names), merit) for names, merit in d.judged.counted],
-        evidence=dict(d.judged.evidence),
+        evidence=dict(d.judged.signs),
         estimates={
             name: {e.name: (e.value, e.std_error) for e in rows}
             for name, rows in (d.candidates[0].parameters if d.candidates else {}).items()
@@ -137,7 +137,7 @@ def _weighed(w: Any, base: int) -> dict[str, Any]:
     """base: number of the machine's own parameters in every fit."""
     return {
         "names": [] if w.rival else list(w.names),
-        "merit": w.merit,
+        "merit": w.evidence,
         "fit": list(w.names),
         "chi2": w.fit.chi2,
         "prior": w.fit.prior,

@@ -8,20 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.estimates import estimates
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted, estimates
+from workbench.diagnose.hypotheses.free_parameters import Scalar
 from workbench.diagnose.hypotheses.held_out import folds_by_payload, folds_by_run, held_out
-from workbench.diagnose.hypotheses.knobs import Value
 from workbench.diagnose.hypotheses.search import SearchResult
+from workbench.diagnose.verdict.answer import Candidate
 from workbench.diagnose.verdict.judge import Judged, Weighed
-from workbench.diagnose.verdict.probability import calibration
-from workbench.diagnose.verdict.records import Candidate
 
 SCORED = 5  # hypotheses whose held-out score is computed
 FAR = 3.0  # tolerances
 
 
-def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Value]) -> tuple[Candidate, ...]:
+def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar]) -> tuple[Candidate, ...]:
     """All weighed hypotheses, the best first; then those with a linear fit only, then those whose fit failed."""
     problem = search.problem
     gap = max(_energy(search, search.within_tolerances) - problem.noise**2, 1e-300)
@@ -34,7 +32,7 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Value]) 
             Candidate(
                 effects=hypothesis.names,
                 gain=hypothesis.gain,
-                merit=hypothesis.merit,
+                evidence=hypothesis.evidence,
                 residual_rms=hypothesis.fit.rms(problem.inputs),
                 held_out_rms=unseen[0] if unseen else None,
                 explained=float(
@@ -42,7 +40,7 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Value]) 
                         (_energy(search, search.within_tolerances) - _energy(search, hypothesis.fit)) / gap, 0.0, 1.0
                     )
                 ),
-                parameters=estimates(problem, hypothesis.fit, calibration()["interval"]),
+                parameters=estimates(problem, hypothesis.fit),
                 fitted=True,
                 against=tuple(_against(search, judged, hypothesis, keys, list(zip(folds, unseen, strict=False)))),
             )
@@ -69,7 +67,7 @@ def _against(
     search: SearchResult,
     judged: Judged,
     hypothesis: Weighed,
-    keys: Mapping[str, Value],
+    keys: Mapping[str, Scalar],
     unseen: Sequence[tuple[_Folds, float]],
 ) -> list[str]:
     """The objections to a hypothesis, as sentences."""
@@ -84,9 +82,9 @@ def _against(
     if best is not None and hypothesis.names != best.names and best.gain > hypothesis.gain:
         said.append(f"gains {best.gain - hypothesis.gain:.0f} less in chi-squared than {' and '.join(best.names)}")
     far = [
-        (abs(float(z)) / knob.std, key)
-        for (key, knob), z in zip(keys.items(), fit.z, strict=False)
-        if not knob.logarithmic and math.isfinite(knob.std)
+        (abs(float(z)) / parameter.std, key)
+        for (key, parameter), z in zip(keys.items(), fit.z, strict=False)
+        if not parameter.logarithmic and math.isfinite(parameter.std)
     ]
     worst = max(far, default=(0.0, ""))
     if worst[0] > FAR:

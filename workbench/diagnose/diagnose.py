@@ -8,9 +8,8 @@ from dataclasses import replace
 from workbench.consequences import consequences_of
 from workbench.core.errors import InputError, nearest
 from workbench.diagnose.candidates import candidates as candidate_rows
-from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
 from workbench.diagnose.hypotheses.problem import Problem, rms
-from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import SearchResult, searched
 from workbench.diagnose.isolation.isolability import isolability
 from workbench.diagnose.isolation.next_run import next_run
@@ -27,9 +26,8 @@ from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
+from workbench.diagnose.verdict.answer import Left, Verdict, shared
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
-from workbench.diagnose.verdict.probability import shared
-from workbench.diagnose.verdict.records import Left, ReasonKind, Verdict
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.kinds import kind_of
@@ -77,9 +75,9 @@ def diagnose(
 
     others = [effect for effect in effects_for(problem.active.kind).values() if not effect.listed]
     rivals = others if candidates is None else []
-    keys = base_knobs(campaign.machine, campaign.runs)
+    keys = base_parameters(campaign.machine, campaign.runs)
     if baseline == "nominal":
-        keys = {key: knob for key, knob in keys.items() if knob.logarithmic}
+        keys = {key: parameter for key, parameter in keys.items() if parameter.logarithmic}
     elif baseline != "tolerances":
         raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="baseline")
 
@@ -203,8 +201,7 @@ def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
     """The hypotheses that the campaign does not decide between, the most probable first."""
     first: list[Names] = [judged.names] if judged.names else []
     rest = list(also)
-    if not any(reason.kind is ReasonKind.FITS_ARE_LOST for reason in judged.reasons):  # then all are alike likely
-        rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
+    rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
     return list(dict.fromkeys([*first, *rest]))
 
 

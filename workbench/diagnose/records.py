@@ -12,8 +12,8 @@ from workbench.diagnose.location.records import Delivered, Gap, Where
 from workbench.diagnose.readiness.records import Condition
 from workbench.diagnose.shrink import Shrink
 from workbench.diagnose.unexplained.records import Unknown
+from workbench.diagnose.verdict.answer import Candidate, Verdict
 from workbench.diagnose.verdict.judge import Judged
-from workbench.diagnose.verdict.records import Candidate, Verdict
 from workbench.logs import Campaign
 from workbench.machine import Axis, Hoist
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
-from workbench.diagnose.hypotheses.knobs import Setting, Value
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.machines import machine_of
 from workbench.diagnose.unexplained.unknown import Explained
@@ -63,7 +62,7 @@ def folds_of(search: SearchResult, names: Names, unknown: Explained | None = Non
 
 def shrink_of(
     search: SearchResult,
-    keys: Mapping[str, Value],
+    keys: Mapping[str, Scalar],
     names: Names,
     folds: Folds,
     seed: int,
@@ -123,7 +122,7 @@ def _interval(folds: Folds, inputs: int, seed: int) -> tuple[float, float]:
 
 
 def _machines(
-    problem: Problem, keys: Mapping[str, Value], names: Names, settings: Sequence[Setting]
+    problem: Problem, keys: Mapping[str, Scalar], names: Names, settings: Sequence[Setting]
 ) -> list[Hoist | Axis | None]:
     """For each run the machine that was fitted to the other runs; None if the fit is not a valid machine."""
     machines: list[Hoist | Axis | None] = []

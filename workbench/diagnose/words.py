@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from workbench.diagnose.hypotheses.records import Names
+from workbench.diagnose.hypotheses.free_parameters import Names
 from workbench.diagnose.shrink import Shrink
+from workbench.diagnose.verdict.answer import Remainder
 from workbench.diagnose.verdict.judge import Judged
-from workbench.diagnose.verdict.records import Remainder
 
 MOSTLY = {
     "speed": "with speed",

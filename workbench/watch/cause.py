@@ -25,8 +25,7 @@ from workbench.core.errors import InputError
 from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import diagnose
-from workbench.diagnose.hypotheses.estimates import estimates
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted, estimates
 from workbench.diagnose.machines import machine_of, with_effects
 from workbench.diagnose.records import Diagnosis
 from workbench.kinds import kind_of
@@ -180,7 +179,7 @@ def _told_apart(
 
 def _amounts(made: Diagnosis, name: str, fit: Fitted) -> str:
     """The cause's parameters as the diagnosis fitted them, in words."""
-    rows = estimates(made.search.problem, fit, 1.0)[name]
+    rows = estimates(made.search.problem, fit)[name]
     sizes = ((row.name, _plain(_first(row.value), 3), _plain(_first(row.std_error), 2)) for row in rows)
     return ", ".join(f"{words_of(key)} {value} ± {error} {unit_of(key)}".strip() for key, value, error in sizes)
 
@@ -199,7 +198,7 @@ def _cause(made: Diagnosis, name: str, fit: Fitted) -> Cause:
     problem = made.search.problem
     fitted = machine_of(problem, {}, (name,), fit.setting)
     others = []
-    for estimate in estimates(problem, fit, 1.0, exact=True)[name]:
+    for estimate in estimates(problem, fit, exact=True)[name]:
         value, error = fitted.effects[name][estimate.name], _first(estimate.std_error)
         try:
             others.append(

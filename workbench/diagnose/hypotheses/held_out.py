@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import PhaseOfEachRun, Setting, bounds_of, setting_of
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import PhaseOfEachRun, Setting, bounds_of, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 
 BLOCKS = 4  # that a single run is cut into
@@ -59,7 +59,7 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
     folds are simulated together. A step is taken as far as it serves the runs that are left: all of it, or a part.
     What is each run's own (a phase) is taken from that run itself: another run cannot know it.
     """
-    lowest, highest, std = bounds_of(fitted.knobs)
+    lowest, highest, std = bounds_of(fitted.free)
     prior = np.diag(1.0 / std**2)
     white = problem.errors.whiten(np.column_stack([fitted.jacobian, fitted.residual]))
     folds = int(np.max(fold_of_row)) + 1 if len(fold_of_row) else 0
@@ -84,7 +84,7 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
             tried += [(fold, np.clip(at + part * step, lowest, highest)) for part in PARTS]
         if not tried:
             break
-        whitened = problem.errors.whiten(problem.residuals([setting_of(fitted.knobs, at) for _, at in tried]).T).T
+        whitened = problem.errors.whiten(problem.residuals([setting_of(fitted.free, at) for _, at in tried]).T).T
         better: dict[int, tuple[float, Array, Array]] = {}
         for (fold, at), row in zip(tried, whitened, strict=True):
             left = row[~inside[fold]]
@@ -100,7 +100,7 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
             worth[fold], z[fold], rows[fold] = size, at, left
     points = [at + _own(fitted, mine, at - fitted.z) for at, mine in zip(z, inside, strict=True)]
     points = [np.clip(at, lowest, highest) for at in points]
-    settings = tuple(setting_of(fitted.knobs, at) for at in points)
+    settings = tuple(setting_of(fitted.free, at) for at in points)
     residual = np.empty(problem.samples)
     for row, mine in zip(problem.residuals(settings), inside, strict=True):
         residual[mine] = row[mine]
@@ -126,7 +126,9 @@ def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> 
 
 def _own(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
     """The least-squares step of the values that belong to this fold's own runs, after `step` of all the others."""
-    own = np.array([isinstance(knob, PhaseOfEachRun) for knob in fitted.knobs for _ in knob.lowest], dtype=bool)
+    own = np.array(
+        [isinstance(parameter, PhaseOfEachRun) for parameter in fitted.free for _ in parameter.lowest], dtype=bool
+    )
     sizes = np.abs(fitted.jacobian)
     elsewhere, anywhere = np.max(sizes[~fold], axis=0, initial=0.0), np.max(sizes, axis=0, initial=0.0)
     mine = np.flatnonzero(own & (elsewhere <= ROUNDING * anywhere))

@@ -12,23 +12,40 @@ from itertools import combinations, takewhile
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import base_knobs, trace_knobs
-from workbench.diagnose.hypotheses.fits import (
-    Fitted,
+from workbench.diagnose.hypotheses.evidence import (
+    PLAY,
+    STEP,
+    beyond,
+    beyond_model_error,
+    cost,
+    discounted,
+    inexact,
+    of_impacts,
+    score_of,
+)
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis, stepped
+from workbench.diagnose.hypotheses.free_parameters import (
+    LOG_TIMING,
+    FreeParameter,
+    Names,
+    Scalar,
+    base_parameters,
+    bounds_of,
+    effect_parameters,
+    nuisance_parameters,
+    setting_of,
+    within,
+)
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.signatures import (
     Projection,
+    Signature,
     columns_signed,
-    fit_knobs,
     linear_gain,
+    signatures_of,
     start_of,
     stepped_aside,
 )
-from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, Value, bounds_of, effect_knobs, setting_of, within
-from workbench.diagnose.hypotheses.merit import PLAY, beyond, beyond_discrepancy, discounted, inexact, of_blows
-from workbench.diagnose.hypotheses.pattern import stepped
-from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.scan import Atom, atoms
-from workbench.diagnose.hypotheses.score import STEP, cost, score_of
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect, Ranged, find, ranges_of
 
@@ -36,7 +53,7 @@ REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
 FIRST_ROUND = 6  # evaluations each, before the field is narrowed
 LAST_ROUND = 40
 ALWAYS = 2  # effects refitted whatever they promise
-HOPELESS = -10.0  # merit, linearly
+HOPELESS = -10.0  # evidence, linearly
 EXTENDED_REFITTED = 6
 LEADS = 0.4  # of the best single effect's gain
 TOLERANCES = 3.0  # within which signatures are taken
@@ -50,9 +67,9 @@ IN_REACH = 0.3  # of the best gain: what is followed to its end
 PARTNERS = 3  # of each leading effect, that are refitted with it
 LEADERS = 3
 TOO_LATE = 5.0  # sampling steps of the log's motion behind its input
-TOO_SMALL = 1.5  # sizes of the discrepancy: what needs more is searched again with them
+TOO_SMALL = 1.5  # sizes of the model error: what needs more is searched again with them
 ASIDE = (1.0, 0.3, 0.0)  # of the way that a fit's own parameters step aside
-SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
+SHAPES_KEPT = 3  # signatures of an effect that a pair is tried with
 ROUNDS_OF_PLAY = 3  # steps of its values, then a fit of all
 SHAPES_AGAIN = 6  # of an effect, simulated anew where another point is linearised
 
@@ -65,7 +82,7 @@ class SearchResult:
     TOLERANCES standard deviations off nominal. fits: names -> the best fit.
 
     linear: names -> what a linear fit promises, also for what was not refitted. failures: names -> why a fit broke
-    down. atoms: the signatures at `within_tolerances`. rivals: effects weighed alone that no answer may name.
+    down. signatures: the signatures at `within_tolerances`. rivals: effects weighed alone that no answer may name.
     """
 
     problem: Problem
@@ -73,7 +90,7 @@ class SearchResult:
     within_tolerances: Fitted
     fits: Mapping[Names, Fitted]
     linear: Mapping[Names, float]
-    atoms: Sequence[Atom]
+    signatures: Sequence[Signature]
     failures: Mapping[Names, str] = field(default_factory=dict)
     rivals: frozenset[str] = frozenset()
 
@@ -85,12 +102,12 @@ class SearchResult:
 @dataclass(frozen=True)
 class Promise:
     """The linear estimate for one effect at its best shape. gain: the fall of the objective, `data` of it in the
-    residual. merit: the gain less the cost of the parameters."""
+    residual. evidence: the gain less the cost of the parameters."""
 
     gain: float
     data: float
-    merit: float
-    atom: Atom
+    evidence: float
+    signature: Signature
     amounts: Array
 
 
@@ -100,9 +117,9 @@ def searched(
     most_effects: int = 2,
     tell: Tell | None = None,
     rivals: Sequence[Effect] = (),
-    base: Mapping[str, Value] | None = None,
+    base: Mapping[str, Scalar] | None = None,
 ) -> SearchResult:
-    """The search, with the size of discrepancy that the best hypothesis needs.
+    """The search, with the size of model error that the best hypothesis needs.
 
     Where the base parameters alone put the log's motion more than TOO_LATE sampling steps behind its input, the samples
     are left out whose motion had ended by then. It begins with the default sizes. If the best hypothesis leaves a
@@ -133,12 +150,12 @@ def searched(
         return result
     if standstill > 1.0:  # a fit has bent itself to what is near standstill, and asks for less than there is
         standstill *= STEP
-    return search(begun(problem.with_discrepancy((size, standstill))))
+    return search(begun(problem.with_model_error((size, standstill))))
 
 
 @dataclass(frozen=True)
 class _Way:
-    """A leading hypothesis and the effect to add to it. worth: the merit of both; gain: the fall of the objective. Both
+    """A leading hypothesis and the effect to add to it. worth: the evidence of both; gain: the fall of the objective. Both
     are linear estimates."""
 
     worth: float
@@ -148,7 +165,7 @@ class _Way:
 
 
 class Search:
-    """One campaign's search. base: the knobs of the base parameters, which every fit has first, in this order."""
+    """One campaign's search. base: the free of the base parameters, which every fit has first, in this order."""
 
     def __init__(
         self,
@@ -156,31 +173,31 @@ class Search:
         effects: Iterable[Effect],
         tell: Tell | None = None,
         rivals: Iterable[Effect] = (),
-        base: Mapping[str, Value] | None = None,
+        base: Mapping[str, Scalar] | None = None,
     ) -> None:
         """rivals: unlisted effects that are fitted alone too, so that no pair is named in the place of one of them.
 
-        base: the base parameters' knobs, None for all that have a tolerance.
+        base: the base parameters' free, None for all that have a tolerance.
         """
         self.problem = problem
         self.effects = {effect.id: effect for effect in effects}
         self.rivals = {effect.id: effect for effect in rivals if effect.id not in self.effects}
-        self.base = dict(base_knobs(problem.machine, problem.runs) if base is None else base)
-        self.traces = trace_knobs(problem.machine, problem.runs)
+        self.base = dict(base_parameters(problem.machine, problem.runs) if base is None else base)
+        self.traces = nuisance_parameters(problem.machine, problem.runs)
         self.held = [*self.base.values(), *self.traces.values()]
-        self.count = sum(len(knob.lowest) for knob in self.held)
+        self.count = sum(parameter.size for parameter in self.held)
         self._tell = tell or (lambda progress: None)
         self.fits: dict[Names, Fitted] = {}
         self.linear: dict[Names, float] = {}
         self.failures: dict[Names, str] = {}
-        self.scanned: Sequence[Atom] = ()
+        self.scanned: Sequence[Signature] = ()
         self._base: Fitted | None = None
 
     def base_fit(self) -> Fitted:
         """The fit of the base parameters alone, without an effect."""
         if self._base is None:
             self._tell(Progress(Stage.SEARCH, Task.BASE))
-            self._base = fit_knobs(self.problem, (), self.held, self._start(), LAST_ROUND)
+            self._base = fit_hypothesis(self.problem, (), self.held, self._start(), LAST_ROUND)
         return self._base
 
     def late_s(self) -> float:
@@ -195,16 +212,16 @@ class Search:
         """z where the base fit begins: nominal, with a little of each trace that keeps a state. Such a trace may show
         nothing at exactly zero, and a fit would stay there."""
         z = np.zeros(self.count)
-        for key, knob in self.traces.items():
+        for key, parameter in self.traces.items():
             if find(key.partition(".")[0], self.problem.active.kind).memory:
-                z[self._place_of(knob)] = BEGUN * np.array(knob.prior_std)
+                z[self._place_of(parameter)] = BEGUN * np.array(parameter.prior_std)
         return z
 
     def singles(self) -> SearchResult:
         """The fit without effects, and the fits of every effect alone."""
         base = self.base_fit()
         within = self._within_tolerances(base)
-        near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
+        near = replace(within, free=base.free)  # hypotheses start there, and may go further
         self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
         signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
         self.scanned = signatures
@@ -214,10 +231,14 @@ class Search:
 
     def pairs(self, singles: SearchResult) -> SearchResult:
         """The result of `singles` with the pairs around the best single effects."""
-        near = replace(singles.within_tolerances, knobs=singles.base.knobs)
+        near = replace(singles.within_tolerances, free=singles.base.free)
         self._extend(singles.base, singles.within_tolerances, 1)
         if any(len(names) == 1 and names[0] in self.effects for names in self.fits):
-            self._joint(singles.base, near, [atom for atom in singles.atoms if atom.effect.id in self.effects])
+            self._joint(
+                singles.base,
+                near,
+                [signature for signature in singles.signatures if signature.effect.id in self.effects],
+            )
         self._finish(singles.base, [names for names in self.fits if len(names) == 2], PAIR_IN_REACH)
         self._drop(singles.base)
         return self._result(singles)
@@ -231,11 +252,11 @@ class Search:
 
     def _result(self, result: SearchResult) -> SearchResult:
         self._offer_standstill(result.base)
-        return self._found(result.base, result.within_tolerances, result.atoms)
+        return self._found(result.base, result.within_tolerances, result.signatures)
 
-    def _found(self, base: Fitted, near: Fitted, atoms: Sequence[Atom]) -> SearchResult:
+    def _found(self, base: Fitted, near: Fitted, signatures: Sequence[Signature]) -> SearchResult:
         return SearchResult(
-            self.problem, base, near, self.fits, self.linear, atoms, self.failures, frozenset(self.rivals)
+            self.problem, base, near, self.fits, self.linear, signatures, self.failures, frozenset(self.rivals)
         )
 
     def _within_tolerances(self, base: Fitted) -> Fitted:
@@ -244,49 +265,49 @@ class Search:
         if np.all(np.abs(base.z) <= TOLERANCES):
             return base
         # What happens at standstill must not stand in for the gap either.
-        far = [TURNED if getattr(k, "logarithmic", False) else TOLERANCES for k in self.held]
+        far = [TURNED if k.logarithmic else TOLERANCES for k in self.held]
         held = [within(k, limit) for k, limit in zip(self.held, far, strict=True)]
-        reach = np.repeat(far, [len(k.lowest) for k in self.held])
+        reach = np.repeat(far, [k.size for k in self.held])
         z = np.clip(base.z, -reach, reach)
-        return fit_knobs(self.problem, (), held, z, LAST_ROUND)
+        return fit_hypothesis(self.problem, (), held, z, LAST_ROUND)
 
-    def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Atom]:
+    def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Signature]:
         """The signatures of all effects that can be simulated. A failed simulation becomes a row of the report.
 
         The first call tries every shape of every effect. Later calls try only the most promising shapes of the first.
         """
         try:
-            signatures = atoms(self.problem, effects, at.setting, self._likely(effects, at))
+            signatures = signatures_of(self.problem, effects, at.setting, self._likely(effects, at))
         except BREAKDOWNS as error:
             if len(effects) == 1:
                 self.failures[(effects[0].id,)] = f"{type(error).__name__}: {error}"
                 return []
-            signatures = [atom for effect in effects for atom in self._signatures([effect], at)]
-        broken = {atom.effect.id for atom in signatures if not np.all(np.isfinite(atom.columns))}
+            signatures = [signature for effect in effects for signature in self._signatures([effect], at)]
+        broken = {signature.effect.id for signature in signatures if not np.all(np.isfinite(signature.columns))}
         self.failures |= {(name,): "the simulation breaks down at the values tried first" for name in broken}
-        return [atom for atom in signatures if atom.effect.id not in broken]
+        return [signature for signature in signatures if signature.effect.id not in broken]
 
     def _likely(self, effects: Sequence[Effect], at: Fitted) -> dict[str, list[Mapping[str, float]]] | None:
         """Effect -> its most promising shapes at a point, by the signatures already known. None without signatures."""
         wanted = {effect.id for effect in effects}
         gains: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
         projection = Projection.of(self.problem, at) if self.scanned else None
-        for atom in self.scanned:
-            if projection is not None and atom.effect.id in wanted:
-                data, prior, _ = projection.gain(atom)
-                gains.setdefault(atom.effect.id, []).append((data + prior, atom.at))
+        for signature in self.scanned:
+            if projection is not None and signature.effect.id in wanted:
+                data, prior, _ = projection.gain(signature)
+                gains.setdefault(signature.effect.id, []).append((data + prior, signature.at))
         best = {name: sorted(shapes, key=lambda q: -q[0])[:SHAPES_AGAIN] for name, shapes in gains.items()}
         return {name: [at for _, at in shapes] for name, shapes in best.items()} or None
 
-    def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
+    def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Signature]) -> None:
         promised = self._promised(near, signatures)
         self.linear |= {(name,): promise.gain for name, promise in promised.items()}
-        order = sorted(promised, key=lambda name: -promised[name].merit)
+        order = sorted(promised, key=lambda name: -promised[name].evidence)
         strained = self._strained(base) | ({PLAY} if self.problem.struck else set())
         order = [
             name
             for k, name in enumerate(order)
-            if k < ALWAYS or name in strained or (k < REFITTED and promised[name].merit > HOPELESS)
+            if k < ALWAYS or name in strained or (k < REFITTED and promised[name].evidence > HOPELESS)
         ]
         for k, name in enumerate(order):
             self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
@@ -311,15 +332,15 @@ class Search:
         """The effects whose trace the base fit puts far beyond its tolerance: one of them may be the cause."""
         return {
             key.partition(".")[0]
-            for key, knob in self.traces.items()
-            if not getattr(knob, "logarithmic", False)
-            and np.any(np.abs(base.z[self._place_of(knob)]) > STRAINED * np.array(knob.prior_std))
+            for key, parameter in self.traces.items()
+            if not parameter.logarithmic
+            and np.any(np.abs(base.z[self._place_of(parameter)]) > STRAINED * np.array(parameter.prior_std))
         }
 
-    def _place_of(self, wanted: Knob) -> slice:
+    def _place_of(self, wanted: FreeParameter) -> slice:
         """The slice of z that belongs to a base parameter or a trace, the same in every fit."""
-        before = [len(knob.lowest) for knob in takewhile(lambda knob: knob is not wanted, self.held)]
-        return slice(sum(before), sum(before) + len(wanted.lowest))
+        before = [parameter.size for parameter in takewhile(lambda parameter: parameter is not wanted, self.held)]
+        return slice(sum(before), sum(before) + wanted.size)
 
     def _from_base(self, base: Fitted, names: Sequence[str]) -> None:
         """Fits started from the unrestricted base fit too, where that promises more than the fit so far: the first one
@@ -342,12 +363,13 @@ class Search:
         taken = float(at.z[own][0])
         if taken <= TOLERANCES:
             return
-        more, amount = effect_knobs(late, self._ranges(late), {self.problem.late: taken * timing.scale})
+        more, amount = effect_parameters(late, self._ranges(late), {self.problem.late: taken * timing.scale})
         z = np.concatenate([at.z, amount])
         z[own] = 0.0
         names = (*at.effects, late.id)
         self._try(
-            tuple(sorted(names)), lambda: fit_knobs(self.problem, names, [*at.knobs, *more], z, LAST_ROUND, self.count)
+            tuple(sorted(names)),
+            lambda: fit_hypothesis(self.problem, names, [*at.free, *more], z, LAST_ROUND, self.count),
         )
 
     def _with_traces(self, at: Fitted) -> None:
@@ -357,15 +379,15 @@ class Search:
             ranges, setting = self._ranges(self.effects[name]), at.setting
             if any(r.symbol not in setting for r in ranges):
                 continue
-            more, amount = effect_knobs(self.effects[name], ranges, {r.symbol: setting[r.symbol] for r in ranges})
+            more, amount = effect_parameters(self.effects[name], ranges, {r.symbol: setting[r.symbol] for r in ranges})
             z = np.concatenate([at.z, amount])
-            for key, knob in self.traces.items():
+            for key, parameter in self.traces.items():
                 if key.partition(".")[0] == name:
-                    z[self._place_of(knob)] = 0.0
+                    z[self._place_of(parameter)] = 0.0
             names = (*at.effects, name)
             self._try(
                 tuple(sorted(names)),
-                lambda n=names, m=more, z=z: fit_knobs(self.problem, n, [*at.knobs, *m], z, LAST_ROUND, self.count),  # type: ignore[misc]
+                lambda n=names, m=more, z=z: fit_hypothesis(self.problem, n, [*at.free, *m], z, LAST_ROUND, self.count),  # type: ignore[misc]
             )
 
     def _ranges(self, effect: Effect) -> tuple[Ranged, ...]:
@@ -388,7 +410,7 @@ class Search:
         if not self.fits:
             return
         donor = min(self.fits.values(), key=lambda fit: fit.objective)
-        turns = np.array([getattr(k, "logarithmic", False) for k in self.held for _ in k.lowest], dtype=bool)
+        turns = np.array([k.logarithmic for k in self.held for _ in k.lowest], dtype=bool)
         best = base.objective - donor.objective
         for names, fit in list(self.fits.items()):
             apart = np.abs(fit.z[: self.count] - donor.z[: self.count])[turns]
@@ -399,7 +421,7 @@ class Search:
             self._try(names, lambda f=fit, z=z: self._again(replace(f, z=z)))  # type: ignore[misc]
 
     def _again(self, fit: Fitted) -> Fitted:
-        return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, LAST_ROUND, self.count, fit.jacobian)
+        return fit_hypothesis(self.problem, fit.effects, fit.free, fit.z, LAST_ROUND, self.count, fit.jacobian)
 
     def _extend(self, base: Fitted, near: Fitted, size: int) -> None:
         """The leading hypotheses of `size` effects, extended by the most promising further effects."""
@@ -418,7 +440,7 @@ class Search:
             self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders), names))
             again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
             least = inexact(self.problem, near, leader, scores[names])
-            partners = {name: alone for name, alone in self._promised(leader, again).items() if alone.merit > 0.0}
+            partners = {name: alone for name, alone in self._promised(leader, again).items() if alone.evidence > 0.0}
             added = {name: self._worth_beside(leader, alone, least) for name, alone in partners.items()}
             gained = base.objective - leader.objective
             for rank, name in enumerate(sorted(added, key=lambda name: -added[name])):
@@ -440,18 +462,18 @@ class Search:
             self._with_traces(self.fits[names])
 
     def _worth(self, base: Fitted, fit: Fitted, gain: float) -> float:
-        """A single effect's merit, less what the discrepancy alone could gain. gain: the fall of the score."""
+        """A single effect's evidence, less what the model error alone could gain. gain: the fall of the score."""
         paid = cost(self.problem, len(fit.z) - len(base.z))
-        return of_blows(self.problem, fit.effects, beyond_discrepancy(self.problem, base, fit, gain) - paid)
+        return of_impacts(self.problem, fit.effects, beyond_model_error(self.problem, base, fit, gain) - paid)
 
     def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> float:
-        """The merit that a further effect adds to a leader, by its linear estimate. least: the gain that the leader's
+        """The evidence that a further effect adds to a leader, by its linear estimate. least: the gain that the leader's
         inexact law alone could give."""
-        taken = promise.atom.columns @ promise.amounts
-        z = self._aside(leader, taken, promise.atom)
+        taken = promise.signature.columns @ promise.amounts
+        z = self._aside(leader, taken, promise.signature)
         left = leader.residual - taken + leader.jacobian @ (z - leader.z)
-        data = discounted(self.problem, (promise.atom.effect.id,), promise.data, leader.residual, left)
-        paid = promise.gain - promise.merit
+        data = discounted(self.problem, (promise.signature.effect.id,), promise.data, leader.residual, left)
+        paid = promise.gain - promise.evidence
         return promise.gain - promise.data + beyond(data, least) - paid
 
     def _drop(self, base: Fitted) -> None:
@@ -466,23 +488,23 @@ class Search:
     def _without(self, pair: Fitted, left: str) -> Fitted:
         """The pair's fit with only the effect `left` in it."""
         own = len(self.held)
-        mine = [knob for knob in pair.knobs[own:] if left in _effects_of(knob)]
-        kept = np.array([True] * self.count + [left in _effects_of(k) for k in pair.knobs[own:] for _ in k.lowest])
-        knobs = [*pair.knobs[:own], *mine]
-        return fit_knobs(self.problem, (left,), knobs, pair.z[kept], FIRST_ROUND, self.count)
+        mine = [parameter for parameter in pair.free[own:] if left in _effects_of(parameter)]
+        kept = np.array([True] * self.count + [left in _effects_of(k) for k in pair.free[own:] for _ in k.lowest])
+        free = [*pair.free[:own], *mine]
+        return fit_hypothesis(self.problem, (left,), free, pair.z[kept], FIRST_ROUND, self.count)
 
-    def _joint(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
+    def _joint(self, base: Fitted, near: Fitted, signatures: Sequence[Signature]) -> None:
         """Pairs of effects that promise more together than the best single effect, though neither leads alone."""
         alone = (fit.objective for names, fit in self.fits.items() if len(names) == 1 and names[0] in self.effects)
         best = near.objective - min(alone)  # what the best alone takes off, from the same point
         projection = Projection.of(self.problem, near)
-        kept: dict[str, list[tuple[float, Atom, Array]]] = {}
-        for atom in signatures:
-            columns = projection.clean(atom.columns)
-            data, prior, _ = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
-            kept.setdefault(atom.effect.id, []).append((data + prior, atom, columns))
+        kept: dict[str, list[tuple[float, Signature, Array]]] = {}
+        for signature in signatures:
+            columns = projection.clean(signature.columns)
+            data, prior, _ = linear_gain(columns, projection.residual, columns_signed(signature), projection.priors)
+            kept.setdefault(signature.effect.id, []).append((data + prior, signature, columns))
         kept = {name: sorted(shapes, key=lambda q: -q[0])[:SHAPES_KEPT] for name, shapes in kept.items()}
-        pairs: list[tuple[float, Names, Atom, Atom, Array]] = []
+        pairs: list[tuple[float, Names, Signature, Signature, Array]] = []
         for first, second in combinations(sorted(kept), 2):
             if (first, second) in self.fits:
                 continue
@@ -501,48 +523,48 @@ class Search:
         for _, pair, a, b, amounts in sorted(pairs, key=lambda q: -q[0])[:PARTNERS]:
             self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
 
-    def _promised(self, at: Fitted, signatures: Sequence[Atom]) -> dict[str, Promise]:
+    def _promised(self, at: Fitted, signatures: Sequence[Signature]) -> dict[str, Promise]:
         """Effect -> its best shape, linearly."""
         projection = Projection.of(self.problem, at)
         best: dict[str, Promise] = {}
-        for atom in signatures:
-            data, prior, amounts = projection.gain(atom)
-            size = atom.columns.shape[1] + len(atom.at)
-            promise = Promise(data + prior, data, data + prior - cost(self.problem, size), atom, amounts)
-            if atom.effect.id not in best or promise.merit > best[atom.effect.id].merit:
-                best[atom.effect.id] = promise
+        for signature in signatures:
+            data, prior, amounts = projection.gain(signature)
+            size = signature.columns.shape[1] + len(signature.at)
+            promise = Promise(data + prior, data, data + prior - cost(self.problem, size), signature, amounts)
+            if signature.effect.id not in best or promise.evidence > best[signature.effect.id].evidence:
+                best[signature.effect.id] = promise
         return best
 
     def _fit_with(self, at: Fitted, promise: Promise) -> Fitted:
-        more, start = start_of(self.problem, promise.atom, promise.amounts)
-        names = (*at.effects, promise.atom.effect.id)
-        beside = self._aside(at, promise.atom.columns @ promise.amounts, promise.atom)
-        return self._fit_from(names, [*at.knobs, *more], at.z, beside, start)
+        more, start = start_of(self.problem, promise.signature, promise.amounts)
+        names = (*at.effects, promise.signature.effect.id)
+        beside = self._aside(at, promise.signature.columns @ promise.amounts, promise.signature)
+        return self._fit_from(names, [*at.free, *more], at.z, beside, start)
 
-    def _fit_both(self, near: Fitted, a: Atom, b: Atom, amounts: Array) -> Fitted:
+    def _fit_both(self, near: Fitted, a: Signature, b: Signature, amounts: Array) -> Fitted:
         split = a.columns.shape[1]
         taken = a.columns @ amounts[:split] + b.columns @ amounts[split:]
-        knobs, start = list(near.knobs), list[float]()
-        for atom, part in ((a, amounts[:split]), (b, amounts[split:])):
-            more, z = start_of(self.problem, atom, part)
-            knobs, start = [*knobs, *more], [*start, *z]
-        return self._fit_from((a.effect.id, b.effect.id), knobs, near.z, self._aside(near, taken, a, b), start)
+        free, start = list(near.free), list[float]()
+        for signature, part in ((a, amounts[:split]), (b, amounts[split:])):
+            more, z = start_of(self.problem, signature, part)
+            free, start = [*free, *more], [*start, *z]
+        return self._fit_from((a.effect.id, b.effect.id), free, near.z, self._aside(near, taken, a, b), start)
 
     def _fit_from(
-        self, names: Names, knobs: Sequence[Knob], at: Array, beside: Array, start: Sequence[float]
+        self, names: Names, free: Sequence[FreeParameter], at: Array, beside: Array, start: Sequence[float]
     ) -> Fitted:
         """A fit started with its base parameters moved to `beside`, or part of the way there if that fits better: the
         linear step may be too long."""
         ways = [np.concatenate([at + part * (beside - at), start]) for part in ASIDE]
-        white = self.problem.errors.whiten(self.problem.residuals([setting_of(knobs, z) for z in ways]).T)
-        std = bounds_of(knobs)[2]
+        white = self.problem.errors.whiten(self.problem.residuals([setting_of(free, z) for z in ways]).T)
+        std = bounds_of(free)[2]
         left = np.sum(white**2, axis=0) + np.array([np.sum((z / std) ** 2) for z in ways])
         z = ways[int(np.argmin(np.where(np.isfinite(left), left, np.inf)))]
-        return fit_knobs(self.problem, names, knobs, z, FIRST_ROUND, self.count)
+        return fit_hypothesis(self.problem, names, free, z, FIRST_ROUND, self.count)
 
-    def _aside(self, at: Fitted, taken: Array, *atoms: Atom) -> Array:
+    def _aside(self, at: Fitted, taken: Array, *signatures: Signature) -> Array:
         """z of the fit's own parameters, refitted linearly after effects have taken `taken`, (samples,), off it."""
-        delay = self.problem.late in {r.symbol for atom in atoms for r in atom.amounts}
+        delay = self.problem.late in {r.symbol for signature in signatures for r in signature.amounts}
         return stepped_aside(self.problem, at, taken, delay)
 
     def _try(self, names: Names, fit: Callable[[], Fitted]) -> None:
@@ -558,7 +580,7 @@ class Search:
             self.fits[names] = fitted
 
 
-def _effects_of(knob: Knob) -> set[str]:
-    """The effects whose values a knob sets."""
-    values = knob.values([0.0] * len(knob.lowest))
+def _effects_of(parameter: FreeParameter) -> set[str]:
+    """The effects whose values a parameter sets."""
+    values = parameter.values([0.0] * parameter.size)
     return {symbol.split("__")[0] for symbol in values}

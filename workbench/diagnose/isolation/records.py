@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.records import Names
+from workbench.diagnose.hypotheses.free_parameters import Names
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr, logsumexp
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.discrepancy import SPREAD
-from workbench.diagnose.hypotheses.error_model import ErrorModel
+from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel
 from workbench.diagnose.location.survey import Survey
 
 SIZES = 8  # of s

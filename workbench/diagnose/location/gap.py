@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import Value
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import Scalar, base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.location.records import Delivered, Gap, RunResidual
@@ -49,7 +48,7 @@ def gap_of(problem: Problem, search: SearchResult, refitted: ReplayResult) -> Ga
     A fit that tolerances merely hold, `search.base`, may stretch one to ten times itself and hide a gap there;
     how far it does is the worst tolerance. refitted: its machine, replayed.
     """
-    base, keys = search.base, base_knobs(problem.machine, problem.runs)
+    base, keys = search.base, base_parameters(problem.machine, problem.runs)
     left = refitted.residual_rms_moving
     plain = replay_runs(problem.machine, problem.runs, problem.band_hz)
     worst = worst_tolerance(keys, base)
@@ -72,12 +71,12 @@ def gap_of(problem: Problem, search: SearchResult, refitted: ReplayResult) -> Ga
     return replace(gap, sentences=tuple(_sentences(gap, unit_of(problem.machine))))
 
 
-def worst_tolerance(keys: Mapping[str, Value], base: Fitted) -> tuple[str, float]:
+def worst_tolerance(keys: Mapping[str, Scalar], base: Fitted) -> tuple[str, float]:
     """The key of the base parameter that the fit moved furthest, and by how many of its tolerances."""
     moved = {
-        key: float(z) / knob.std
-        for (key, knob), z in zip(keys.items(), base.z, strict=False)  # the base parameters are the first of all
-        if not knob.logarithmic
+        key: float(z) / parameter.std
+        for (key, parameter), z in zip(keys.items(), base.z, strict=False)  # the base parameters are the first of all
+        if not parameter.logarithmic
     }
     key = max(moved, key=lambda k: abs(moved[k]), default="")
     return key, moved.get(key, 0.0)

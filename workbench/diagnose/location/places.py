@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.events import Pulse, event_ports, pulses_of
 from workbench.diagnose.location.evidence import Evidence, Weigher

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import bounds_of
 from workbench.diagnose.hypotheses.held_out import folds_by_run
-from workbench.diagnose.hypotheses.knobs import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 
 TURN = 2.0 * np.pi
@@ -53,11 +53,11 @@ class TableFitter:
 
     def __init__(self, problem: Problem, fitted: Fitted) -> None:
         self.problem, self.fitted = problem, fitted
-        _, _, self.std = bounds_of(fitted.knobs)
+        _, _, self.std = bounds_of(fitted.free)
         self.groups = folds_by_run(problem)
         self.count = int(self.groups.max()) + 1
         self.careful = np.concatenate(
-            [np.full(len(knob.lowest), bool(getattr(knob, "logarithmic", False))) for knob in fitted.knobs]
+            [np.full(len(parameter.lowest), bool(parameter.logarithmic)) for parameter in fitted.free]
         )
         self.move_to(np.zeros(len(fitted.z)))
         self.before = self._alone()
@@ -65,7 +65,7 @@ class TableFitter:
     def move_to(self, z: Array) -> None:
         """Linearise at other base values."""
         self.z = z
-        self.residual, self.jacobian = self.problem.evaluate(self.fitted.knobs, z)
+        self.residual, self.jacobian = self.problem.evaluate(self.fitted.free, z)
 
     def left(self, columns: Array, fit: TableFit) -> Array:
         """(samples,) the residual with a table, linearised."""

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.knobs import GAIN, Setting
+from workbench.diagnose.hypotheses.free_parameters import GAIN, Setting
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.kinds import Table, kind_of
 from workbench.machine import Axis, Hoist

@@ -16,7 +16,7 @@ from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
 from workbench.blind.power import Power
 from workbench.core.names import unit_of, words_of
 from workbench.core.table import Column, Table, words
-from workbench.diagnose.verdict.probability import calibration
+from workbench.diagnose.hypotheses.settings import calibration
 
 WILSON = "In brackets: 95 % Wilson interval, in per cent."
 DIAGNOSIS = "workbench diagnose"

@@ -28,7 +28,7 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         "effects": list(v.effects),
         "ranking": [
             {"verdict": row.verdict, "effects": list(row.effects), "probability": p}
-            | ({"twins": [list(names) for names in row.twins]} if row.twins else {})
+            | ({"twins": [list(names) for names in row.non_identifiable]} if row.non_identifiable else {})
             for row, p in zip(v.ranking, exact, strict=True)
         ],
         "alike": list(v.alike),
@@ -60,7 +60,12 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         },
         DIGITS,
     )
-    steps = {"steps": [plain(vars(step), DIGITS) for step in v.steps]}
+    steps = {
+        "steps": [
+            plain({"effects": step.effects, "merit": step.evidence, "left_rms": step.left_rms}, DIGITS)
+            for step in v.steps
+        ]
+    }
     return fixed | plain({key: fixed[key] for key in ("gap", "shrink")}, DIGITS) | steps | details(d)
 
 

@@ -8,11 +8,11 @@ from typing import Any
 from workbench import __version__
 from workbench.consequences import as_json
 from workbench.core.json_records import plain
-from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.location.records import Profile
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.records import Curve
-from workbench.diagnose.verdict.records import Candidate
+from workbench.diagnose.verdict.answer import Candidate
 from workbench.view.words import words_of
 
 DIGITS = 5  # significant
@@ -108,7 +108,7 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
     return {
         "effects": c.effects,
         "gain": c.gain,
-        "merit": c.merit,
+        "merit": c.evidence,
         "residual_rms": c.residual_rms,
         "held_out_rms": c.held_out_rms,
         "explained": c.explained,

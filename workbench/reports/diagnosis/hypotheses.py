@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 from workbench.core.table import Column, Table, words
-from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.records import Diagnosis
-from workbench.diagnose.verdict.records import Candidate, Hypothesis
+from workbench.diagnose.verdict.answer import Candidate, Hypothesis
 from workbench.reports.diagnosis.words import hypothesis_name, unit_of
 from workbench.view.numbers import NOTHING, figures, with_error
 
@@ -20,7 +20,7 @@ def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str,
     order = sorted(rows, key=lambda row: -row.probability)
     most = min(most, max(sum(row.probability >= WORTH_A_BAR for row in order), 3))
     shown = [
-        (str(row.verdict), hypothesis_name(row.verdict, row.effects, row.twins), row.probability)
+        (str(row.verdict), hypothesis_name(row.verdict, row.effects, row.non_identifiable), row.probability)
         for row in order[:most]
     ]
     if rest := order[most:]:
@@ -43,7 +43,7 @@ def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = Fal
         frozenset(names): h.probability
         for h in d.verdict.ranking
         if h.verdict == "named"
-        for names in (h.effects, *h.twins)
+        for names in (h.effects, *h.non_identifiable)
     }
     rows = []
     for candidate in [c for c in d.candidates if c.fitted or (c.failure and not brief)][:most]:
@@ -89,7 +89,7 @@ def _known(value: float | None) -> str:
 
 
 def _merit(candidate: Candidate) -> str:
-    return f"{candidate.merit:.0f}" if candidate.fitted and math.isfinite(candidate.merit) else NOTHING
+    return f"{candidate.evidence:.0f}" if candidate.fitted and math.isfinite(candidate.evidence) else NOTHING
 
 
 def _parameters(candidate: Candidate) -> str:

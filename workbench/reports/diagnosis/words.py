@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.words import over_what
-from workbench.diagnose.verdict.records import Hypothesis, Reason, ReasonKind, VerdictWord
+from workbench.diagnose.verdict.answer import Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
 from workbench.kinds import kind_of
 from workbench.machine import Axis, Hoist
@@ -71,8 +71,6 @@ def _reason(reason: Reason, unit: str) -> str:
         ReasonKind.UNLISTED_EXPLAINS_MORE: f"An unlisted effect explains more: {names}. Weigh it among the candidates.",
         ReasonKind.LEAVES_MUCH: f"The best hypothesis leaves {reason.value:.2g} {unit}, {reason.percent:.2g} % of the "
         "input, beyond noise and what a model may miss.",
-        ReasonKind.FITS_ARE_LOST: "So much is left that it is rather a listed effect whose law the fits cannot follow, "
-        "such as a play whose blows a slow log does not show.",
         ReasonKind.STRETCHES_TOLERANCES: "It needs base parameters further off than their tolerances allow together.",
         ReasonKind.ON_A_BOUND: "It sits on the bound of one of its parameters.",
         ReasonKind.UNDO_EACH_OTHER: f"{names} largely undo each other, as two do that stand in for a third.",
