@@ -19,7 +19,7 @@ BLIND_OUT := results/blind
 # More words for pytest: make test ARGS="-k replay -x"
 ARGS ?=
 # The rooms whose tests are quick: physics, files, the face. The tasks, the dashboard and the pages wait for `make test`.
-CHECK = $(addprefix tests/,trace machine plants control references metrics effects simulate logs face test_imports.py)
+CHECK = $(addprefix tests/,symbolic machines control references metrics effects simulate logs test_api.py test_imports.py)
 # Containers often forbid bytecode; here it is kept, for the tests start many processes.
 unexport PYTHONDONTWRITEBYTECODE
 SOURCES = $(wildcard workbench tests benchmarks app.py)

@@ -13,7 +13,7 @@ from benchmarks.serve import PAYLOAD_KG, START_M, case_at
 from workbench.control import PiSettings
 from workbench.export.fmu import HEADERS, host_compiler, write_sources
 from workbench.export.model import Start, model_of
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 from workbench.simulate.loop import LoopCase, simulate_loop
 
 STEPS = 60_000  # of 1 ms: one minute

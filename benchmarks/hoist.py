@@ -17,7 +17,7 @@ import yaml
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-DEFAULT_MACHINE = Path(__file__).resolve().parent.parent / "workbench" / "machine" / "default_hoist.yaml"
+DEFAULT_MACHINE = Path(__file__).resolve().parent.parent / "workbench" / "machines" / "default_hoist.yaml"
 STEP_S = 5e-6  # halving it moves the motor speed by less than 1e-9 of its largest value
 
 

@@ -11,8 +11,8 @@ from workbench.core.run import Run
 from workbench.identify.fit import Fit, fit
 from workbench.identify.models import SpeedModel
 from workbench.identify.parameters import free_parameters
-from workbench.machine import DRIVES, default_hoist
-from workbench.multibody import Driven, move
+from workbench.machines import DRIVES, default_hoist
+from workbench.machines.multibody import Driven, move
 from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 from workbench.simulate.replay import simulate_replays

@@ -163,7 +163,7 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
     """
     from workbench.core.errors import InputError
     from workbench.diagnose import diagnose as whole
-    from workbench.diagnose.verdict.judge import alike
+    from workbench.diagnose.verdict import judge
     from workbench.logs import read_campaign
 
     try:
@@ -171,7 +171,7 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
     except InputError:
         return {}
     search, kind = diagnosis.search, diagnosis.search.problem.active.kind
-    weigh = whole.harmful
+    weigh = judge.harmful
     harms: dict[Names, bool] = {}
 
     def harmful(search: SearchResult, names: Names) -> bool:
@@ -180,13 +180,13 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
         return harms[names]
 
     def said() -> dict[str, Any]:
-        with patch.object(whole, "harmful", harmful):
-            judged = whole.judged_to_help(search)
+        with patch.object(judge, "harmful", harmful):
+            judged = judge.judged_to_help(search)
         first = judged.ranking[0]
         return {
             "word": judged.word,
             "names": list(judged.names),
-            "alike": list(alike(judged, kind)),
+            "alike": list(judge.alike(judged, kind)),
             "ranking": [[first.verdict, list(first.effects), first.probability]],
             "twins": [[list(names) for names in group] for group in judged.groups],
         }

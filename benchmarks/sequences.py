@@ -20,8 +20,8 @@ import numpy as np
 
 from benchmarks.watch import Change, month
 from workbench.core.run import Array, Run
-from workbench.kinds.axis import LinearAxis
-from workbench.machine import Axis, Hoist, default_hoist, get_value, with_values
+from workbench.machines import Axis, Hoist, default_hoist, get_value, with_values
+from workbench.machines.kinds.axis import LinearAxis
 from workbench.serve.plant import LiveAxis
 from workbench.watch.estimate import estimate, shift
 from workbench.watch.judge import Alarm, Cycle, Judge, Rules

@@ -26,9 +26,8 @@ import numpy as np
 from workbench.control import PiSettings, full_pi, loop_values
 from workbench.core.run import Array
 from workbench.engine.stepped import Step, observe
-from workbench.machine import Axis, Hoist, default_hoist, save_machine
+from workbench.machines import HOIST, Axis, Hoist, default_hoist, save_machine
 from workbench.metrics import observer
-from workbench.plants import HOIST
 from workbench.references import Limits, motor_speed_rad_s, plan_motion
 from workbench.references import Step as Way
 from workbench.serve.plant import SIGNALS
@@ -125,7 +124,7 @@ def closed_loop(client: Client, case: LoopCase, every: int = 1) -> dict[str, flo
     hold = float(first["torque_motor_nm"])
     controller = full_pi(machine.drive.speed_delay_s > 0.0)
     numbers = {
-        **vars(HOIST.values(machine, case.payload_kg)),
+        **vars(HOIST.plant.values(machine, case.payload_kg)),
         **loop_values(settings, machine.drive, hold),
         **case_limits(case),
     }

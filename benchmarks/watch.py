@@ -20,7 +20,7 @@ from workbench.control import PiSettings
 from workbench.core.run import Run
 from workbench.effects import logged, of
 from workbench.logs import Campaign
-from workbench.machine import Hoist, default_hoist, get_value, with_values
+from workbench.machines import Hoist, default_hoist, get_value, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.watch.cause import diagnosed

@@ -18,7 +18,7 @@ from workbench.core.whole_folder import replace_json
 from workbench.core.yaml_strict import readable_file
 from workbench.identify import identify as module
 from workbench.logs import Campaign
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 from workbench.reports.replay.report import _percent
 from workbench.study.findings import alarm, sentences, utilisation
 from workbench.study.load import load_study

@@ -197,7 +197,7 @@ def test_every_python_block_compiles_and_imports_what_there_is(page: Path):
 @pytest.fixture
 def one_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
     """A diagnosis of the demo campaign takes half a minute: the first one serves all pages, and looks for no pairs."""
-    import workbench.face.diagnose as face
+    import workbench.diagnose.diagnose as task
 
     def kept(campaign: Campaign, **options: object) -> object:
         key = (campaign.name, *sorted(options.items()))
@@ -205,7 +205,7 @@ def one_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
             DIAGNOSES[key] = diagnose(campaign, **{**options, "most_effects": 1})  # type: ignore[arg-type]
         return DIAGNOSES[key]
 
-    monkeypatch.setattr(face, "find_cause", kept)
+    monkeypatch.setattr(task, "diagnose", kept)
 
 
 DIAGNOSES: dict[tuple[object, ...], object] = {}
@@ -331,7 +331,7 @@ def test_a_docstring_reaches_the_site_as_it_stands():
 
 def test_the_drawing_of_the_arm_is_made_from_the_models_geometry():
     from workbench.figures.arm_drawing import arm_svg
-    from workbench.machine import default_hoist
+    from workbench.machines import default_hoist
 
     said = "run: python -m workbench.figures.arm_drawing > docs/img/arm.svg"
     drawn = arm_svg(default_hoist())

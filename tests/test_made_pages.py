@@ -8,7 +8,7 @@ import pytest
 
 from tests.support.made_pages import FILE, made_pages
 from workbench.effects import library_effects
-from workbench.machine import RECORDS
+from workbench.machines import RECORDS
 from workbench.metrics import columns, metrics
 from workbench.references import planned_kinds, recorded_kinds
 

@@ -25,8 +25,7 @@ from workbench.core.run import Array, Run
 from workbench.core.table import Column, Table, words
 from workbench.effects import effects_for, sizes_of
 from workbench.effects import find as find_effect
-from workbench.kinds import HOIST, LOOPED, Kind, kind_of, looped
-from workbench.machine import Axis, Hoist
+from workbench.machines import HOIST, LOOPED, Axis, Hoist, Kind, kind_of, looped
 from workbench.metrics import Metric, find, set_of
 from workbench.references import LimitPair, Limits, Step, allowed_carriage_speed_m_s, motion_time_s
 from workbench.study.findings import NO_CHANGE

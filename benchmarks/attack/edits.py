@@ -9,8 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 
 ROWS = 50
 Edit = Callable[["Hoist | Axis", Run, np.random.Generator], "Run | None"]

@@ -22,7 +22,7 @@ from typing import Any
 
 from benchmarks.serve import Client, Served
 from workbench.core.errors import InputError
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 from workbench.serve.session import SAID_EVERY_S
 from workbench.serve.udp import BYTE_ORDER, COMMAND, command_packet
 from workbench.simulate.loop import torque_limits

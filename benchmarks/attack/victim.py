@@ -41,10 +41,10 @@ from benchmarks.attack.mangle import (
     signals_of,
 )
 from workbench.core.errors import InputError
-from workbench.log_formats.opening import open_log
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.doubts import doubts_of
-from workbench.machine import default_hoist
+from workbench.logs.formats.opening import open_log
+from workbench.machines import default_hoist
 from workbench.study.rows import read_rows
 
 LONGEST = 3000  # characters of an error
@@ -183,7 +183,7 @@ def _upload(kind: str, content: bytes, folder: Path) -> Campaign:
 def _controller(content: bytes, folder: Path) -> Ended:
     """A controller's file, and the loop that it makes."""
     from workbench.analysis.family import family, operating_points
-    from workbench.machine import default_hoist
+    from workbench.machines import default_hoist
     from workbench.reports.loop.case import read_controller
 
     (folder / "gains.yaml").write_bytes(content)

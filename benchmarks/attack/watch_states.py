@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.watch import healthy, month
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.machine import default_hoist, get_value
+from workbench.machines import default_hoist, get_value
 from workbench.reports.watch.page import write_page
 from workbench.watch.estimate import Estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Rules

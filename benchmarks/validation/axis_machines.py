@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from benchmarks.validation.axis_motion import RECORD_S
 from benchmarks.validation.kind import TURN, about
-from workbench.machine import LinearAxis, RotaryAxis
+from workbench.machines import LinearAxis, RotaryAxis
 
 G_M_S2 = 9.81
 MOTIONS = ("linear", "rotary")

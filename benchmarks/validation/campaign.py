@@ -20,7 +20,7 @@ from benchmarks.validation.sensors import Columns, Sensors, Window, sampled, sho
 from workbench.blind.seal import Label
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
-from workbench.machine import save_machine
+from workbench.machines import save_machine
 
 Array = npt.NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from benchmarks.validation.sources import source_of
 from workbench.blind.make import Asked, Maker
 from workbench.blind.seal import Label, Order
 from workbench.core.errors import InputError, nearest
-from workbench.plants import plant_of
+from workbench.machines import plant_of
 
 TRIES = 3  # seeds of a campaign whose engine gives up
 SMALLEST, LARGEST = 0.1, 1.2  # of what an effect's size is drawn as: on a machine of one's own the power is asked for

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.validation.kind import TURN, Cause, about, drawn_event, either
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 
 
 @dataclass(frozen=True)

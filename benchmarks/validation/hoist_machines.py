@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from benchmarks.validation.families import Family
 from benchmarks.validation.kind import about
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 
 _PRACTICE = (
     {

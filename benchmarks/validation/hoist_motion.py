@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.validation.families import Family
 from benchmarks.validation.kind import TURN, Cause, about
 from benchmarks.validation.standstill import bend, drawn_standstill, own_cache, rise
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 
 WIRE_KG_M3 = 7850.0
 CLIPPED = 2.5  # standard deviations: what is further off is no machine that was accepted

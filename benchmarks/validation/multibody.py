@@ -20,8 +20,8 @@ from benchmarks.validation.hoist_machines import Drawn
 from benchmarks.validation.hoist_motion import COLUMNS, HEIGHT, RECORD_S, SPEED, TENSION, TORQUE, WIRE_KG_M3, Truth
 from benchmarks.validation.kind import Kind
 from benchmarks.validation.sources import Source
-from workbench.machine import Hoist, with_values
-from workbench.multibody import Driven, Outcome, Shaft, Switches, engine, hang, move, sampled
+from workbench.machines import Hoist, with_values
+from workbench.machines.multibody import Driven, Outcome, Shaft, Switches, engine, hang, move, sampled
 
 Array = npt.NDArray[np.float64]
 STEP_S = 0.005  # of the engine and of the drive: motor speed converged to 1e-5 of nominal, see docs/multibody.md

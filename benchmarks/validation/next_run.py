@@ -28,8 +28,8 @@ from workbench.diagnose.hypotheses.search import Search, SearchResult
 from workbench.diagnose.hypotheses.signatures import signatures_of
 from workbench.diagnose.isolation.isolability import isolability
 from workbench.diagnose.isolation.planned import menu
-from workbench.kinds import kind_of
 from workbench.logs import read_campaign
+from workbench.machines import kind_of
 
 BETWEEN_S = 60.0
 

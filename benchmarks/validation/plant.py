@@ -23,7 +23,7 @@ from benchmarks.validation.kind import Cause, Kind
 from benchmarks.validation.multibody import USUAL
 from benchmarks.validation.sources import Source
 from workbench.control import PiSettings
-from workbench.machine import Hoist, with_values
+from workbench.machines import Hoist, with_values
 from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
 
 Array = npt.NDArray[np.float64]

@@ -27,9 +27,8 @@ from workbench.core.record import Finite, NotNegative, Positive, Record
 from workbench.core.run import Array, Run
 from workbench.core.yaml_strict import load, validate
 from workbench.effects import check
-from workbench.kinds import kind_of
 from workbench.logs import Campaign, read_campaign
-from workbench.machine import Hoist, load_machine
+from workbench.machines import Hoist, kind_of, load_machine
 
 BETWEEN_S = 60.0  # from a planned run to the next one
 QUIET = 0.2  # s over which a measured speed is averaged where it stands in for a reference

@@ -15,8 +15,7 @@ from workbench.core.yaml_strict.checked import bounds_of
 from workbench.effects import Effect, library_effects
 from workbench.effects.declare import words
 from workbench.effects.registry import library_for
-from workbench.kinds import KINDS
-from workbench.machine import RECORDS
+from workbench.machines import KINDS, RECORDS
 from workbench.metrics import LoopMetric, Metric, metrics, run_metrics, set_of
 from workbench.references import planned_kinds, recorded_kinds
 from workbench.study.scenario import Scenario

@@ -22,10 +22,9 @@ from workbench.cli import cli
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.effects import effects_for, of, sizes_of
-from workbench.machine import Hoist, save_machine, with_correction
-from workbench.plants import HOIST, Effects, Memory
+from workbench.machines import HOIST, Effects, Hoist, Memory, save_machine, with_correction
 from workbench.reports.loop.report import effect_sentences
-from workbench.trace.emit import evaluate
+from workbench.symbolic.emit import evaluate
 
 POINT = OperatingPoint(4500.0, 10.0)
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -79,9 +78,9 @@ def test_an_effect_on_a_sensor_leaves_the_margins_bit_for_bit(name: str):
 def test_the_operating_point_with_an_effect_accelerates_nothing(name: str):
     machine = at_start(name, off=False)
     active = of(machine)
-    p = HOIST.values(machine, 9000.0)
+    p = HOIST.plant.values(machine, 9000.0)
     vars(p).update(active.values_of(0.0))
-    even = EvenMotion(HOIST, active.effects, p, OUTPUTS)
+    even = EvenMotion(HOIST.plant, active.effects, p, OUTPUTS)
     at = even.settled(10.0, 70.0)
     rates = evaluate(list(even.rates), {s.args[0]: float(x) for s, x in zip(even.by, at, strict=True)})
     np.testing.assert_allclose(rates, 0.0, atol=1e-8)

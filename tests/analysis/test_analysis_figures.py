@@ -17,7 +17,7 @@ from workbench.analysis.loop import linear_loop
 from workbench.analysis.step import step_response
 from workbench.control import PiSettings
 from workbench.figures.loop import bode, gang_of_four, member_name, nyquist, steps
-from workbench.machine import with_values
+from workbench.machines import with_values
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.loop.report import poles_in_s, sentences, table, write_loop
 

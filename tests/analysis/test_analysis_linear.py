@@ -21,8 +21,7 @@ from workbench.analysis.linearise import (
 from workbench.analysis.loop import Sampled, linear_controller, sampled_plant
 from workbench.control import FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
 from workbench.core.errors import InputError
-from workbench.machine import Hoist, with_values
-from workbench.plants import HOIST
+from workbench.machines import HOIST, Hoist, with_values
 
 PAYLOADS = (0.0, 4500.0, 9000.0)
 
@@ -41,18 +40,18 @@ def oscillation(plant: LinearPlant) -> tuple[float, float]:
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_the_linear_plant_is_the_finite_difference_of_the_plant(payload: float, motion: Any):
     plant = linearise(ideal_hoist(), OperatingPoint(payload, 10.0, motion), height_free=True)
-    p = HOIST.values(ideal_hoist(), payload)
+    p = HOIST.plant.values(ideal_hoist(), payload)
     q0, y0, u0 = plant.start
-    _, even, _ = HOIST.start_of(10.0, 1.0, p)
+    _, even, _ = HOIST.plant.start_of(10.0, 1.0, p)
     T = np.eye(6)
     T[:2, 2] = np.array(even[:2]) / even[2]  # back from relative positions
 
     def rates(x: np.ndarray, u: float) -> np.ndarray:
         dx = T @ x
         q, y = list(q0 + dx[:3]), list(y0 + dx[3:])
-        shown = HOIST.outputs(0.0, q, y, u, p)
+        shown = HOIST.plant.outputs(0.0, q, y, u, p)
         rest = [shown[name] for name in OUTPUTS]
-        return np.array([*np.linalg.solve(T[:3, :3], dx[3:]), *HOIST.accelerations(0.0, q, y, u, p), *rest])
+        return np.array([*np.linalg.solve(T[:3, :3], dx[3:]), *HOIST.plant.accelerations(0.0, q, y, u, p), *rest])
 
     # Steps of each state's own size; at rest one-sided, to the side the model takes at standstill.
     sizes = np.array([1e-3, 1e-4, 1e-3, 1e-6, 1e-7, -1e-8 if motion == "at_rest" else 1e-6])
@@ -71,7 +70,9 @@ def test_the_linear_plant_is_the_finite_difference_of_the_plant(payload: float, 
 def test_the_operating_point_accelerates_nothing(motion: Any):
     plant = linearise(ideal_hoist(), OperatingPoint(9000.0, 3.0, motion))
     q, y, u = plant.start
-    np.testing.assert_allclose(HOIST.accelerations(0.0, q, y, u, HOIST.values(ideal_hoist(), 9000.0)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        HOIST.plant.accelerations(0.0, q, y, u, HOIST.plant.values(ideal_hoist(), 9000.0)), 0.0, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(("payload", "hz", "zeta"), [(0.0, 3.10, 0.97), (4500.0, 2.55, 0.80), (9000.0, 2.24, 0.70)])
@@ -176,7 +177,7 @@ def impulse_by_the_step(settings: PiSettings, machine: Hoist, n: int, of_referen
     """The pure step run on numbers: torque after a unit sample of the reference or of the measured speed."""
     controller = full_pi(late=True)
     numbers = {
-        **vars(HOIST.values(machine, 0.0)),
+        **vars(HOIST.plant.values(machine, 0.0)),
         **loop_values(settings, machine.drive, 0.0),
         **dict.fromkeys(("u_all", "u_one", "t_fail", "w_weak"), 1e9),
     }

@@ -16,8 +16,7 @@ from workbench.analysis.loop import LinearLoop, linear_loop
 from workbench.analysis.margins import margins
 from workbench.control import Notch, PiSettings
 from workbench.core.errors import InputError
-from workbench.machine import Hoist, with_values
-from workbench.plants import Effects
+from workbench.machines import Effects, Hoist, with_values
 
 PI = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
 

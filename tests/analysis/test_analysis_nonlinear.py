@@ -10,7 +10,7 @@ from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import LinearLoop, linear_loop
 from workbench.control import FeedForward, Notch, PiSettings
 from workbench.core.run import Array
-from workbench.machine import Hoist, with_values
+from workbench.machines import Hoist, with_values
 from workbench.simulate.loop import LoopCase, simulate_loop
 
 HEIGHT, EVEN, STEP = 6.0, 78.55, 0.4  # m, rad/s: half of nominal, and a step far below every limit

@@ -19,7 +19,7 @@ from workbench.analysis.tune import Goal, tune
 from workbench.analysis.usual import usual_cascade
 from workbench.control import LinearCascade, RotaryCascade
 from workbench.core.errors import InputError
-from workbench.machine import with_values
+from workbench.machines import with_values
 from workbench.references import Limits, Step, plan_motion
 from workbench.reports.loop.case import loop_case
 from workbench.reports.loop.report import as_json, sentences

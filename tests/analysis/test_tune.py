@@ -20,7 +20,7 @@ from workbench.cli import cli
 from workbench.control import Notch, PiSettings
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
-from workbench.machine import Hoist, save_machine, with_values
+from workbench.machines import Hoist, save_machine, with_values
 from workbench.reports.loop.case import read_controller
 from workbench.reports.loop.tuning import controller_text, warning
 from workbench.study.scenario import Scenario

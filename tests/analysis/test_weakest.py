@@ -16,7 +16,7 @@ from workbench.analysis.tune import Goal, TuneProgress, tune
 from workbench.analysis.usual import usual_controller
 from workbench.control import Events, PiSettings
 from workbench.core.errors import InputError
-from workbench.machine import with_values
+from workbench.machines import with_values
 from workbench.reports.loop.case import loop_case
 from workbench.reports.loop.report import sentences
 

@@ -15,7 +15,7 @@ from benchmarks.validation.orders import families_of, orders
 from workbench.blind.seal import Order
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 
 
 def short(*names: str) -> Content:

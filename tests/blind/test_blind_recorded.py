@@ -15,7 +15,7 @@ from workbench.blind.recorded import SINGLES, UNLISTED, bent, cases
 from workbench.blind.recording import Recording, cut, recording, rms
 from workbench.blind.seal import key_of, read_manifest, unseal
 from workbench.logs import read_campaign
-from workbench.machine import LinearAxis
+from workbench.machines import LinearAxis
 
 MACHINE = """\
 kind: axis

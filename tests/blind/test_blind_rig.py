@@ -31,7 +31,7 @@ from workbench.core.errors import InputError
 from workbench.effects import find
 from workbench.figures import blind as figures
 from workbench.logs import read_campaign
-from workbench.plants import plant_of
+from workbench.machines import plant_of
 from workbench.reports.blind import tables
 
 ROOT = Path(__file__).resolve().parents[2]

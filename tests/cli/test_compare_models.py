@@ -11,8 +11,8 @@ import yaml
 from tests.support.commands import Commands
 from tests.support.scenario_text import study_of, write
 from workbench.core.errors import InputError
-from workbench.machine import Hoist, default_hoist, save_machine
-from workbench.multibody.exudyn_import import engine
+from workbench.machines import Hoist, default_hoist, save_machine
+from workbench.machines.multibody.exudyn_import import engine
 from workbench.study.run import run_study
 
 SHORT = """\

@@ -14,7 +14,7 @@ from tests.support.scenario_text import GOOD, write
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.effects import forget_users, load_effects, names
 from workbench.effects.registry import UserFile, files_behind
-from workbench.machine import default_hoist, load_machine, save_machine
+from workbench.machines import default_hoist, load_machine, save_machine
 from workbench.study.cluster import OtherProgram, run_remote_chunk, versions
 from workbench.study.load import load_study
 from workbench.study.rows import read_rows
@@ -22,7 +22,7 @@ from workbench.study.store import Chunk
 
 WIND = '''
 from workbench.effects import Parameter, effect
-from workbench.trace.expr import absolute
+from workbench.symbolic.expr import absolute
 
 
 @effect(

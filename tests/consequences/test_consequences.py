@@ -19,7 +19,7 @@ from workbench.consequences import Consequences, as_json, consequences_of, conse
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.figures.consequences import before_and_after
-from workbench.machine import Hoist, default_hoist, with_correction, with_values
+from workbench.machines import Hoist, default_hoist, with_correction, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion, planned_kinds
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.study.load import load_study

@@ -13,7 +13,7 @@ from tests.support.ideal import ideal_hoist
 from workbench.control import PI, Controller, FeedForward, Notch, PiSettings, delay_weights, full_pi, loop_values
 from workbench.control.pi import behind_the_wire, swing_of
 from workbench.engine.stepped import Step
-from workbench.plants import PLANTS
+from workbench.machines import PLANTS
 
 MACHINE = ideal_hoist()
 HOLD = 600.0

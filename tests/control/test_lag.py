@@ -10,7 +10,7 @@ from workbench.analysis.linearise import OperatingPoint, linearise
 from workbench.analysis.loop import linear_loop, sampled_plant
 from workbench.analysis.margins import margins
 from workbench.control import PiSettings, lag_step, weight_before
-from workbench.machine import Hoist, with_values
+from workbench.machines import Hoist, with_values
 from workbench.simulate.loop import LoopCase, simulate_loop
 
 POINT, SETTINGS = OperatingPoint(4500.0, 10.0), PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)

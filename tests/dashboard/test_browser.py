@@ -22,7 +22,7 @@ from tests.support.browser import APP, SCRIPT, Visit
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.dashboard.shell import FIRST, present
 from workbench.effects import check
-from workbench.machine import Hoist, load_machine
+from workbench.machines import Hoist, load_machine
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -28,10 +28,9 @@ from workbench.dashboard.pages.study_desk import (
     with_gains,
 )
 from workbench.dashboard.pages.study_form import desk_key
-from workbench.kinds import kind_of
-from workbench.kinds.axis import LinearAxis, RotaryAxis
-from workbench.machine import default_hoist, shipped, with_values
-from workbench.machine.files import machine_text
+from workbench.machines import default_hoist, kind_of, shipped, with_values
+from workbench.machines.files import machine_text
+from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
 from workbench.study.decide import verdict
 from workbench.study.load import load_study, plan_study
 from workbench.study.run import run_study

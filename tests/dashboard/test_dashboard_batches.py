@@ -213,7 +213,7 @@ def test_an_uploaded_scenario_may_extend_one_that_ships(server: Path):
     assert "24 runs" in words(app)  # eight references, three kinds of feed-forward
 
 
-MACHINE = (Path(batches.__file__).parents[2] / "machine" / "default_hoist.yaml").read_text()
+MACHINE = (Path(batches.__file__).parents[2] / "machines" / "default_hoist.yaml").read_text()
 
 
 @pytest.mark.parametrize("scenario", ["jog", batches.UPLOAD])

@@ -30,7 +30,7 @@ from workbench.dashboard.work import VIEW, View, read_view, write_view
 from workbench.diagnose import diagnose as orchestration
 from workbench.diagnose.records import Diagnosis
 from workbench.effects import check
-from workbench.machine import load_machine
+from workbench.machines import load_machine
 
 BOX = "gap campaign"
 TABS = ["Verdict", "Where it lies", "Before and after", "Told apart, next run", "Control study", "Gap and logs"]

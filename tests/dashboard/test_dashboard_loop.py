@@ -19,7 +19,7 @@ from workbench.dashboard.pages.loop import gain_steps, rule_settings
 from workbench.dashboard.pages.study_desk import usual_desk
 from workbench.dashboard.pages.study_form import desk_key
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four
-from workbench.machine import default_hoist, with_values
+from workbench.machines import default_hoist, with_values
 from workbench.reports.loop.case import usual_controller
 
 KP, KI, WEIGHT = "loop kp", "loop ki", "loop weight"

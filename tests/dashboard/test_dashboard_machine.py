@@ -22,7 +22,7 @@ from workbench.figures import arm_parts
 from workbench.figures.film import HEIGHT, VIRIDIS, film, film_data, look_of
 from workbench.figures.scene import Scene, scene_of
 from workbench.logs import read_campaign
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 from workbench.reports.loop.case import usual_controller
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.study.load import plan_study

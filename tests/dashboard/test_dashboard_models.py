@@ -21,9 +21,9 @@ from workbench.dashboard.jobs import Teller
 from workbench.dashboard.pages import validate
 from workbench.dashboard.work import VIEW, models, read_view
 from workbench.logs import read_campaign
-from workbench.machine import Hoist
-from workbench.machine.files import machine_text
-from workbench.multibody.exudyn_import import engine
+from workbench.machines import Hoist
+from workbench.machines.files import machine_text
+from workbench.machines.multibody.exudyn_import import engine
 from workbench.simulate.models import compare_models
 from workbench.view.page import Section
 

@@ -33,8 +33,8 @@ from workbench.dashboard.plant_worker import (
     Wanted,
 )
 from workbench.figures.served import last_seconds, late_starts
-from workbench.machine import default_hoist
-from workbench.machine.files import machine_text
+from workbench.machines import default_hoist
+from workbench.machines.files import machine_text
 from workbench.references import Limits, time_optimal
 from workbench.reports.loop.case import usual_controller
 from workbench.serve.plant import LivePlant

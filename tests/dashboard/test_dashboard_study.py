@@ -37,7 +37,7 @@ from workbench.dashboard.pages.study_desk import (
 )
 from workbench.dashboard.server import OPTIONS, SCRIPT
 from workbench.figures.study import peak_torque_over_payload
-from workbench.machine import Hoist, default_hoist, with_values
+from workbench.machines import Hoist, default_hoist, with_values
 from workbench.metrics import find
 from workbench.study.load import load_study, plan_study, read_standalone, standalone_text
 from workbench.study.run import StudyResult, run_study
@@ -310,7 +310,7 @@ def test_an_uploaded_machine_is_what_is_run(drawn):
     app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
     assert not app.exception and "Choose a machine.yaml." in [info.value for info in app.info]
     assert len(figures(app)) == 4  # of the machine chosen before
-    from workbench.machine.files import machine_text
+    from workbench.machines.files import machine_text
 
     heavier = with_values(default_hoist(), {"carriage.mass_kg": 12000.0})
     app.file_uploader(key="study machine file").upload("m.yaml", machine_text(heavier).encode(), "application/yaml")

@@ -23,7 +23,7 @@ from tests.support.log_campaign import RUNS, csv_text, hoist_columns, write_camp
 from workbench.core.errors import InputError
 from workbench.dashboard import uploads
 from workbench.dashboard.uploads import KEPT, Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
-from workbench.log_formats import known
+from workbench.logs.formats import known
 
 
 @pytest.fixture

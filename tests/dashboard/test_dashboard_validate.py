@@ -20,7 +20,7 @@ from workbench.dashboard.pages.validate import in_words
 from workbench.figures.identify import Estimate, estimates
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 from workbench.simulate.replay import replay_runs
 
 BOX = "validate campaign"

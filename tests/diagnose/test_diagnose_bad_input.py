@@ -18,7 +18,7 @@ from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.information import informative_band
 from workbench.diagnose.readiness.rigid import rigid_of
 from workbench.logs import Campaign, read_campaign
-from workbench.machine import Hoist, with_values
+from workbench.machines import Hoist, with_values
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 

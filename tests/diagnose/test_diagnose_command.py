@@ -18,7 +18,7 @@ from workbench.cli.progress import stages as shown
 from workbench.core.errors import InputError
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import check, forget_users
-from workbench.machine import default_hoist, load_machine
+from workbench.machines import default_hoist, load_machine
 from workbench.reports.diagnosis.hypotheses import candidates_table
 from workbench.reports.diagnosis.progress import progress_words
 

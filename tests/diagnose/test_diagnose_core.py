@@ -36,7 +36,7 @@ from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.hypotheses.settings import NOISE_KNOWN
 from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, loudest, signatures_of, start_of
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
-from workbench.machine import Axis, Hoist, default_hoist, with_values
+from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import noise_rms
 

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from tests.support.noisy_runs import hoist_runs
 from workbench.diagnose.hypotheses.model_error import ErrorModel, carries, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.kinds import kind_of
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist, kind_of
 
 
 def dense(errors: ErrorModel) -> np.ndarray:

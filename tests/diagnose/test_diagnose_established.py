@@ -22,9 +22,8 @@ from workbench.diagnose.location.gap import delivered_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.constancy import constancies
-from workbench.effects import find
 from workbench.logs import Campaign, read_campaign
-from workbench.machine import load_machine, save_machine
+from workbench.machines import load_machine, save_machine
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.5}}
@@ -38,9 +37,7 @@ def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, SearchResu
 
 
 def broken(search: SearchResult, name: str) -> bool:
-    problem = search.problem
-    effects = [find(name, problem.active.kind)]
-    return any(one.broken for one in constancies(problem, search.within_tolerances, search.fits[name,], effects))
+    return any(one.broken for one in constancies(search.problem, search.within_tolerances, search.fits[name,]))
 
 
 def test_a_true_law_has_one_amount_everywhere_and_a_mimic_has_not(bump: tuple[Campaign, SearchResult]):

@@ -26,7 +26,7 @@ from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.effects.declare import SUBSYSTEMS
 from workbench.figures.place import for_dark_ground, marked_machine
-from workbench.machine import load_machine
+from workbench.machines import load_machine
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import page as diagnosis_page
 from workbench.reports.diagnosis import tables as report
@@ -326,7 +326,7 @@ def test_hypotheses_without_a_chance_share_one_bar():
 def test_a_row_of_the_ranking_has_the_names_of_its_twins():
     d = made_diagnosis("named")
     first, *rest = d.verdict.ranking
-    twin = dataclasses.replace(first, twins=(("heave",),))
+    twin = dataclasses.replace(first, non_identifiable=(("heave",),))
     d = dataclasses.replace(d, verdict=dataclasses.replace(d.verdict, ranking=(twin, *rest)))
     assert to_json(d)["ranking"][0]["twins"] == [["heave"]]
     assert hypotheses.ranking_table(d.verdict.ranking, 8)[0][1] == "friction_viscous or heave"

@@ -12,8 +12,7 @@ from tests.support.noisy_runs import hoist_runs
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.verdict.unknown_cause import lasting_share, loaded_share, repeated_share, sudden_share
-from workbench.kinds import kind_of
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist, kind_of
 
 
 @pytest.fixture(scope="module")

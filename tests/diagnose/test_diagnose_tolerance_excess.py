@@ -19,7 +19,7 @@ from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.verdict.unknown_cause import _nearer, cancellation, cancelled, tolerance_excess
 from workbench.effects import find, ranges_of
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 
 ROWS = 400
 SIGMA, SHARE = 0.7, 0.8

@@ -20,9 +20,8 @@ from workbench.diagnose.unexplained.table_fit import telling_points
 from workbench.diagnose.unexplained.tables import TURN, columns_of, hats_of, points_of, rides_of, variables_of
 from workbench.diagnose.unexplained.unknown import Explained, explain, explained_machine, with_unknown
 from workbench.diagnose.unexplained.words import span
-from workbench.kinds import kind_of
 from workbench.logs import read_campaign
-from workbench.machine import Hoist, LinearAxis, load_machine, save_machine
+from workbench.machines import Hoist, LinearAxis, kind_of, load_machine, save_machine
 from workbench.simulate.driven import Bench
 from workbench.simulate.replay import replay_runs
 

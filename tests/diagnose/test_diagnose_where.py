@@ -12,7 +12,7 @@ import pytest
 
 from tests.support.searched_campaign import searched_in, simulated_search
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fit import parts_of, sum_of
+from workbench.diagnose.hypotheses.fit import parts_of
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
@@ -28,7 +28,7 @@ from workbench.diagnose.location.windows import HELD, windows_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.effects import find
 from workbench.logs import Campaign
-from workbench.machine import Hoist, load_machine, save_machine
+from workbench.machines import Hoist, load_machine, save_machine
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.25}}
@@ -225,10 +225,10 @@ def test_the_parts_of_effects_are_what_they_add_to_the_prediction(bump: tuple[Ca
     problem, search = bump[1].problem, bump[1]
     fit = search.fits[("friction_position_dependent",)]
     effect = find("friction_position_dependent", "hoist")
-    (part,) = parts_of(problem, fit, [effect])
-    assert part.rows == pytest.approx(sum_of(problem, fit, [effect]))
+    (part,) = parts_of(problem, fit, [(effect.id,)])
+    assert part == pytest.approx(parts_of(problem, fit, [(effect.id,)] * 2)[1])
     without = problem.residuals([{**fit.setting, "friction_position_dependent__peak_n": 0.0}])[0]
-    assert without == pytest.approx(fit.residual + part.rows, abs=0.02 * problem.noise)
+    assert without == pytest.approx(fit.residual + part, abs=0.02 * problem.noise)
 
 
 def test_the_same_seed_gives_the_same_place(bump: tuple[Campaign, SearchResult]):

@@ -28,8 +28,7 @@ from workbench.effects import (
     sizes_of,
 )
 from workbench.effects.declare import KINDS, problems
-from workbench.machine import default_hoist, load_machine, save_machine, with_values
-from workbench.plants import PLACES
+from workbench.machines import PLACES, default_hoist, load_machine, save_machine, with_values
 
 # The names that others rely on; see docs/formats.md.
 NAMES = [

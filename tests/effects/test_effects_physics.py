@@ -16,15 +16,13 @@ from workbench.core.run import Array, Run
 from workbench.effects import effects_for, logged, of
 from workbench.engine import kernels
 from workbench.engine.source import parameter_symbols, state_symbols
-from workbench.kinds import kind_of
-from workbench.machine import Hoist, default_hoist
-from workbench.plants import HOIST, PLANTS
+from workbench.machines import HOIST, PLANTS, Hoist, default_hoist, kind_of
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.driven import Bench, pooled_rms
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.plant_model import PlantModel
-from workbench.trace.emit import evaluate
-from workbench.trace.expr import symbol
+from workbench.symbolic.emit import evaluate
+from workbench.symbolic.expr import symbol
 
 PAYLOAD, HEIGHT, T, SINCE = 4500.0, 9.0, 3.0, 120.0
 MASS, INERTIA, LEVER = 12500.0, 2.0 * 0.8 + 55.0 / 31.0**2, 0.3 / 31.0
@@ -36,13 +34,13 @@ def forces(effects: dict[str, dict[str, float]], v: float, w: float, slack: bool
 
     4500 kg at 9 m, motor and carriage at speeds w and v, 3 s into a run that began 120 s into its campaign.
     """
-    model = PlantModel(HOIST, of(MACHINES["hoist"], effects))
+    model = PlantModel(HOIST.plant, of(MACHINES["hoist"], effects))
     p = model.values(MACHINES["hoist"], PAYLOAD, SINCE)
-    q, hold = HOIST.equilibrium(HEIGHT, p)
+    q, hold = HOIST.plant.equilibrium(HEIGHT, p)
     th = q[0] - (2000.0 * slack)
     kept = [m.start(p) for m in model.effects.memory]
-    states, speeds = state_symbols(HOIST, model.effects)
-    rates = HOIST.rates(symbol("t"), states, speeds, symbol("u"), parameter_symbols(model.names), model.effects)
+    states, speeds = state_symbols(HOIST.plant, model.effects)
+    rates = HOIST.plant.rates(symbol("t"), states, speeds, symbol("u"), parameter_symbols(model.names), model.effects)
     at = dict(zip([x.args[0] for x in (*states, *speeds)], [th, q[1], HEIGHT, w, 0.0, v, *kept], strict=True))
     numbers = {f"p_{name}": getattr(p, name) for name in model.names}
     a = evaluate(rates[:3], {"t": T, "u": hold, **at, **numbers})
@@ -158,7 +156,7 @@ def test_hoses_hang_half_at_the_drum():
 
 def held(effects: dict[str, dict[str, float]], height: float = HEIGHT) -> tuple[float, float]:
     """Motor angle and torque of a load that hangs still."""
-    model = PlantModel(HOIST, of(MACHINES["hoist"], effects))
+    model = PlantModel(HOIST.plant, of(MACHINES["hoist"], effects))
     start, hold = model.starts([height], [0.0], [0.0], [model.values(MACHINES["hoist"], PAYLOAD, 0.0)])
     return float(start[0, 0]), float(hold[0])
 
@@ -192,15 +190,15 @@ def test_a_shorter_fall_stretches_less():
 @pytest.mark.parametrize("seed", range(10))
 def test_a_wire_that_stiffens_neither_makes_nor_loses_energy(seed):
     rng = np.random.default_rng(seed)
-    model = PlantModel(HOIST, of(MACHINES["hoist"], {"wire_stiffness_length": {"share": 0.8}}))
+    model = PlantModel(HOIST.plant, of(MACHINES["hoist"], {"wire_stiffness_length": {"share": 0.8}}))
     p = model.values(MACHINES["hoist"], PAYLOAD, 0.0)
     vars(p).update(mu=0.0, F_up=0.0, F_dn=0.0, tau=0.0)
     start, _ = model.starts([HEIGHT], [0.0], [0.0], [p])
     s = start[:6, 0] + np.array([0.5, 0.01, 0.005, 50.0, 1.0, 0.4]) * rng.normal(size=6)
     torque = float(rng.normal(0.0, 500.0))
-    states, speeds = state_symbols(HOIST, model.effects)
+    states, speeds = state_symbols(HOIST.plant, model.effects)
     names = [x.args[0] for x in (*states, *speeds)]
-    program = HOIST.rates(symbol("t"), states, speeds, torque, parameter_symbols(model.names), model.effects)
+    program = HOIST.plant.rates(symbol("t"), states, speeds, torque, parameter_symbols(model.names), model.effects)
     numbers = {f"p_{name}": getattr(p, name) for name in model.names}
     a = evaluate(program[:3], {"t": 0.0, **dict(zip(names, [*s, *start[6:, 0]], strict=True)), **numbers})
     rates, line = np.array([*s[3:], *a]), 7850.0 * p.A * p.g
@@ -223,7 +221,7 @@ def test_play_frees_the_motor_of_the_drum_while_the_wire_is_slack_within_it_and_
     assert forces(play, 0.1, 10.0).motor == forces({}, 0.1, 10.0).motor
     deep = forces(play, 0.1, 10.0, slack=True)  # 19 m of slack wire: far beyond the play
     assert deep.motor == forces({}, 0.1, 10.0, slack=True).motor
-    model = PlantModel(HOIST, of(MACHINES["hoist"], play))
+    model = PlantModel(HOIST.plant, of(MACHINES["hoist"], play))
     s = SimpleNamespace(slack=0.02, load=33.0)  # 2 cm of slack, 3 cm of play
     p = model.values(MACHINES["hoist"], PAYLOAD, 0.0)
     (piece,) = [effect for effect in effects_for("hoist").values() if effect.id == "backlash"]

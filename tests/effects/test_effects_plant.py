@@ -18,12 +18,11 @@ from workbench.engine import kernels
 from workbench.engine.preamble import PREAMBLE
 from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.engine.statics import hang_still
-from workbench.machine import with_values
-from workbench.plants import HOIST, PLANTS
+from workbench.machines import HOIST, PLANTS, with_values
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 from workbench.simulate.plant_model import PlantModel
-from workbench.trace.emit import Printer
-from workbench.trace.expr import symbol
+from workbench.symbolic.emit import Printer
+from workbench.symbolic.expr import symbol
 
 # Each plant's equations as they are traced. Whoever changes one on purpose changes its line here.
 PLAIN = {
@@ -165,12 +164,14 @@ def at_start(name: str, kind: str) -> dict[str, float]:
 @pytest.mark.parametrize("name", [name for name, effect in effects_for("hoist").items() if not effect.on_sensor])
 def test_with_any_effect_a_load_that_is_held_hangs_still(name):
     machine = MACHINES["hoist"]
-    model = PlantModel(HOIST, of(machine, {name: at_start(name, "hoist")}))
+    model = PlantModel(HOIST.plant, of(machine, {name: at_start(name, "hoist")}))
     values = [model.values(machine, payload, 0.0) for payload in (0.0, 9000.0)]
     start, hold = model.starts([3.0, 18.0], [0.0, 0.0], [0.0, 0.0], values)
     t = np.array([[0.0, 0.0], [0.001, 0.001]])
     scales = model.scales(157.0, values)
-    out = kernels.replay(HOIST, model.table(values), t, np.tile(hold, (2, 1)), start, scales, effects=model.effects)
+    out = kernels.replay(
+        HOIST.plant, model.table(values), t, np.tile(hold, (2, 1)), start, scales, effects=model.effects
+    )
     moved = np.abs(out[1, 3:6] - out[0, 3:6]) / 0.001
     assert np.all(moved < (0.05 if name == "heave" else 1e-4))
     assert start[2] == pytest.approx([3.0, 18.0], abs=0.0)
@@ -180,21 +181,23 @@ def test_on_a_very_soft_wire_no_step_towards_rest_ends_in_a_slack_one():
     """A fit of the wire's stiffness may try such values; Newton's full step would leave the wire slack."""
     effects = {"wire_stiffness_length": {"share": 1.0}, "drum_eccentricity": {"amplitude_m": 9e-4, "phase_rad": 2.6}}
     machine = with_values(MACHINES["hoist"], {"wire.youngs_modulus_pa": 5e8})
-    model = PlantModel(HOIST, of(machine, effects))
+    model = PlantModel(HOIST.plant, of(machine, effects))
     values = [model.values(machine, payload, 0.0) for payload in (0.0, 0.0, 9000.0)]
     start, hold = model.starts([5.0, 18.0, 9.0], [0.0] * 3, [0.0] * 3, values)
     t = np.tile([[0.0], [0.001]], 3)
     scales = model.scales(157.0, values)
-    out = kernels.replay(HOIST, model.table(values), t, np.tile(hold, (2, 1)), start, scales, effects=model.effects)
+    out = kernels.replay(
+        HOIST.plant, model.table(values), t, np.tile(hold, (2, 1)), start, scales, effects=model.effects
+    )
     assert np.all(np.abs(out[1, 3:6] - out[0, 3:6]) < 1e-6)
 
 
 def test_a_scenario_that_an_effect_does_not_move_starts_bit_for_bit_as_the_plain_one():
     machine = MACHINES["hoist"]
-    model = PlantModel(HOIST, of(machine, {"friction_viscous": {"viscous_n_s_per_m": 4000.0}}))
+    model = PlantModel(HOIST.plant, of(machine, {"friction_viscous": {"viscous_n_s_per_m": 4000.0}}))
     values = [model.values(machine, 4500.0, 0.0)]
-    q, hold = hang_still(HOIST, model.effects, values, [9.0], [0.0])
-    plain_q, plain_hold = HOIST.equilibrium(9.0, values[0])
+    q, hold = hang_still(HOIST.plant, model.effects, values, [9.0], [0.0])
+    plain_q, plain_hold = HOIST.plant.equilibrium(9.0, values[0])
     assert q[:, 0].tolist() == plain_q and hold[0] == plain_hold
 
 

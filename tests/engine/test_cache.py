@@ -65,8 +65,8 @@ def unedited(results: Results) -> Results:
 
 
 EDITS = {
-    "an equation of the hoist": ("kinds/hoist.py", "a_s = (s.r * (s.W2", "a_s = (0.9 * s.r * (s.W2", "hoist"),
-    "an equation of the axis": ("kinds/axis.py", "load = p.G * sin(x)", "load = 1.001 * p.G * sin(x)", "axis"),
+    "an equation of the hoist": ("machines/kinds/hoist.py", "a_s = (s.r * (s.W2", "a_s = (0.9 * s.r * (s.W2", "hoist"),
+    "an equation of the axis": ("machines/kinds/axis.py", "load = p.G * sin(x)", "load = 1.001 * p.G * sin(x)", "axis"),
     "the preamble": (
         "engine/preamble.py",
         "return sign_of_turn(m) * sine_of_rest(m, x)",
@@ -74,7 +74,7 @@ EDITS = {
         "axis",
     ),
     "the step": ("engine/rodas3.py", "GAMMA = 0.5", "GAMMA = 0.501", "axis"),
-    "a rule of derivatives": ("trace/derive.py", "return cos(a) * d[0]", "return 0.9 * (cos(a) * d[0])", "axis"),
+    "a rule of derivatives": ("symbolic/derive.py", "return cos(a) * d[0]", "return 0.9 * (cos(a) * d[0])", "axis"),
     "the controller": ("control/pi.py", "dt * (p.ki * push", "dt * (0.9 * p.ki * push", "loop"),
 }
 

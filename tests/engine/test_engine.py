@@ -12,7 +12,7 @@ from tests.support import by_hand
 from tests.support.hoist_replays import HOIST, NOMINAL_SPEED, replay, start, values
 from workbench.core.run import Array
 from workbench.engine import kernels
-from workbench.plants import PLANTS
+from workbench.machines import PLANTS
 
 FIXED = 1e9  # a tolerance that is always met: one step between two samples
 

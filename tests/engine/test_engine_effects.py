@@ -11,9 +11,9 @@ import pytest
 
 from tests.support.hoist_replays import HOIST, replay, start, values
 from workbench.core.run import Array
-from workbench.plants import NO_EFFECTS, PLACES, PLANTS, Effects
-from workbench.trace.emit import evaluate
-from workbench.trace.expr import Scalar, cos, sin, symbol
+from workbench.machines import NO_EFFECTS, PLACES, PLANTS, Effects
+from workbench.symbolic.emit import evaluate
+from workbench.symbolic.expr import Scalar, cos, sin, symbol
 
 STATE = [symbol(name) for name in ("th", "th_s", "x", "w", "w_s", "v")]
 NAMES = [e.args[0] for e in STATE]

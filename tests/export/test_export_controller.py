@@ -22,7 +22,7 @@ from workbench.export.controller_program import CHECKS, checked, program_of, rec
 from workbench.export.controller_text import ST, c_of, expression
 from workbench.export.drives import DRIVES, RampLimits, drive_settings
 from workbench.export.fmu import host_compiler
-from workbench.machine import default_hoist, with_values
+from workbench.machines import default_hoist, with_values
 from workbench.simulate.loop import torque_limit_nm
 
 HOIST = default_hoist()

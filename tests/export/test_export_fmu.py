@@ -26,12 +26,27 @@ from workbench.export import fmu as compiling
 from workbench.export.fmu import c_files, write_fmu, write_sources
 from workbench.export.model import Model, Start, model_of
 from workbench.export.variables import BASE, meaning_of, range_of
-from workbench.kinds import KINDS
-from workbench.kinds.axis import LinearAxis, LinearFriction, LinearGravity
-from workbench.kinds.two_inertia import Coupling, LoadSide, MotorSide, RotaryFriction, RotaryGravity, TwoInertia
-from workbench.machine import Axis, Hoist, default_hoist, save_machine, with_correction, with_values
+from workbench.machines import (
+    KINDS,
+    PLANTS,
+    Axis,
+    Hoist,
+    default_hoist,
+    plant_of,
+    save_machine,
+    with_correction,
+    with_values,
+)
+from workbench.machines.kinds.axis import LinearAxis, LinearFriction, LinearGravity
+from workbench.machines.kinds.two_inertia import (
+    Coupling,
+    LoadSide,
+    MotorSide,
+    RotaryFriction,
+    RotaryGravity,
+    TwoInertia,
+)
 from workbench.metrics import observer
-from workbench.plants import PLANTS, plant_of
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, case_limits, simulate_loop

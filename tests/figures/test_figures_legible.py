@@ -11,7 +11,7 @@ from tests.support import axes
 from workbench.analysis.step import StepResponse
 from workbench.figures.loop import Step, _with_load
 from workbench.figures.place import marked_machine
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.references import by_name
 from workbench.view.style import GROUND, LINES, SPARE, line, on_dark
 

@@ -14,7 +14,7 @@ import pytest
 
 from tests.support.commands import Commands
 from tests.support.emps_campaign import RUNS
-from workbench.machine import LinearAxis, load_machine
+from workbench.machines import LinearAxis, load_machine
 
 # The knowledge taken out: a rough mass and viscous friction, nothing else.
 MACHINE = """\

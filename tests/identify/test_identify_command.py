@@ -18,9 +18,9 @@ from tests.support.simulated_campaign import TRUTH, simulated_campaign, true_mac
 from workbench import __version__
 from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification, identify
-from workbench.kinds.hoist import guide_friction
 from workbench.logs import Campaign, read_campaign
-from workbench.machine import Hoist, default_hoist, get_value, load_machine, value_names, with_values
+from workbench.machines import Hoist, default_hoist, get_value, load_machine, value_names, with_values
+from workbench.machines.kinds.hoist import guide_friction
 from workbench.reports.identify import page as identify_page
 from workbench.reports.identify.friction import combined_weight, force_balance, law
 from workbench.reports.identify.report import held, sentences, table, tolerances_off
@@ -227,7 +227,7 @@ def test_the_balance_of_the_log_shows_the_true_friction_whatever_machine_looks(c
 
 
 def _plant_values() -> Any:
-    from workbench.plants import plant_of
+    from workbench.machines import plant_of
 
     return plant_of(default_hoist()).values(default_hoist())
 

@@ -18,9 +18,9 @@ from workbench.identify.identify import identify
 from workbench.identify.iteration import friction_levels
 from workbench.identify.models import BalanceModel, SpeedModel
 from workbench.identify.parameters import free_parameters
-from workbench.kinds import HOIST as HOIST_KIND
 from workbench.logs import Campaign
-from workbench.machine import Hoist, LinearAxis, default_hoist, get_value, with_values
+from workbench.machines import HOIST as HOIST_KIND
+from workbench.machines import Hoist, LinearAxis, default_hoist, get_value, with_values
 from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, simulate_loop
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tests.support.commands import Commands
-from workbench.machine import Hoist, load_machine
+from workbench.machines import Hoist, load_machine
 
 WITHOUT_A_GAP = ("01", "20", "25", "26", "27", "28")
 WITH_A_GAP = [f"{number:02d}" for number in range(1, 34) if f"{number:02d}" not in WITHOUT_A_GAP]

@@ -17,9 +17,8 @@ from workbench.control import form_of
 from workbench.core.yaml_strict import dumps
 from workbench.dashboard import machines
 from workbench.identify.identify import identify
-from workbench.kinds import KINDS
 from workbench.logs import read_campaign
-from workbench.machine import get_value, machine_text, save_machine, with_values
+from workbench.machines import KINDS, get_value, machine_text, save_machine, with_values
 
 AXES = [name for name, kind in KINDS.items() if kind.looped.position_loop]
 

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from workbench.core.run import Array
-from workbench.kinds import KINDS, Kind
-from workbench.plants import NO_EFFECTS, Effects
-from workbench.trace.derive import jacobian
-from workbench.trace.expr import Scalar, symbol
+from workbench.machines import KINDS, NO_EFFECTS, Effects, Kind
+from workbench.symbolic.derive import jacobian
+from workbench.symbolic.expr import Scalar, symbol
 
 EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 PAYLOAD_KG = 3000.0

@@ -15,10 +15,8 @@ from tests.support.effect_machines import MACHINES
 from workbench.core.run import Run
 from workbench.effects import effects_for
 from workbench.identify.parameters import fittable
-from workbench.kinds import KINDS, Kind, kind_of, of_kind, studied
-from workbench.machine import Axis, Hoist, value_names
-from workbench.machine.files import RECORDS
-from workbench.plants import PLANTS
+from workbench.machines import KINDS, PLANTS, Axis, Hoist, Kind, kind_of, of_kind, studied, value_names
+from workbench.machines.files import RECORDS
 
 ROOT = Path(__file__).resolve().parents[2]
 FORMATS = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
@@ -136,5 +134,5 @@ def test_no_rule_asks_a_machine_for_its_class():
 
 
 def test_what_all_plants_share_knows_no_word_of_one():
-    text = (ROOT / "workbench" / "kinds" / "plant.py").read_text(encoding="utf-8").lower()
+    text = (ROOT / "workbench" / "machines" / "plant.py").read_text(encoding="utf-8").lower()
     assert not re.search(r"hoist|carriage|payload(?!_kg)|wire|drum|guide|sheave", text)

@@ -15,7 +15,7 @@ from workbench.core.run import Run
 from workbench.diagnose.readiness.checks import check_runs
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
-from workbench.machine import with_values
+from workbench.machines import with_values
 
 NOMINAL = MACHINES["two_inertia"]
 TRUE = {"load.inertia_kg_m2": 0.056, "coupling.stiffness_nm_per_rad": 760.0}

@@ -20,11 +20,11 @@ import scipy.io
 from tests.support import log_openers
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
 from workbench.core.errors import InputError
-from workbench.log_formats import OWN, UPLOADED, Limits, LogFormat, formats, page, suffixes, worker
-from workbench.log_formats.confined import landlock_version
-from workbench.log_formats.declared import Opened
-from workbench.log_formats.opening import open_log
 from workbench.logs import read_campaign
+from workbench.logs.formats import OWN, UPLOADED, Limits, LogFormat, formats, page, suffixes, worker
+from workbench.logs.formats.confined import landlock_version
+from workbench.logs.formats.declared import Opened
+from workbench.logs.formats.opening import open_log
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = Limits(rows=10_000, bytes=1_000_000, seconds=1.0, memory_bytes=300_000_000)
@@ -37,7 +37,7 @@ def add(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LogFormat]:
         made = replace(made, imports=("zipfile",))  # np.load's
         made = replace(made, **more)  # type: ignore[arg-type]
         monkeypatch.setattr(
-            "workbench.log_formats.known.FORMATS",
+            "workbench.logs.formats.known.FORMATS",
             [*(log_format for log_format in formats() if log_format.name != made.name), made],
         )
         return made
@@ -215,8 +215,8 @@ def test_ctrl_c_ends_the_reader_and_its_worker(tmp_path):
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from pathlib import Path\n"
         "from tests.support import log_openers\n"
-        "from workbench.log_formats import LogFormat, known, worker\n"
-        "from workbench.log_formats.opening import open_log\n"
+        "from workbench.logs.formats import LogFormat, known, worker\n"
+        "from workbench.logs.formats.opening import open_log\n"
         "known.FORMATS.append(LogFormat('made-up', ('.made',), log_openers.sleep, about=''))\n"
         "one = worker._taken(); worker._given_back(one); print(one.process.pid, flush=True)\n"
         "with open_log(Path(sys.argv[1])): pass\n"

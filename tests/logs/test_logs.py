@@ -14,7 +14,7 @@ import scipy.io
 from tests.support.log_campaign import AXIS, RUNS, axis_columns, csv_text, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
-from workbench.machine import Hoist, LinearAxis
+from workbench.machines import Hoist, LinearAxis
 
 EMPS_RUNS = """\
 columns:

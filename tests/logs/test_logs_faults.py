@@ -14,10 +14,9 @@ from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, csv_text
 from workbench.cli.campaign import load_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.kinds import kind_of
 from workbench.logs import read_campaign
 from workbench.logs.campaign import RunsError
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist, kind_of
 
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"
 

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from tests.support.log_campaign import AXIS, RUNS, axis_columns, csv_text, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
-from workbench.machine import default_hoist
-from workbench.machine.files import machine_text
+from workbench.machines import default_hoist
+from workbench.machines.files import machine_text
 
 COLUMNS = hoist_columns(120, 0.02)
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv, start_time_s: 0.0}\n"

@@ -22,8 +22,8 @@ from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.core.input_file import MOST_BYTES, open_input, readable_file
 from workbench.core.whole_folder import whole_folder
-from workbench.log_formats.opening import open_log
 from workbench.logs import read_campaign
+from workbench.logs.formats.opening import open_log
 from workbench.study.rows import read_manifest, read_table
 
 SECRET = "root:x:0:0:the whole of a file of the server" * 20

@@ -13,7 +13,7 @@ from workbench.core.run import Run
 from workbench.logs import read_campaign
 from workbench.logs.channels import find_spikes
 from workbench.logs.dropouts import Channel
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"
 MOTORS = ("torque_motor1_nm", "torque_motor2_nm")

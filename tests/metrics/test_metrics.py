@@ -12,9 +12,8 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
-from workbench.machine import Drive, default_hoist, with_values
+from workbench.machines import PLANTS, Drive, default_hoist, with_values
 from workbench.metrics import LoopMetric, measure, metrics
-from workbench.plants import PLANTS
 from workbench.simulate import loop
 from workbench.simulate.loop import LoopCase, simulate_loop
 

@@ -18,7 +18,7 @@ from tests.support.scenario_text import write
 from workbench.cli import cli
 from workbench.core.errors import InputError
 from workbench.dashboard.pages.study_desk import START
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
 from workbench.metrics.metric import largest
 from workbench.reports.study import figures_of

@@ -10,7 +10,7 @@ import pytest
 from tests.metrics.test_metrics import DT, P, metric, trace, with_peak
 from workbench.control import PiSettings
 from workbench.core.run import Run
-from workbench.machine import default_hoist, with_values
+from workbench.machines import default_hoist, with_values
 from workbench.metrics import measure, observer
 from workbench.simulate.loop import LoopCase, simulate_loop
 

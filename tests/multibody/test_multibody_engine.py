@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workbench.multibody.exudyn_import import engine
-from workbench.multibody.motion import SPECTRAL_RADIUS, TOLERANCE
+from workbench.machines.multibody.exudyn_import import engine
+from workbench.machines.multibody.motion import SPECTRAL_RADIUS, TOLERANCE
 
 G = 9.81
 Point = tuple[float, float]
@@ -23,7 +23,7 @@ def exudyn() -> None:
 
 
 class Bench:
-    """Plane rigid bodies on the items that `workbench.multibody.assemble` uses. Coordinates count from the start."""
+    """Plane rigid bodies on the items of `workbench.machines.multibody.assemble`. Coordinates count from the start."""
 
     def __init__(self) -> None:
         exu = engine()

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from workbench.core.run import Array, Run
-from workbench.machine import Hoist, default_hoist, with_values
-from workbench.multibody import Driven, MotionResult, Outcome, Shaft, Switches, motion, move, sampled
+from workbench.machines import Hoist, default_hoist, with_values
+from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, Switches, motion, move, sampled
 
 MACHINE = default_hoist()
 SMOOTH = with_values(

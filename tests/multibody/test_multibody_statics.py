@@ -7,9 +7,9 @@ import math
 import pytest
 
 from workbench.core.errors import InputError
-from workbench.machine import Hoist, default_hoist, with_values
-from workbench.multibody import Switches, geometry_of, hang
-from workbench.multibody.switches import wound_m
+from workbench.machines import Hoist, default_hoist, with_values
+from workbench.machines.multibody import Switches, geometry_of, hang
+from workbench.machines.multibody.switches import wound_m
 
 MACHINE = default_hoist()
 STIFF = with_values(MACHINE, {"arm.roller_stiffness_n_per_m": 1e10, "arm.cylinder_stiffness_n_per_m": 1e10})

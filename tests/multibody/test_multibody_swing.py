@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("exudyn")
 
 import workbench as wb
-from workbench.multibody import move
-from workbench.multibody.motion import Driven, Shaft
+from workbench.machines.multibody import move
+from workbench.machines.multibody.motion import Driven, Shaft
 
 LOSSLESS = {
     "wire.damping_time_s": 0.0, "bearing.pin_friction_coefficient": 0.0, "guide.coulomb_hoisting_n": 0.0,

@@ -14,8 +14,7 @@ from scipy.signal import cont2discrete, lfilter, lsim
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.kinds import Load, load_of
-from workbench.machine import default_hoist, with_values
+from workbench.machines import Load, default_hoist, load_of, with_values
 from workbench.references import Limits, move_shape, planned_kind, planned_kinds
 from workbench.references.least_peak import GIVEN_AWAY, TAUT, least_peak
 from workbench.study.load import plan_study

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from workbench.core.errors import InputError
-from workbench.kinds import Load, load_of
-from workbench.machine import Hoist, default_hoist, with_values
+from workbench.machines import Hoist, Load, default_hoist, load_of, with_values
 from workbench.references import (
     Limits,
     Shape,

@@ -16,8 +16,8 @@ from benchmarks.serve import Client, Served, case_at, closed_loop, off_percent
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
 from workbench.export.fmu import host_compiler
-from workbench.kinds.axis import LinearAxis, RotaryAxis
-from workbench.machine import default_hoist, save_machine
+from workbench.machines import default_hoist, save_machine
+from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
 from workbench.serve.plant import LiveAxis, LivePlant
 from workbench.serve.points import FLAGS
 from workbench.serve.serve import Wish, pace_lines

@@ -15,7 +15,7 @@ from benchmarks.attack.packets import attack, datagram
 from benchmarks.serve import Client, Served
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
-from workbench.machine import default_hoist, save_machine
+from workbench.machines import default_hoist, save_machine
 from workbench.serve import tcp
 from workbench.serve.plant import LivePlant
 from workbench.serve.points import FLAGS

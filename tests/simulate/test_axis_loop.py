@@ -7,8 +7,8 @@ import pytest
 
 from tests.support.axes import CASCADE, emps, followed, ideal_axis, there_and_back, two_inertia
 from workbench.control import AxisFeedForward, LinearCascade, RotaryCascade
-from workbench.kinds.axis import LINEAR_DRIVES
-from workbench.machine import with_values
+from workbench.machines import with_values
+from workbench.machines.kinds.axis import LINEAR_DRIVES
 from workbench.metrics import measure, set_of
 from workbench.references import Limits, Step, plan_motion
 from workbench.simulate.loop import LoopCase, Outcome, simulate_loop

@@ -16,11 +16,10 @@ from workbench.control.settings import FeedForward
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.engine.stepped import Step, observe
-from workbench.machine import with_values
+from workbench.machines import HOIST, with_values
+from workbench.machines.multibody import motion
 from workbench.metrics import observer
 from workbench.metrics.registry import measure
-from workbench.multibody import motion
-from workbench.plants import HOIST
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, simulate_loop
 from workbench.simulate.models import compare_models
 from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
@@ -75,7 +74,7 @@ def test_the_compiled_step_is_the_controllers_own(settings: PiSettings):
     """Sample by sample the same as the function that both come from, called with plain numbers."""
     controller = PI if settings.plain else full_pi()
     values = {
-        **vars(HOIST.values(MACHINE, 0.0)), **loop_values(settings, MACHINE.drive, 300.0),
+        **vars(HOIST.plant.values(MACHINE, 0.0)), **loop_values(settings, MACHINE.drive, 300.0),
         **case_limits(case(settings)),
     }  # fmt: skip
     p = SimpleNamespace(**values)
@@ -92,7 +91,9 @@ def test_the_compiled_step_is_the_controllers_own(settings: PiSettings):
 def test_the_compiled_metrics_are_those_of_a_log(pair):
     run, one = pair[1].run, case()
     p = SimpleNamespace(
-        **vars(HOIST.values(one.machine, 4500.0)), **loop_values(SETTINGS, one.machine.drive, 597.0), **case_limits(one)
+        **vars(HOIST.plant.values(one.machine, 4500.0)),
+        **loop_values(SETTINGS, one.machine.drive, 597.0),
+        **case_limits(one),
     )
     seen = {name: run[name] for name in run.signals}
     sums = observe(observer(), p, {**seen, "time_s": run.time_s}, 0.004)

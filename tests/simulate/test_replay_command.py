@@ -18,7 +18,7 @@ from tests.support.simulated_campaign import PAYLOADS, TORQUE_NOISE_NM, simulate
 from workbench.core.errors import InputError
 from workbench.core.whole_folder import whole_folder
 from workbench.logs import read_campaign
-from workbench.machine import default_hoist, save_machine, with_values
+from workbench.machines import default_hoist, save_machine, with_values
 from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import replay_runs
 

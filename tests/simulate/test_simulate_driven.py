@@ -8,7 +8,7 @@ import pytest
 from workbench.control import PiSettings
 from workbench.core.run import Run
 from workbench.effects import effects_for, parts, ranges_of, searchable
-from workbench.machine import LinearAxis, default_hoist, with_values
+from workbench.machines import LinearAxis, default_hoist, with_values
 from workbench.simulate.driven import Bench, changed
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.replay import replay_runs

@@ -11,8 +11,7 @@ from tests.support import by_hand
 from tests.support.ideal import ideal_hoist
 from workbench.control import Events, PiSettings
 from workbench.core.run import Array
-from workbench.machine import Hoist, with_values
-from workbench.plants import PLANTS
+from workbench.machines import PLANTS, Hoist, with_values
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop, torque_limit_nm
 
 MACHINE = ideal_hoist()

@@ -13,7 +13,7 @@ import pytest
 from tests.support import axes
 from workbench.core.errors import InputError
 from workbench.dashboard.pages.study_desk import scenario_of, usual_desk
-from workbench.machine import default_hoist, shipped_hoist
+from workbench.machines import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
 from workbench.study.answer import Answer, answer_of, read_answer, write_answer
 from workbench.study.ask import QUESTIONS

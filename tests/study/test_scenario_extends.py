@@ -67,7 +67,7 @@ def test_an_error_names_the_file_in_which_its_key_stands(tmp_path: Path, text: s
 def test_a_machine_is_sought_beside_the_file_that_names_it(tmp_path: Path) -> None:
     deep = tmp_path / "deep"
     deep.mkdir()
-    shipped = (ROOT / "workbench" / "machine" / "default_hoist.yaml").read_text(encoding="utf-8")
+    shipped = (ROOT / "workbench" / "machines" / "default_hoist.yaml").read_text(encoding="utf-8")
     write(deep, shipped.replace("mass_kg: 8000.0", "mass_kg: 7000.0"), "mine.yaml")
     write(deep, GOOD + "machine: mine.yaml\n", "base.yaml")
     path = write(tmp_path, "extends: deep/base.yaml\nname: child\n", "child.yaml")

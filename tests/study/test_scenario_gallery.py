@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from tests.support.scenario_text import GOOD
 from workbench.cli.schema import command
 from workbench.core.yaml_strict import load, loads
-from workbench.machine.files import machine_text
+from workbench.machines.files import machine_text
 from workbench.study.load import Study, load_study
 from workbench.study.pareto import fronts
 from workbench.study.rows import Row
@@ -107,7 +107,7 @@ def test_the_schema_describes_every_key_of_a_scenario() -> None:
 
 
 def test_machines_and_run_lists_are_valid_by_their_schemas() -> None:
-    from workbench.machine import default_hoist
+    from workbench.machines import default_hoist
 
     machine, runs = validator("machine"), validator("runs")
     assert not list(machine.iter_errors(loads(machine_text(default_hoist()), "m").data))

@@ -10,8 +10,8 @@ import pytest
 from tests.support.scenario_text import write
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
-from workbench.machine import default_hoist
-from workbench.machine.files import machine_text
+from workbench.machines import default_hoist
+from workbench.machines.files import machine_text
 from workbench.references import Step, motor_speed_rad_s, plan_motion
 from workbench.references.limits import Limits
 from workbench.study.load import Study, load_study

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.support.scenario_text import study_of
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 from workbench.study.grid import RunSpec, plan_runs
 from workbench.study.run import run_specs
 from workbench.study.scenario import Scenario

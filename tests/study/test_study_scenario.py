@@ -91,7 +91,7 @@ def test_a_scenario_that_is_not_there_or_is_a_folder_is_named(tmp_path: Path) ->
 
 
 def test_a_machine_of_the_scenario_is_sought_beside_it_and_its_errors_name_its_own_file(tmp_path: Path) -> None:
-    shipped = (ROOT / "workbench" / "machine" / "default_hoist.yaml").read_text(encoding="utf-8")
+    shipped = (ROOT / "workbench" / "machines" / "default_hoist.yaml").read_text(encoding="utf-8")
     path = write(tmp_path, GOOD.replace("name: small", "name: small\nmachine: mine.yaml"))
     mine = tmp_path / "mine.yaml"
     mine.write_text(shipped.replace("mass_kg: 8000.0", "mass_kg: 7000.0"), encoding="utf-8")

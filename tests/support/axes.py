@@ -8,9 +8,8 @@ import numpy as np
 
 from workbench.control import LinearCascade
 from workbench.core.yaml_strict import loads
-from workbench.kinds import kind_of
-from workbench.kinds.axis import LINEAR_DRIVES
-from workbench.machine import Axis, LinearAxis, TwoInertia, machine_from, shipped, with_values
+from workbench.machines import Axis, LinearAxis, TwoInertia, kind_of, machine_from, shipped, with_values
+from workbench.machines.kinds.axis import LINEAR_DRIVES
 from workbench.references import Limits, Plan, Step, plan_motion
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.effects import of
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist, save_machine
+from workbench.machines import Axis, Hoist, kind_of, save_machine
 from workbench.references import Limits, Step, plan_motion
 from workbench.simulate.driven import Bench
 

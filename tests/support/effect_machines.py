@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import cast
 
 from workbench.core.yaml_strict import loads
-from workbench.kinds import KINDS, ROTARY
-from workbench.machine import Axis, Hoist, machine_from
+from workbench.machines import KINDS, ROTARY, Axis, Hoist, machine_from
 
 
 def linear_axis(**values: float) -> Axis:

@@ -12,7 +12,7 @@ from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import Setting, base_parameters, effect_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import find, ranges_of
-from workbench.machine import default_hoist
+from workbench.machines import default_hoist
 
 
 def rms(values: Array) -> float:

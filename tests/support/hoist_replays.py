@@ -9,8 +9,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.engine import kernels
-from workbench.machine import default_hoist
-from workbench.plants import NO_EFFECTS, PLANTS, Effects
+from workbench.machines import NO_EFFECTS, PLANTS, Effects, default_hoist
 
 HOIST = PLANTS["hoist"]
 MACHINE = default_hoist()

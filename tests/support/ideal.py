@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from workbench.machine import DRIVES, Hoist, default_hoist
+from workbench.machines import DRIVES, Hoist, default_hoist
 
 
 def ideal_hoist() -> Hoist:

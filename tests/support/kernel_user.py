@@ -12,8 +12,7 @@ import numpy as np
 
 from workbench.control import PiSettings
 from workbench.engine import kernels
-from workbench.machine import default_hoist
-from workbench.plants import PLANTS
+from workbench.machines import PLANTS, default_hoist
 from workbench.simulate.loop import LoopCase, simulate_loop
 
 

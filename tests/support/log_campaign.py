@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from workbench.machine import default_hoist
-from workbench.machine.files import machine_text
+from workbench.machines import default_hoist
+from workbench.machines.files import machine_text
 
 Array = npt.NDArray[np.float64]
 AXIS = """\

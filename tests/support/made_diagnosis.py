@@ -25,8 +25,7 @@ from workbench.diagnose.unexplained.records import Curve, Unknown
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, Verdict
 from workbench.effects import effects_for
 from workbench.logs import Campaign, read_campaign
-from workbench.machine import Axis, Hoist, default_hoist, with_correction
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, default_hoist, plant_of, with_correction
 from workbench.simulate.driven import Balance, Bench, pooled_rms
 from workbench.simulate.replay import replay_runs
 from workbench.view.words import words_of

@@ -11,7 +11,7 @@ import numpy as np
 from workbench.control import PiSettings
 from workbench.core.run import Run
 from workbench.effects import logged, of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.driven import Bench
 from workbench.simulate.loop import LoopCase, simulate_loop

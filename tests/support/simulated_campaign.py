@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.support.log_campaign import csv_text
 from workbench.control import PiSettings
-from workbench.machine import Hoist, default_hoist, save_machine, with_values
+from workbench.machines import Hoist, default_hoist, save_machine, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
 

@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.attack.watch_states import HOIST, RULES, make_state, put, short_runs
 from tests.support.commands import Commands
-from workbench.machine import save_machine
+from workbench.machines import save_machine
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "watch.md"
 FLEET = """\

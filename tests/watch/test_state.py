@@ -19,7 +19,7 @@ import pytest
 from benchmarks.attack.watch_states import HOIST, RULES, make_state, put, short_runs
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
-from workbench.machine import save_machine
+from workbench.machines import save_machine
 from workbench.watch.store import Store
 from workbench.watch.watch import Watch
 

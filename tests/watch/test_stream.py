@@ -17,9 +17,9 @@ from tests.support.commands import Commands
 from tests.support.opcua_machine import OpcUaMachine
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.kinds.axis import LinearAxis
 from workbench.logs.runs_file import Entry
-from workbench.machine import default_hoist, save_machine
+from workbench.machines import default_hoist, save_machine
+from workbench.machines.kinds.axis import LinearAxis
 from workbench.watch.arrivals import Arrivals, Arrived
 from workbench.watch.estimate import estimate
 from workbench.watch.judge import Rules

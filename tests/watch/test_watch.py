@@ -23,8 +23,8 @@ from tests.support.commands import Commands
 from tests.support.log_campaign import csv_text
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.kinds.axis import LinearAxis
-from workbench.machine import default_hoist, save_machine, with_values
+from workbench.machines import default_hoist, save_machine, with_values
+from workbench.machines.kinds.axis import LinearAxis
 from workbench.watch.cause import Cause, groups_of, likelihoods, posterior
 from workbench.watch.change import learn
 from workbench.watch.estimate import Estimate, estimate, watched_keys

@@ -11,9 +11,7 @@ from workbench.analysis.loop import LinearLoop, linear_loop
 from workbench.analysis.margins import Margins, margins
 from workbench.control import Settings
 from workbench.core.errors import InputError
-from workbench.kinds import kind_of, of_kind
-from workbench.machine import Axis, Hoist
-from workbench.plants import NO_EFFECTS, Effects
+from workbench.machines import NO_EFFECTS, Axis, Effects, Hoist, kind_of, of_kind
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,10 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.effects import joined, of
 from workbench.engine.source import state_symbols
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
-from workbench.plants import HOIST, NO_EFFECTS, Effects, Plant
-from workbench.trace.derive import derivative, jacobian, values
-from workbench.trace.emit import evaluate
-from workbench.trace.expr import Expr, Scalar, symbol
+from workbench.machines import HOIST, NO_EFFECTS, Axis, Effects, Hoist, Plant, kind_of
+from workbench.symbolic.derive import derivative, jacobian, values
+from workbench.symbolic.emit import evaluate
+from workbench.symbolic.expr import Expr, Scalar, symbol
 
 Motion = Literal["hoisting", "lowering", "at_rest"]
 MOTIONS: tuple[Motion, ...] = ("hoisting", "lowering", "at_rest")
@@ -275,13 +273,13 @@ def linearise(
         )
     machine = cast(Hoist, machine)
     own = of(machine)
-    p = HOIST.values(machine, point.payload_kg)
+    p = HOIST.plant.values(machine, point.payload_kg)
     vars(p).update(own.values_of(0.0), **(effect_values or {}))
     sign = {"hoisting": 1.0, "lowering": -1.0, "at_rest": 0.0}[point.motion]
-    even = EvenMotion(HOIST, joined(own.effects, effects), p, OUTPUTS)
+    even = EvenMotion(HOIST.plant, joined(own.effects, effects), p, OUTPUTS)
     at = even.settled(point.height_m, sign * EVEN_SPEED * machine.motor.nominal_speed_rad_s)
     J = even.slopes(at)
-    n, N = len(HOIST.positions), even.states
+    n, N = len(HOIST.plant.positions), even.states
     A = np.block([[np.eye(N)[n : 2 * n]], [J[: N - n, :N]]])
     B = np.concatenate([np.zeros(n), J[: N - n, N]])[:, None]
     C = J[N - n :, :N]
@@ -289,8 +287,8 @@ def linearise(
     T = np.eye(N)
     T[: n - 1, n - 1] = even.rise(at)[: n - 1]
     A, B, C = (np.asarray(M, dtype=np.float64) for M in (np.linalg.solve(T, A @ T), np.linalg.solve(T, B), C @ T))
-    relative = (f"{name}_relative" for name in HOIST.positions[: n - 1])
-    names = (*relative, HOIST.positions[n - 1], *HOIST.speeds, *(m.symbol for m in even.effects.memory))
+    relative = (f"{name}_relative" for name in HOIST.plant.positions[: n - 1])
+    names = (*relative, HOIST.plant.positions[n - 1], *HOIST.plant.speeds, *(m.symbol for m in even.effects.memory))
     keep = [i for i in range(2 * n) if height_free or i != n - 1]
     keep += moved_memory(A, B, keep, range(2 * n, N))
     return LinearPlant(

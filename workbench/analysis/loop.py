@@ -16,11 +16,9 @@ from workbench.analysis.linearise import OUTPUTS, LinearPlant, OperatingPoint, l
 from workbench.control import Controller, Settings, cascade, cascade_values, delay_weights, full_pi, loop_values
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.kinds import HOIST, Kind, kind_of
-from workbench.machine import Axis, Hoist
-from workbench.plants import NO_EFFECTS, Effects
-from workbench.trace.derive import jacobian
-from workbench.trace.expr import symbol
+from workbench.machines import HOIST, NO_EFFECTS, Axis, Effects, Hoist, Kind, kind_of
+from workbench.symbolic.derive import jacobian
+from workbench.symbolic.expr import symbol
 
 Complex = npt.NDArray[np.complex128]
 

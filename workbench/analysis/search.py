@@ -15,9 +15,7 @@ from workbench.analysis.loop import Complex, Sampled, linear_controller, sampled
 from workbench.control import Settings
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.kinds import HOIST, ClosedLoop, kind_of
-from workbench.machine import Axis, Hoist
-from workbench.plants import NO_EFFECTS, Effects
+from workbench.machines import HOIST, NO_EFFECTS, Axis, ClosedLoop, Effects, Hoist, kind_of
 
 LIGHT = 0.5  # damping ratio below which a zero makes a dip of the response
 

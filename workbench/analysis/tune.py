@@ -19,10 +19,8 @@ from workbench.control import Events, Settings
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.core.shown import Brief
-from workbench.kinds import kind_of
-from workbench.machine import AnyKind, Axis, Hoist
+from workbench.machines import NO_EFFECTS, AnyKind, Axis, Effects, Hoist, kind_of
 from workbench.metrics import set_of
-from workbench.plants import NO_EFFECTS, Effects
 from workbench.references import Limits, Plan, Step, plan_motion
 from workbench.simulate.loop import NO_EVENTS, LoopCase, Outcome, simulate_loop
 

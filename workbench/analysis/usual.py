@@ -6,8 +6,7 @@ import math
 from typing import cast
 
 from workbench.control import SETTINGS, Cascade, PiSettings, Settings
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 
 USUAL_CROSSOVER_HZ = 2.5
 USUAL_SAMPLE_S = 0.001

@@ -14,9 +14,10 @@ from typing import Any
 from workbench.blind.baselines import sparse_regression
 from workbench.core.errors import InputError
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
-from workbench.diagnose.verdict.judge import same_but_freer
+from workbench.diagnose.hypotheses.evidence import same_but_freer
+from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.logs import read_campaign
-from workbench.plants import plant_of
+from workbench.machines import plant_of
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class Answer:
     warnings: tuple[str, ...] = ()
 
 
-def answer(folder: Path, withheld: Sequence[str] = (), most_effects: int = 2) -> Answer:
+def answer(folder: Path, withheld: Sequence[str] = (), most_effects: int = MOST_EFFECTS) -> Answer:
     """Diagnose one campaign; `withheld` effects are taken out of the library first, and laws that hold them."""
     cpu, wall = time.process_time(), time.monotonic()
 

@@ -22,8 +22,7 @@ from workbench.blind.seal import Label, Order
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.effects import effects_for, find, logged, of, sizes_of
-from workbench.kinds import kind_of
-from workbench.machine import get_value, save_machine, with_values
+from workbench.machines import get_value, kind_of, save_machine, with_values
 from workbench.simulate.driven import Bench
 
 SOURCE = "recorded"

@@ -17,9 +17,8 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.effects import effects_for, sizes_of
 from workbench.identify.identify import Identification, identify
-from workbench.kinds import kind_of
 from workbench.logs import Campaign, read_campaign
-from workbench.machine import Axis, get_value, with_values
+from workbench.machines import Axis, get_value, kind_of, with_values
 from workbench.simulate.driven import Bench
 
 KINDS = ("hoist", "axis-linear", "axis-rotary")

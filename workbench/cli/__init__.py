@@ -13,8 +13,8 @@ from typing import NoReturn
 import click
 
 from workbench import __version__
-from workbench.cli.options import placed_at_option
-from workbench.core.errors import InputError, nearest
+from workbench.cli.options import NamedGroup
+from workbench.core.errors import InputError
 
 # name -> (where the click command stands, its line in `workbench --help`). The line stands here
 # so that the help imports no numpy, numba or pydantic.
@@ -46,7 +46,7 @@ EXIT_INTERRUPTED = 130
 LEAST_ADDRESSES = 2_000_000_000  # bytes; replay of three short runs takes 1.9e9, of which it touches a tenth
 
 
-class LazyGroup(click.Group):
+class LazyGroup(NamedGroup):
     """A click group that knows its sub-commands by `COMMANDS` and imports the one that runs."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -59,21 +59,6 @@ class LazyGroup(click.Group):
         command = getattr(importlib.import_module(module), attribute)
         assert isinstance(command, click.Command)
         return command
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args[0] not in COMMANDS and not args[0].startswith("-"):
-            ctx.fail(f"unknown command '{args[0]}'; {nearest(args[0], COMMANDS)}")
-        return super().resolve_command(ctx, args)
-
-    def invoke(self, ctx: click.Context) -> object:
-        """An error of the library names its parameter; here it gets the name of the option."""
-        try:
-            return super().invoke(ctx)
-        except InputError as error:
-            command = self.get_command(ctx, ctx.invoked_subcommand or "")
-            raise placed_at_option(error, command.params if command else ()) from error
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

@@ -10,8 +10,7 @@ from workbench.effects import check, effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.campaign import RunsError
 from workbench.logs.doubts import doubts_of
-from workbench.machine import Axis, Hoist, load_machine
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, load_machine, plant_of
 from workbench.simulate.lowpass import check_band
 
 ALL = "all"

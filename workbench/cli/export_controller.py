@@ -39,8 +39,7 @@ def command(controller: Path, form: str, drive: str, out: Path, machine: Path | 
     from workbench.core.whole_folder import check_free
     from workbench.effects import check
     from workbench.export.controller import controller_files, ramp_of, write_controller
-    from workbench.kinds import STUDIED, of_kind, studied
-    from workbench.machine import default_hoist, load_machine
+    from workbench.machines import STUDIED, default_hoist, load_machine, of_kind, studied
     from workbench.reports.loop.case import read_controller
 
     check_free(out)

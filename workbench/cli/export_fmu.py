@@ -60,7 +60,7 @@ def command(
     from workbench.effects import check
     from workbench.export.fmu import write_fmu
     from workbench.export.model import Start, model_of
-    from workbench.machine import default_hoist, load_machine
+    from workbench.machines import default_hoist, load_machine
     from workbench.reports.loop.case import read_controller
 
     settings = None if controller is None else read_controller(controller)

@@ -64,10 +64,10 @@ def command(
     from workbench.cli.show import print_table, print_text
     from workbench.core.whole_folder import check_free
     from workbench.effects import check
-    from workbench.imports.campaign import Imported, in_si, read_channels, runs_yaml, with_table, write_campaign
-    from workbench.imports.propose import for_all, propose
-    from workbench.machine import load_machine
-    from workbench.reports.imports.page import mapping_table, write_page
+    from workbench.logs.importing import Imported, in_si, read_channels, runs_yaml, with_table, write_campaign
+    from workbench.logs.mapping import for_all, propose
+    from workbench.machines import load_machine
+    from workbench.view.logs import mapping_table, write_page
 
     check_free(out)
     read = load_machine(machine, check_effects=check)

@@ -52,7 +52,7 @@ def command(
     from workbench.analysis.tune import Goal
     from workbench.cli.show import print_table, print_text
     from workbench.core.whole_folder import check_free, whole_folder
-    from workbench.plants import NO_EFFECTS
+    from workbench.machines import NO_EFFECTS
     from workbench.reports.loop import report
     from workbench.reports.loop.case import load_case
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from workbench.cli.campaign import load_campaign
 from workbench.core.errors import InputError
-from workbench.kinds import of_kind, studied
+from workbench.machines import of_kind, studied
 from workbench.simulate.models import ModelsCompared, compare_loops, compare_models
 from workbench.simulate.multibody_loop import check_multibody
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from workbench.core.errors import InputError
+from workbench.core.errors import InputError, nearest
 
 UNITS = ("_hz", "_kg", "_m", "_s")  # what a library's parameter is called beyond its option
 
@@ -18,7 +18,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 def campaign_argument(command: Command) -> Command:
     """CAMPAIGN, and the sentence of the help that says what it is, with the log formats that are read."""
-    from workbench.log_formats import listed
+    from workbench.logs.formats import listed
 
     folder = f"a folder with machine.yaml, runs.yaml and logs ({listed()})"
     command.__doc__ = f"{(command.__doc__ or '').rstrip()}\n\n    CAMPAIGN is {folder}.\n    "
@@ -84,3 +84,25 @@ def placed_at_option(error: InputError, options: Sequence[click.Parameter]) -> I
         if option.param_type_name == "option" and option.name in (error.place, parameter):
             return InputError(error.problem, place=option.opts[0])
     return error
+
+
+class NamedGroup(click.Group):
+    """A group whose errors name the nearest command, and the option behind a parameter that the library names."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        known = self.list_commands(ctx)
+        if args[0] not in known and not args[0].startswith("-"):
+            ctx.fail(f"unknown command '{args[0]}'; {nearest(args[0], known)}")
+        return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            command = self.get_command(ctx, ctx.invoked_subcommand or "")
+            raise placed_at_option(error, command.params if command else ()) from error

@@ -89,7 +89,7 @@ def command(
 
     from workbench.core.whole_folder import replace_json
     from workbench.effects import check
-    from workbench.machine import load_machine
+    from workbench.machines import load_machine
     from workbench.serve.serve import Wish, chosen_ready, last_words, serve
 
     read = load_machine(machine, check_effects=check)

@@ -155,7 +155,7 @@ def command(
 
 def _watch_one(plan: Plan, every: float, over: Callable[[], bool], *, rebuild: bool) -> int:
     from workbench.effects import check
-    from workbench.machine import load_machine
+    from workbench.machines import load_machine
     from workbench.reports.watch.page import answer
     from workbench.watch import watch as at_work
     from workbench.watch.fleet import opened

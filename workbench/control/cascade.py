@@ -21,8 +21,8 @@ from typing import Any
 
 from workbench.control.pi import NEVER, TURN, Controller, loop_gains
 from workbench.control.settings import Cascade
-from workbench.kinds import ClosedLoop
-from workbench.trace.expr import Scalar, clip, floor, maximum, where
+from workbench.machines import ClosedLoop
+from workbench.symbolic.expr import Scalar, clip, floor, maximum, where
 
 PARAMETERS = (
     "kp", "ki", "b_set", "track", "conditional", "rate", "alpha_u", "b0", "b1", "b2", "a1", "a2", "ff_v", "ff_J",

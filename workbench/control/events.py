@@ -8,8 +8,8 @@ from pydantic import model_validator
 
 from workbench.control.pi import NEVER
 from workbench.core.record import Acceleration, Force, Moment, Record
-from workbench.plants import Effects
-from workbench.trace.expr import Scalar, clip, where
+from workbench.machines import Effects
+from workbench.symbolic.expr import Scalar, clip, where
 
 BRAKE_SPEED = 0.05  # rad/s at the motor, where the brake's friction is fully developed
 

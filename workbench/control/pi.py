@@ -19,7 +19,7 @@ from functools import cache
 from typing import Any
 
 from workbench.control.settings import PiSettings, lag_gain, low_pass_gain, notch_coefficients
-from workbench.trace.expr import Scalar, absolute, clip, floor, maximum, where
+from workbench.symbolic.expr import Scalar, absolute, clip, floor, maximum, where
 
 _SERIES = 0.02  # below this step over time constant the closed forms lose digits
 

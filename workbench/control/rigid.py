@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 
 
 def shaft_inertia_kg_m2(machine: Hoist, payload_kg: float = 0.0) -> float:

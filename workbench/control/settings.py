@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from workbench.core.record import Frequency, KiGain, KpGain, RateLimit, Record, TrackingTime
-from workbench.kinds import KINDS
+from workbench.machines import KINDS
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)]
 

@@ -1,17 +1,18 @@
 """Results that show themselves: `table()`, `plot()`, `to_pandas()` and a repr of a few lines.
 
-`workbench.face`, above reports and figures, has the tables and figures of each record. A record finds them by name
-when it is asked, as pandas finds its plotting backend.
+`workbench.view`, above the tasks, has the tables and figures of each record. A record finds them by name when it is
+asked, as pandas finds its plotting backend.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import fields, is_dataclass
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from workbench.core.errors import InputError, nearest
 from workbench.core.verb import attribute
 
 if TYPE_CHECKING:
@@ -22,7 +23,64 @@ if TYPE_CHECKING:
 
 LONGEST = 72  # characters of one field in a repr
 MOST_LISTED = 4
-_FIND_VIEW = "workbench.face.view:view_of"
+
+
+# The record's class, by its name -> where its view stands. Imported when a record is first shown.
+VIEWS = {
+    "Campaign": "workbench.view.logs:CAMPAIGN",
+    "Comparison": "workbench.face.study:COMPARISON",
+    "Diagnosis": "workbench.face.diagnose:VIEW",
+    "Identification": "workbench.face.identify:VIEW",
+    "LoopAnalysis": "workbench.face.loop:VIEW",
+    "LoopResult": "workbench.face.simulate:VIEW",
+    "ReplayResult": "workbench.face.replay:VIEW",
+    "Run": "workbench.view.logs:RUN",
+    "StudyResult": "workbench.face.study:VIEW",
+    "Tuning": "workbench.face.tune:VIEW",
+}
+NO_PANDAS = "to_pandas() needs pandas, which is optional; pip install pandas"
+
+
+@dataclass(frozen=True)
+class View:
+    """tables, figures: by name; the first one is meant where no name is given. columns: name -> (n,) values.
+
+    index: the column that is the DataFrame's index, "" for the row's number.
+    """
+
+    tables: Mapping[str, Callable[[Any], Table]]
+    figures: Mapping[str, Callable[[Any], Figure]]
+    columns: Callable[[Any], Mapping[str, Sequence[Any]]]
+    index: str = field(default="")
+
+    def table(self, record: object, name: str) -> Table:
+        return _chosen(self.tables, name, "table")(record)
+
+    def plot(self, record: object, name: str) -> Figure:
+        attribute("workbench.view.page:without_sharing")()
+        return _chosen(self.figures, name, "figure")(record)
+
+    def to_pandas(self, record: object) -> DataFrame:
+        try:
+            import pandas
+        except ImportError as error:
+            raise InputError(NO_PANDAS) from error
+        frame = pandas.DataFrame(dict(self.columns(record)))
+        return frame.set_index(self.index) if self.index else frame
+
+
+def _chosen(known: Mapping[str, Callable[[Any], Any]], name: str, what: str) -> Callable[[Any], Any]:
+    if not name:
+        return next(iter(known.values()))
+    if name not in known:
+        raise InputError(f"no {what} '{name}'; {nearest(name, known)}")
+    return known[name]
+
+
+def view_of(record: object) -> View:
+    """The view of a record's class, or of the class that it extends."""
+    view: View = attribute(next(VIEWS[cls.__name__] for cls in type(record).__mro__ if cls.__name__ in VIEWS))
+    return view
 
 
 class Brief:
@@ -32,9 +90,9 @@ class Brief:
 
     def __repr__(self) -> str:
         lines = []
-        for field in fields(self):  # type: ignore[arg-type]
-            if field.repr:
-                lines.append(f"  {field.name}: {brief(getattr(self, field.name))}")
+        for one in fields(self):  # type: ignore[arg-type]
+            if one.repr:
+                lines.append(f"  {one.name}: {brief(getattr(self, one.name))}")
         return "\n".join([f"{type(self).__name__}", *lines])
 
 
@@ -45,16 +103,15 @@ class Shown(Brief):
 
     def table(self, name: str = "") -> Table:
         """As a table of text, with the units and digits of the reports."""
-        table: Table = attribute(_FIND_VIEW)(self).table(self, name)
-        return table
+        return view_of(self).table(self, name)
 
     def plot(self, name: str = "") -> Figure:
         """As a Plotly figure, the same as in the reports."""
-        return attribute(_FIND_VIEW)(self).plot(self, name)
+        return view_of(self).plot(self, name)
 
     def to_pandas(self) -> DataFrame:
         """As a pandas DataFrame of plain numbers, SI. pandas is optional: InputError where it is missing."""
-        return attribute(_FIND_VIEW)(self).to_pandas(self)
+        return view_of(self).to_pandas(self)
 
 
 def brief(value: Any) -> str:

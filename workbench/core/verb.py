@@ -15,7 +15,7 @@ def attribute(name: str) -> Any:
 
 
 class Verb(ModuleType):
-    """A package whose call is the function of the same name in `workbench.face`.
+    """A package whose call is the function of the same name in `workbench.api`.
 
     The import system binds a sub-package to its name in the parent package, so a function of that name cannot
     stand there. The package itself takes the call instead.
@@ -28,7 +28,7 @@ class Verb(ModuleType):
     def __wrapped__(self) -> Any:
         """The function; `help`, `inspect.signature` and notebooks follow it."""
         name = self.__name__.rpartition(".")[2]
-        return attribute(f"workbench.face.{name}:{name}")
+        return attribute(f"workbench.api:{name}")
 
 
 def make_callable(package: str) -> None:

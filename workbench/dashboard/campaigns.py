@@ -27,8 +27,8 @@ from workbench.dashboard import session
 from workbench.dashboard.session import new_work_folder, work_folder
 from workbench.dashboard.uploads import Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
 from workbench.effects import check
-from workbench.log_formats import suffixes
 from workbench.logs import Campaign, read_campaign
+from workbench.logs.formats import suffixes
 
 if TYPE_CHECKING:
     from streamlit.runtime.uploaded_file_manager import UploadedFile

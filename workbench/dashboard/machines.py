@@ -22,8 +22,21 @@ from workbench.core.errors import InputError
 from workbench.dashboard import session
 from workbench.dashboard.widgets import plain, problem
 from workbench.effects import check
-from workbench.kinds import LOOPED, STUDIED, kind_of, looped, of_kind, studied
-from workbench.machine import Axis, Hoist, default_hoist, load_machine, shipped, shipped_hoist, with_values
+from workbench.machines import (
+    LOOPED,
+    STUDIED,
+    Axis,
+    Hoist,
+    default_hoist,
+    kind_of,
+    load_machine,
+    looped,
+    of_kind,
+    shipped,
+    shipped_hoist,
+    studied,
+    with_values,
+)
 
 DEFAULT, RINGING, AXIS = "default hoist", "lightly damped hoist", "ball-screw axis"
 UPLOADED = "upload a machine.yaml"

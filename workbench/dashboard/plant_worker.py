@@ -26,10 +26,8 @@ from workbench.core.yaml_strict import loads
 from workbench.dashboard.plant import EVERY_S, KEPT_S
 from workbench.effects import check
 from workbench.engine.stepped import Step as ControllerStep
-from workbench.kinds import load_of, studied
-from workbench.machine import Hoist
-from workbench.machine.files import machine_from
-from workbench.plants import HOIST
+from workbench.machines import HOIST, Hoist, load_of, studied
+from workbench.machines.files import machine_from
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.serve.points import BRAKE, FLAGS, TORQUE
 from workbench.serve.serve import Wish, serve
@@ -43,7 +41,7 @@ SWITCH_S = 0.0005  # how long one thread may keep the others waiting
 MOST_SAID = MOST_EVENTS = 100
 FASTEST_S = 0.004  # of the controller's sampling: a thread of an ordinary system is no quicker with certainty
 LEAST_MOVE_M, PAUSE_S = 0.01, 1.5  # of the built-in client; the pause at either end of the way
-SIGNALS = tuple(signal.name for signal in HOIST.signals)
+SIGNALS = tuple(signal.name for signal in HOIST.plant.signals)
 SWITCHES = tuple(f"is_{name}" for name, _ in FLAGS)
 READ = ("time_s", TORQUE, "torque_at_work_nm", *SIGNALS, "payload_now_kg", *SWITCHES)
 # Flags whose beginning is an event, in words.
@@ -228,7 +226,7 @@ class Controller:
     def _begun(self, seen: Numbers, hold: float, payload_kg: float) -> ControllerStep:
         machine = self.machine
         controller = full_pi(machine.drive.speed_delay_s > 0.0, self.settings.feed_forward.through_the_wire)
-        numbers = {**vars(HOIST.values(machine, payload_kg)), **loop_values(self.settings, machine.drive, hold)}
+        numbers = {**vars(HOIST.plant.values(machine, payload_kg)), **loop_values(self.settings, machine.drive, hold)}
         # Angles taken at the uneven instants of an ordinary clock are no encoder: the speed is read instead.
         numbers["counts"] = 0.0
         case = LoopCase("served", machine, payload_kg, seen["position_carriage_m"], self.settings, np.zeros(1))

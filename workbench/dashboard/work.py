@@ -190,8 +190,7 @@ def models(
     machine: the text of a machine.yaml; source: what the page knows the campaign by. InputError for what cannot be
     compared.
     """
-    from workbench.kinds import of_kind, studied
-    from workbench.machine import load_machine
+    from workbench.machines import load_machine, of_kind, studied
     from workbench.reports.models.report import section_of, write_models
     from workbench.simulate.models import ModelsCompared, compare_models
 

@@ -11,6 +11,7 @@ from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
 from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.search import SearchResult, searched
+from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.diagnose.isolation.isolability import isolability
 from workbench.diagnose.isolation.next_run import next_run
 from workbench.diagnose.location.gap import delivered_of, gap_of
@@ -27,16 +28,15 @@ from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.answer import Left, Verdict, shared
-from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
+from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged_to_help, steps
 from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
+from workbench.machines import kind_of
 from workbench.simulate.replay import replay_runs
 from workbench.study.load import Study
 
 BASELINES = ("tolerances", "nominal")
-HARM = 1.0  # of the held-out residual without a correction: no name without a gain
 
 
 def diagnose(
@@ -44,9 +44,10 @@ def diagnose(
     *,
     baseline: str = "tolerances",
     candidates: Sequence[str] | None = None,
-    most_effects: int = 2,
+    most_effects: int = MOST_EFFECTS,
     seed: int = 0,
     band_hz: float | None = None,
+    quick: bool = False,
     study: bool = True,
     scenario: Study | None = None,
     tell: Tell | None = None,
@@ -55,7 +56,8 @@ def diagnose(
 
     baseline: "tolerances" refits the base parameters with their tolerances as priors, "nominal" keeps them.
     candidates: ids of the effects to weigh, None for the listed ones of the machine's kind. most_effects: largest
-    number of effects at once, 1 to 3; each further one is searched beside the best hypotheses so far. study:
+    number of effects at once; each further one is searched beside the best hypotheses so far, as long as it is worth
+    its parameters. quick: single effects only, and no second search. study:
     whether to compute the changes in the control study. scenario: a user's study, whose moves, limits, payloads and
     controller these are computed with. tell: receives the progress. The same seed gives the same
     answer. InputError if the runs cannot be diagnosed.
@@ -81,7 +83,7 @@ def diagnose(
     elif baseline != "tolerances":
         raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="baseline")
 
-    search = searched(problem, effects, most_effects, say, rivals, keys)
+    search = searched(problem, effects, most_effects, say, rivals, keys, quick)
     problem = search.problem
     say(Progress(Stage.JUDGE))
     judged = judged_to_help(search)
@@ -168,25 +170,9 @@ def differing(delivered: Delivered) -> list[str]:
     ]
 
 
-def judged_to_help(search: SearchResult) -> Judged:
-    """The verdict. A cause is not named if its correction makes held-out runs worse."""
-    barred: list[Names] = []
-    while True:
-        judged = judge(search, barred)
-        if not judged.names or not harmful(search, judged.names):
-            return judged
-        barred.append(judged.names)
-
-
-def harmful(search: SearchResult, names: Names) -> bool:
-    """Whether the correction increases the held-out residual."""
-    folds, inputs = folds_of(search, names), search.problem.inputs
-    return folds.after.rms(inputs) > HARM * folds.before.rms(inputs)
-
-
 def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effect]:
     """The effects to weigh. InputError for a name that is none, with the nearest."""
-    from workbench.plants import plant_of
+    from workbench.machines import plant_of
 
     known = effects_for(plant_of(campaign.machine).kind)
     if names is None:

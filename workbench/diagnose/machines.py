@@ -9,9 +9,7 @@ from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Scalar, Setting
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Ranged, find, of, ranges_of
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist, value_names, with_values
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, kind_of, plant_of, value_names, with_values
 
 DIGITS = 8  # of a fitted number: far below its standard error
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)

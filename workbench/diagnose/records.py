@@ -15,7 +15,7 @@ from workbench.diagnose.unexplained.records import Unknown
 from workbench.diagnose.verdict.answer import Candidate, Verdict
 from workbench.diagnose.verdict.judge import Judged
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist
 
 
 @dataclass(frozen=True, repr=False)

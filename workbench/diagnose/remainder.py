@@ -20,7 +20,7 @@ from workbench.diagnose.location.where import free_of, regime_of
 from workbench.diagnose.shrink import Shrink
 from workbench.diagnose.verdict.answer import Remainder
 from workbench.diagnose.verdict.judge import input_rms
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 FORETOLD = 0.1  # of the remainder's energy, on held-out runs: a variable that explains less is none of its own
 

@@ -15,8 +15,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.machines import machine_of
 from workbench.diagnose.unexplained.unknown import Explained
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.replay import replay_runs
 
 DRAWS = 2000  # of the bootstrap

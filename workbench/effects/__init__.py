@@ -30,4 +30,4 @@ from workbench.effects.active import (
 from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
 from workbench.effects.loading import load_effects
 from workbench.effects.registry import effects_for, find, forget_users, library_effects, names
-from workbench.kinds import Sizes
+from workbench.machines import Sizes

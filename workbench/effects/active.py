@@ -19,11 +19,9 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array, Run
 from workbench.effects.declare import Effect, EffectMemory, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
-from workbench.kinds import KINDS, Sizes, kind_of
-from workbench.kinds.correction import correction_of
-from workbench.machine import Axis, Hoist
-from workbench.plants import NO_EFFECTS, PLANTS, Effects, Memory, Plant, plant_of
-from workbench.trace.expr import Scalar
+from workbench.machines import KINDS, NO_EFFECTS, PLANTS, Axis, Effects, Hoist, Memory, Plant, Sizes, kind_of, plant_of
+from workbench.machines.correction import correction_of
+from workbench.symbolic.expr import Scalar
 
 # What a run says beside its machine: when it began, so that effects may count from the campaign's start.
 RUN_SYMBOLS = ("start_time_s",)

@@ -18,7 +18,7 @@
 
 The function's name is the effect's id and its docstring what it is. s holds the signals at
 the place, e the effect's own parameters by symbol, p those of the plant. It is pure and
-traceable (`workbench.trace.expr`), without branches, and exactly zero at the vanishing values.
+traceable (`workbench.symbolic.expr`), without branches, and exactly zero at the vanishing values.
 """
 
 from __future__ import annotations
@@ -31,10 +31,9 @@ from types import ModuleType, SimpleNamespace
 from typing import Any, Literal
 
 from workbench.core.errors import InputError, nearest
-from workbench.kinds import KINDS, Sizes
-from workbench.kinds.kind import UNIT_SIZES
-from workbench.plants import PLACES
-from workbench.trace.expr import Scalar
+from workbench.machines import KINDS, PLACES, Sizes
+from workbench.machines.kind import UNIT_SIZES
+from workbench.symbolic.expr import Scalar
 
 SENSOR_PLACES: Mapping[str, str] = {
     "torque_sensor": "the logged torque or force: f(true) of a whole series",

@@ -22,8 +22,8 @@ from workbench.effects.active import RUN_SYMBOLS, compiled
 from workbench.effects.declare import Effect, declared_in
 from workbench.effects.registry import UserFile, read_user_file, replace_file
 from workbench.engine.source import parameter_symbols, state_symbols
-from workbench.plants import PLANTS, Effects
-from workbench.trace.expr import Expr, Scalar, symbol
+from workbench.machines import PLANTS, Effects
+from workbench.symbolic.expr import Expr, Scalar, symbol
 
 _declared: dict[tuple[str, str], tuple[Effect, ...]] = {}  # (path, digest) -> the effects of that text
 _changing = threading.RLock()

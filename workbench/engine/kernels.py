@@ -17,7 +17,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.engine.native import load_functions
 from workbench.engine.source import LAG, KernelSource, delay_rows, driven_source, loop_source, replay_source
-from workbench.plants import NO_EFFECTS, Effects, Plant
+from workbench.machines import NO_EFFECTS, Effects, Plant
 
 T = TypeVar("T")
 

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from workbench.trace.derive import derivative
-from workbench.trace.expr import Expr, Scalar, fma
+from workbench.symbolic.derive import derivative
+from workbench.symbolic.expr import Expr, Scalar, fma
 
 GAMMA = 0.5
 Increment = tuple[list[Scalar], list[Scalar]]  # of positions and of speeds

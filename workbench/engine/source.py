@@ -21,10 +21,10 @@ from typing import Any
 
 from workbench.engine.preamble import PREAMBLE
 from workbench.engine.rodas3 import rodas3_step
-from workbench.plants import NO_EFFECTS, Effects, Plant
-from workbench.trace.derive import derivative
-from workbench.trace.emit import Printer
-from workbench.trace.expr import Expr, Scalar, symbol
+from workbench.machines import NO_EFFECTS, Effects, Plant
+from workbench.symbolic.derive import derivative
+from workbench.symbolic.emit import Printer
+from workbench.symbolic.expr import Expr, Scalar, symbol
 
 INDENT = "    "
 LAG = ("lag_left", "lag_start", "lag_slope")  # what a lagging drive's step needs, by symbol

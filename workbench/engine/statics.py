@@ -18,10 +18,10 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.engine.source import parameter_symbols
-from workbench.plants import NO_EFFECTS, Effects, Plant
-from workbench.trace.derive import derivative
-from workbench.trace.emit import Printer
-from workbench.trace.expr import symbol
+from workbench.machines import NO_EFFECTS, Effects, Plant
+from workbench.symbolic.derive import derivative
+from workbench.symbolic.emit import Printer
+from workbench.symbolic.expr import symbol
 
 ROUNDS = 20  # a step that has to be halved takes a few more
 AT_REST = 1e-6  # m/s^2 (rad/s^2); rounding of lengths leaves a thousandth of it

@@ -16,8 +16,8 @@ from workbench.core.run import Array
 from workbench.engine.native import load_functions
 from workbench.engine.rodas3 import rodas3_step
 from workbench.engine.source import LAG, KernelSource, KernelText, delay_rows, parameter_symbols, state_symbols
-from workbench.plants import Effects, Plant
-from workbench.trace.expr import symbol
+from workbench.machines import Effects, Plant
+from workbench.symbolic.expr import symbol
 
 MEASURED = ("t", "speed_motor_rad_s", "angle_motor_rad")
 

@@ -13,7 +13,7 @@ from workbench.core.yaml_strict import Document, dumps, load, validate
 from workbench.export.controller_program import checked
 from workbench.export.controller_text import controller_texts, record_csv
 from workbench.export.drives import DriveSettings, RampLimits, drive_settings
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 from workbench.study.scenario import LimitsBlock
 
 Form = Literal["st", "c", "yaml"]

@@ -21,8 +21,7 @@ from workbench.control.pi import load_inertia, swing_of
 from workbench.control.settings import low_pass_gain, notch_coefficients
 from workbench.core.run import Array
 from workbench.engine.stepped import Step
-from workbench.machine import Hoist
-from workbench.plants import HOIST
+from workbench.machines import HOIST, Hoist
 from workbench.simulate.loop import torque_limits
 
 AGREES = 1e-9  # of the torque limit
@@ -199,7 +198,13 @@ def _fed_forward(
     ff = settings.feed_forward
 
     def torque(inertia: float, friction: float, reference: float, acceleration: float) -> float:
-        p = {**vars(HOIST.values(machine, payload_kg)), "ff_J": inertia, "ff_w": 0.0, "ff_F": friction, "T_hold": 0.0}
+        p = {
+            **vars(HOIST.plant.values(machine, payload_kg)),
+            "ff_J": inertia,
+            "ff_w": 0.0,
+            "ff_F": friction,
+            "T_hold": 0.0,
+        }
         return float(feed_forward(SimpleNamespace(**p), reference, acceleration))
 
     parts: list[str] = []
@@ -231,7 +236,7 @@ def _behind_the_wire(
     settings: PiSettings, machine: Hoist, payload_kg: float, numbers: list[Number], memory: list[str], reset: list[str]
 ) -> list[str]:
     """The lines of `control.pi.behind_the_wire`, which takes off what the load's swing leaves to later."""
-    p = SimpleNamespace(**vars(HOIST.values(machine, payload_kg)))
+    p = SimpleNamespace(**vars(HOIST.plant.values(machine, payload_kg)))
     dt, ff, (squared, damping) = settings.sample_time_s, settings.feed_forward, swing_of(p)
     swinging = ff.inertia * ff.wire * float(load_inertia(p))
     numbers += [
@@ -299,7 +304,7 @@ def record_of(
     limits = torque_limits(machine)
     hold = 0.3 * limits["u_all"] if hold_nm is None else hold_nm
     values: dict[str, Any] = {
-        **vars(HOIST.values(machine, payload_kg)),
+        **vars(HOIST.plant.values(machine, payload_kg)),
         **loop_values(settings, _ideal(machine), hold),
         **limits,
         "t_fail": t[round(FAILS_FROM * n)] - 0.5 * dt,

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from types import MappingProxyType, SimpleNamespace
 
 from workbench.control import PiSettings, feed_forward
-from workbench.machine import Hoist
-from workbench.plants import HOIST
+from workbench.machines import HOIST, Hoist
 
 UNCHECKED = (
     "Numbers, names and units of parameters without a source were not compared with the drive's manual; compare each "
@@ -104,7 +103,7 @@ def drive_settings(
     KeyError for a drive that is not among DRIVES.
     """
     n = machine.motor.count
-    p = {**vars(HOIST.values(machine, payload_kg)), "ff_J": 1.0, "ff_w": 0.0, "ff_F": 0.0, "T_hold": 0.0}
+    p = {**vars(HOIST.plant.values(machine, payload_kg)), "ff_J": 1.0, "ff_w": 0.0, "ff_F": 0.0, "T_hold": 0.0}
     inertia = float(feed_forward(SimpleNamespace(**p), 0.0, 1.0))
     case = _Case(settings, machine, ramp, settings.kp_nm_s_per_rad / n, inertia / n)
     manual, made = DRIVES[drive]

@@ -25,12 +25,10 @@ from workbench.export.variables import (
     effect_values,
     machine_value,
 )
-from workbench.kinds import STUDIED, kind_of, of_kind
-from workbench.machine import Axis, Hoist
-from workbench.plants import Effects, plant_of
+from workbench.machines import STUDIED, Axis, Effects, Hoist, kind_of, of_kind, plant_of
 from workbench.simulate.loop import torque_limits
 from workbench.simulate.plant_model import PlantModel
-from workbench.trace.expr import Scalar, clip, symbol, where
+from workbench.symbolic.expr import Scalar, clip, symbol, where
 
 STEP_S = {"hoist": 0.001}  # by kind of plant; a wire is soft beside the sharp standstill of an axis' friction
 AXIS_STEP_S = 0.0002

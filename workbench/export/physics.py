@@ -14,10 +14,10 @@ from typing import Any
 from workbench.control import Controller
 from workbench.engine.rodas3 import rodas3_step
 from workbench.engine.source import state_symbols
-from workbench.plants import Effects, Plant
-from workbench.trace.derive import derivative
-from workbench.trace.emit import Printer
-from workbench.trace.expr import Expr, Scalar, symbol
+from workbench.machines import Effects, Plant
+from workbench.symbolic.derive import derivative
+from workbench.symbolic.emit import Printer
+from workbench.symbolic.expr import Expr, Scalar, symbol
 
 # Every printed line is one operation on names and numbers, `name = ...`.
 _TRUTH = re.compile(r"^\S+ (<|<=|>|>=|&|\|) \S+$")

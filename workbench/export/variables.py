@@ -16,7 +16,7 @@ import annotated_types as bounds
 from pydantic import BaseModel
 
 from workbench.effects import Effect, sizes_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist
 
 Exponents = Mapping[str, int]
 

@@ -8,34 +8,11 @@ from typing import Any
 
 from workbench.consequences import consequences_table
 from workbench.core.errors import InputError
+from workbench.core.shown import View
 from workbench.core.table import Table, words
-from workbench.diagnose.diagnose import diagnose as find_cause
 from workbench.diagnose.records import Diagnosis
-from workbench.face.logs import PathLike, campaign_of
-from workbench.face.view import View
-from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
 from workbench.reports.diagnosis import hypotheses, tables
 from workbench.reports.diagnosis.page import sections_of
-from workbench.simulate.lowpass import check_band
-
-
-def diagnose(
-    campaign: Campaign | PathLike,
-    *,
-    machine: Hoist | Axis | None = None,
-    band_hz: float | None = None,
-    **options: Any,
-) -> Diagnosis:
-    """Find the effect that the machine of a campaign lacks: location, cause, probability, held-out residual.
-
-    options: those of `workbench.diagnose.diagnose.diagnose`: baseline, candidates, most_effects, seed, study.
-    The result's `corrected` machine goes into `replay`, `study` and the rest.
-    """
-    chosen = campaign_of(campaign, machine)
-    if band_hz is not None:
-        check_band(band_hz, chosen.runs)
-    return find_cause(chosen, band_hz=band_hz, **options)
 
 
 def _consequences(d: Diagnosis) -> Table:

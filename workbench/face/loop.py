@@ -6,18 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from workbench.analysis.family import Member, Weakest, family, operating_points, weakest
-from workbench.analysis.linearise import STIFFNESS_BY_LENGTH, Motion
-from workbench.analysis.tune import Goal
+from workbench.analysis.family import Member, Weakest, weakest
 from workbench.control import Settings
-from workbench.core.shown import Shown
-from workbench.face.logs import PathLike
-from workbench.face.view import View
+from workbench.core.shown import Shown, View
 from workbench.figures import loop as loop_figures
-from workbench.machine import Axis, Hoist
-from workbench.plants import NO_EFFECTS
 from workbench.reports.loop import report
-from workbench.reports.loop.case import LoopCaseFile, loop_case
+from workbench.reports.loop.case import LoopCaseFile
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,30 +42,6 @@ class LoopAnalysis(Shown):
     def closed(self) -> Any:
         """Of the same loop: references, load torque and noise to the outputs and the torque wanted."""
         return self.weakest.member["ms"].loop.systems()[2]
-
-
-def loop(
-    machine: Hoist | Axis | None = None,
-    controller: Settings | None = None,
-    *,
-    payloads_kg: Sequence[float] | None = None,
-    heights_m: Sequence[float] | None = None,
-    motion: Motion = "hoisting",
-    free_length: bool = False,
-    ms_limit: float = 1.4,
-    scenario: PathLike | None = None,
-) -> LoopAnalysis:
-    """Linearise the simulated speed loop, including drive and sampling, and compute its margins.
-
-    Without them: the default hoist, a controller by rule, 0, 4500 and 9000 kg, heights at bottom, middle and top.
-    scenario: a file that machine, controller and payloads are taken from. motion: hoisting, lowering or at_rest.
-    free_length: stiffen the wire as its free length shortens.
-    """
-    Goal(ms_limit=ms_limit)
-    case = loop_case(machine, given(controller), payloads_kg, heights_m, scenario)
-    points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)
-    effects = STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS
-    return LoopAnalysis(case, tuple(family(case.machine, case.settings, points, effects=effects)), ms_limit)
 
 
 def given(controller: Settings | None) -> tuple[Settings, str] | None:

@@ -5,28 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from workbench.core.shown import View
 from workbench.core.table import Table
-from workbench.face.logs import PathLike, campaign_of
-from workbench.face.view import View
-from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
 from workbench.reports.replay import page, report
-from workbench.simulate.lowpass import check_band
-from workbench.simulate.replay import ReplayResult, replay_runs
-
-
-def replay(
-    campaign: Campaign | PathLike, *, machine: Hoist | Axis | None = None, band_hz: float | None = None
-) -> ReplayResult:
-    """Drive the machine's model with the measured torque (force) of every run; compare the speeds.
-
-    machine: in place of the campaign's, such as an identified one. band_hz: band of the torque residual (−3 dB),
-    chosen by the machine without it.
-    """
-    chosen = campaign_of(campaign, machine)
-    if band_hz is not None:
-        check_band(band_hz, chosen.runs)
-    return replay_runs(chosen.machine, chosen.runs, band_hz)
+from workbench.simulate.replay import ReplayResult
 
 
 def _table(r: ReplayResult) -> Table:

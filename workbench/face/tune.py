@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from workbench.analysis.family import operating_points
-from workbench.analysis.tune import Candidate, Goal, Tuned, TuneProgress, Weights
-from workbench.analysis.tune import tune as search_gains
+from workbench.analysis.tune import Candidate, Tuned, Weights
 from workbench.control import Settings
-from workbench.core.shown import Shown
-from workbench.face.logs import PathLike
-from workbench.face.loop import given
-from workbench.face.view import View
+from workbench.core.shown import Shown, View
 from workbench.figures import loop as loop_figures
-from workbench.machine import Axis, Hoist
 from workbench.reports.loop import tuning as report
-from workbench.reports.loop.case import LoopCaseFile, loop_case
-
-USUAL_WEIGHTS = Weights()
+from workbench.reports.loop.case import LoopCaseFile
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,31 +30,6 @@ class Tuning(Shown):
     @property
     def winner(self) -> Candidate:
         return self.outcome.winner
-
-
-def tune(
-    machine: Hoist | Axis | None = None,
-    controller: Settings | None = None,
-    *,
-    bandwidth_hz: float | None = None,
-    ms_limit: float = 1.4,
-    payloads_kg: Sequence[float] | None = None,
-    heights_m: Sequence[float] | None = None,
-    weights: Weights = USUAL_WEIGHTS,
-    scenario: PathLike | None = None,
-    tell: Callable[[TuneProgress], object] = lambda progress: None,
-) -> Tuning:
-    """Find kp, ki and the set-point weight: loop shaping first, then runs of the nonlinear closed loop.
-
-    bandwidth_hz: of the slowest payload; without it the best rejection of load steps is sought. ms_limit: of the worst
-    payload. controller: settings that stay as they are (filters, feed-forward). tell: receives the progress, and may
-    raise to stop. InputError, with the reason, for a goal out of reach.
-    """
-    goal = Goal(bandwidth_hz, ms_limit)
-    case = loop_case(machine, given(controller), payloads_kg, heights_m, scenario)
-    points = operating_points(case.machine, case.payloads_kg, case.heights_m)
-    tuned = search_gains(case.machine, case.settings, points, case.trial(), goal, weights, tell=tell)
-    return Tuning(case, weights, tuned)
 
 
 def _columns(t: Tuning) -> Mapping[str, Sequence[Any]]:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from workbench.machine import Hoist, default_hoist
-from workbench.multibody import geometry_of
+from workbench.machines import Hoist, default_hoist
+from workbench.machines.multibody import geometry_of
 
 Point = tuple[float, float]
 _SCALE, _LEFT = 95.0, 185.0  # px per m, and of the margin

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 
 Outline = tuple[Array, Array]
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from workbench.consequences import Change, Consequences
-from workbench.kinds import Kind
+from workbench.machines import Kind
 from workbench.metrics import set_of
 from workbench.view.style import GREY, TEMPLATE, line
 

@@ -19,7 +19,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.figures import arm_parts as parts
 from workbench.figures.scene import Scene
-from workbench.machine import Hoist
+from workbench.machines import Hoist
 from workbench.view.style import VERMILLION
 
 HEIGHT = 640  # px

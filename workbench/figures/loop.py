@@ -13,7 +13,7 @@ from workbench.analysis.step import StepResponse, step_response
 from workbench.core.names import powers
 from workbench.core.run import Array
 from workbench.figures.panels import Panels
-from workbench.kinds import Kind
+from workbench.machines import Kind
 from workbench.view.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.machine import Hoist
-from workbench.plants import HOIST
+from workbench.machines import HOIST, Hoist
 from workbench.simulate.driven import Bench
 
 SIMULATED = ("position_carriage_m", "speed_carriage_m_s", "tension_drum_n", "tension_dead_line_n", "tension_min_n")
@@ -76,11 +75,11 @@ def _measured(machine: Hoist, run: Run) -> Scene:
     plain = machine.model_copy(update={"effects": {}})
     bench = Bench(plain, [run])
     (balance,) = bench.balances()
-    motion, states, n = balance.motion, balance.states, len(HOIST.positions)
-    start = HOIST.equilibrium(float(states[0, 1]), bench.base[0])[0][0]
+    motion, states, n = balance.motion, balance.states, len(HOIST.plant.positions)
+    start = HOIST.plant.equilibrium(float(states[0, 1]), bench.base[0])[0][0]
     q = [motion.position - motion.position[0] + start, *states[:, : n - 1].T]
     y = [motion.speed, *states[:, n - 1 :].T]
-    computed = HOIST.outputs(run.time_s, q, y, run_torque(machine, run), bench.base[0])
+    computed = HOIST.plant.outputs(run.time_s, q, y, run_torque(machine, run), bench.base[0])
     logged = [name for name in ("position_carriage_m", "tension_dead_line_n") if name in run]
 
     def either(name: str) -> Array:

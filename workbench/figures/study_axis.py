@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from workbench.core.run import Run
 from workbench.figures.panels import Panels
-from workbench.kinds import Kind
+from workbench.machines import Kind
 from workbench.view.style import label, line
 
 if TYPE_CHECKING:

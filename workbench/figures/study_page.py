@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_axis import axis_overview
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.study.answer import answer, read_answer
 from workbench.study.decide import decision_table
 from workbench.study.labels import set_in

@@ -16,9 +16,8 @@ from workbench.identify.fit import Fit, fit
 from workbench.identify.iteration import Levels, friction_levels
 from workbench.identify.models import BalanceModel
 from workbench.identify.parameters import free_parameters
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist, with_values
+from workbench.machines import Axis, Hoist, kind_of, with_values
 from workbench.simulate.driven import Bench
 from workbench.simulate.replay import ReplayResult, own_log, replay_runs
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.kinds import Kind, kind_of
+from workbench.machines import Kind, kind_of
 from workbench.simulate.driven import Balance, Bench, changed, sensor
 from workbench.simulate.lowpass import lowpass
 

@@ -10,9 +10,7 @@ import numpy as np
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Run
-from workbench.kinds import Kind, kind_of
-from workbench.machine import Axis, Hoist, get_value
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, Kind, get_value, kind_of, plant_of
 
 SIGNED = ("gravity", "offset")
 

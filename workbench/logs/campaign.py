@@ -13,12 +13,11 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.run import Run
 from workbench.core.shown import Shown
 from workbench.core.yaml_strict import Document
-from workbench.kinds import kind_of
-from workbench.log_formats.opening import expect
+from workbench.logs.formats.opening import expect
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Entry, read_runs
-from workbench.machine import Axis, Hoist, load_machine
-from workbench.machine.files import CheckEffects
+from workbench.machines import Axis, Hoist, kind_of, load_machine
+from workbench.machines.files import CheckEffects
 
 
 @dataclass(frozen=True, repr=False)

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.kinds import Kind, RigidBody, kind_of
 from workbench.logs.faults import seconds
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Kind, RigidBody, kind_of
 
 LEAST_RUNS = 4  # of which one may stand alone
 SMOOTH = 0.003  # of a run's duration: one standard deviation

@@ -10,10 +10,9 @@ from functools import cached_property
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.kinds import Kind
 from workbench.logs.faults import Fault, seconds
 from workbench.logs.plausible import MOVING, driven_signals
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Kind
 
 LEAST, LEAST_S = 10, 0.25  # samples, and time, that are worth a word; less time is where no chance explains it
 CHANCE = 1e-6  # that equal samples in a row of a noisy channel come by chance

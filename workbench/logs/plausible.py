@@ -8,11 +8,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.kinds import Kind, Limits, kind_of
 from workbench.logs.channels import is_constant
 from workbench.logs.faults import Fault, seconds
 from workbench.logs.units import check_axis_units
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Kind, Limits, kind_of
 
 TOO_FAST = 2.0  # times nominal speed
 TOO_STRONG = 4.0  # times the motors' nominal torque together

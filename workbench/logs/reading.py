@@ -12,17 +12,16 @@ import numpy as np
 from workbench.core.errors import InputError, nearest
 from workbench.core.input_file import readable_file
 from workbench.core.run import Array, Run
-from workbench.kinds import TIME, Kind, SignalSet, kind_of
-from workbench.log_formats.opening import LogFile, Table, open_log
 from workbench.logs.channels import bridge_spikes, clipped, drop_dead, is_constant, refuse_infinite
 from workbench.logs.clock import check_time, merge_repeated, time_notes
 from workbench.logs.dropouts import drop_frozen, whole_part
 from workbench.logs.faults import Fault, fault_of, seconds
+from workbench.logs.formats.opening import LogFile, Table, open_log
 from workbench.logs.gaps import fill_gaps, whole_stretches
 from workbench.logs.plausible import check_plausible, driven_signals
 from workbench.logs.runs_file import Column, Entry
 from workbench.logs.units import check_sizes, drop_wrong_scale
-from workbench.machine import Axis, Hoist
+from workbench.machines import TIME, Axis, Hoist, Kind, SignalSet, kind_of
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from pydantic import Field, StringConstraints, field_validator, model_validator
 from workbench.core.errors import InputError, nearest
 from workbench.core.record import Finite, Payload, Position, Record
 from workbench.core.yaml_strict import Document, dotted, load, validate
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 
 Fail = Callable[..., InputError]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f/\\]+$")]

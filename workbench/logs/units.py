@@ -12,9 +12,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.kinds import Kind, kind_of
 from workbench.logs.faults import Fault
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Kind, kind_of
 
 FAR = 2.0  # of two signals of one motion: beyond it, or below its inverse, one is in another unit
 ALIKE = 0.9  # correlation: below, they do not show the same motion

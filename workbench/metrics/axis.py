@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from workbench.kinds import KINDS, LINEAR, ROTARY, Kind
+from workbench.machines import KINDS, LINEAR, ROTARY, Kind
 from workbench.metrics import hoist
 from workbench.metrics.metric import (
     EVERYWHERE,
@@ -26,7 +26,7 @@ from workbench.metrics.metric import (
     integral,
     largest,
 )
-from workbench.trace.expr import Scalar, absolute, maximum, minimum, where
+from workbench.symbolic.expr import Scalar, absolute, maximum, minimum, where
 
 SETTLED = 1e-3  # of the reference's way: a position error that counts as none
 ASTRAY = 5.0  # times that: an axis that has not come to where it should

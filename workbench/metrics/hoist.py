@@ -24,7 +24,7 @@ from workbench.metrics.metric import (
     largest,
     smallest,
 )
-from workbench.trace.expr import Scalar, absolute, maximum, minimum, where
+from workbench.symbolic.expr import Scalar, absolute, maximum, minimum, where
 
 SETTLED = 0.01  # of nominal speed: a speed error that counts as none
 AT_REST = 1e-6  # of nominal speed: a reference that counts as still

@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 from workbench.core.run import Array
-from workbench.trace.expr import Scalar, maximum, minimum
+from workbench.symbolic.expr import Scalar, maximum, minimum
 
 HUGE = 1e300
 NOTHING = 1e-9  # in the unit shown: rounding, written 0

@@ -8,7 +8,7 @@ from typing import Any
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Run
-from workbench.kinds import HOIST
+from workbench.machines import HOIST
 from workbench.metrics import axis, hoist
 from workbench.metrics.metric import Metric, MetricSet, Observer, RunMetric, View
 

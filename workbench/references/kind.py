@@ -28,7 +28,7 @@ from types import ModuleType
 from typing import Any
 
 from workbench.core.errors import InputError, nearest
-from workbench.kinds import Load
+from workbench.machines import Load
 from workbench.references.limits import Limits
 from workbench.references.shape import Shape
 

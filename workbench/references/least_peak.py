@@ -34,7 +34,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.kinds import Load
+from workbench.machines import Load
 from workbench.references.limits import Limits
 from workbench.references.shape import Pieces, Shape
 from workbench.references.time_optimal import shortest_move, shortest_move_s

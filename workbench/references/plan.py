@@ -12,7 +12,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.kinds import Load
+from workbench.machines import Load
 from workbench.references.kind import Move, PlannedKind, Ramp, planned_kind
 from workbench.references.limits import LimitPair, Limits, Step
 from workbench.references.shape import Shape

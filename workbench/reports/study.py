@@ -19,7 +19,7 @@ from workbench.figures.study_axis import axis_overview
 from workbench.figures.study_plane import torque_speed_plane
 from workbench.figures.study_scatter import spread, tornado
 from workbench.figures.study_sweep import changing, metrics_over_axis
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.metrics import View, shown_in
 from workbench.study import tables
 from workbench.study.answer import answer, read_answer

@@ -15,12 +15,10 @@ from workbench.core.errors import InputError, nearest
 from workbench.effects import Active, Effect, alone, find, joined, sizes_of
 from workbench.engine.source import LAG
 from workbench.engine.stepped import LiveStep
-from workbench.kinds import kind_of, of_kind
-from workbench.machine import Axis, Hoist
-from workbench.plants import HOIST, Effects
+from workbench.machines import HOIST, Axis, Effects, Hoist, kind_of, of_kind
 from workbench.simulate.loop import BOUNDLESS, RAIL_PLAY, kept_by_others, torque_limits
 from workbench.simulate.plant_model import PlantModel
-from workbench.trace.expr import Scalar, clip
+from workbench.symbolic.expr import Scalar, clip
 
 HOIST_STEP_S, AXIS_STEP_S = 0.001, 0.0002  # of the integration: an axis' friction turns over more sharply
 BRAKE_TORQUES = 2.0  # of all motors' nominal torque together: what the brake holds where nothing else is stated
@@ -29,7 +27,7 @@ MOST_INPUT, MOST_PAYLOAD, MOST_EFFECT = 100.0, 3.0, 10.0
 MOST_BRAKE_LATE_S = 10.0
 STRONGEST = 1e9  # N or N m, where machine.yaml states no limit: docs/bounds.md
 
-SIGNALS = tuple(signal.name for signal in HOIST.signals)
+SIGNALS = tuple(signal.name for signal in HOIST.plant.signals)
 
 
 class LiveMachine:
@@ -337,5 +335,5 @@ def live_machine(
     machine: Hoist | Axis, step_s: float, payload_kg: float, start: float | None, ready: Sequence[str]
 ) -> LiveMachine:
     """The machine as it is served. start: m or rad, None for mid rail or zero. InputError for what cannot be."""
-    make = LivePlant if kind_of(machine).plant.kind == HOIST.kind else LiveAxis
+    make = LivePlant if kind_of(machine).plant.kind == HOIST.plant.kind else LiveAxis
     return make(machine, step_s, payload_kg, start, ready)  # type: ignore[arg-type]

@@ -13,8 +13,7 @@ from typing import Any, Literal, Protocol
 
 from workbench.core.errors import InputError
 from workbench.effects import effects_for
-from workbench.machine import Axis, Hoist
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, plant_of
 from workbench.serve.plant import live_machine
 from workbench.serve.session import Say, Session
 from workbench.serve.tcp import ModbusServer, OpcUaServer

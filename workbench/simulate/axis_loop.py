@@ -9,7 +9,7 @@ import numpy as np
 from workbench.control import Controller, cascade, cascade_values, weight_before
 from workbench.control.pi import NEVER
 from workbench.core.run import Array
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.metrics.axis import SETTLED
 from workbench.simulate.outcome import BOUNDLESS, Outcome
 

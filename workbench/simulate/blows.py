@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 WINDOW_S = 0.006  # a blow's length, and the unit of the windows beside it that its jump is read from
 WIDER = 3  # times that: a blow's jump is as large over a wider window, that of a kink in the speed grows with it

@@ -20,9 +20,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, true_run
 from workbench.engine import kernels
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
-from workbench.plants import Plant, plant_of
+from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
 from workbench.simulate.blows import bridged
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving

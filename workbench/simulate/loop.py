@@ -28,11 +28,9 @@ from workbench.core.run import Array, Run
 from workbench.core.shown import Brief, Shown
 from workbench.effects import joined, of
 from workbench.engine import kernels
-from workbench.kinds import HOIST as HOIST_KIND
-from workbench.kinds import kind_of
-from workbench.machine import AnyKind, Drive, Hoist
+from workbench.machines import HOIST as HOIST_KIND
+from workbench.machines import NO_EFFECTS, AnyKind, Drive, Effects, Hoist, kind_of
 from workbench.metrics import set_of
-from workbench.plants import NO_EFFECTS, Effects
 from workbench.simulate import axis_loop
 from workbench.simulate.outcome import BOUNDLESS, Outcome
 from workbench.simulate.plant_model import PlantModel

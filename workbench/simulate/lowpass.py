@@ -18,8 +18,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.machine import Axis, Hoist
-from workbench.plants import Plant
+from workbench.machines import Axis, Hoist, Plant
 
 POWER = 8  # gain 1/(1 + (f/f0)^8): a 4th-order Butterworth run forth and back
 EDGE_PERIODS = 2.0  # what the filter may spoil at each end, in periods of the band

@@ -11,9 +11,8 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.effects import true_input
-from workbench.kinds import STUDIED, of_kind, studied
-from workbench.machine import Hoist
-from workbench.multibody import Outcome, Shaft, move
+from workbench.machines import STUDIED, Hoist, of_kind, studied
+from workbench.machines.multibody import Outcome, Shaft, move
 from workbench.simulate.driven import Bench, sensor, start_point
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.loop import Outcome as LoopOutcome

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.plants import Plant
+from workbench.machines import Plant
 from workbench.simulate.lowpass import lowpass
 
 

@@ -12,11 +12,10 @@ import numpy as np
 from workbench.control import PiSettings, loop_values
 from workbench.core.run import Array, Run
 from workbench.engine.stepped import Step, observe
-from workbench.machine import Hoist
+from workbench.machines import HOIST, Hoist
+from workbench.machines.multibody import Driven, MotionResult, Shaft, engine, move, switches_of
+from workbench.machines.multibody import Outcome as MotionOutcome
 from workbench.metrics import observer
-from workbench.multibody import Driven, MotionResult, Shaft, engine, move, switches_of
-from workbench.multibody import Outcome as MotionOutcome
-from workbench.plants import HOIST
 from workbench.simulate.loop import (
     LoopCase,
     LoopResult,
@@ -64,7 +63,7 @@ def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: f
 def _values(case: LoopCase, hold_nm: float, step_s: float) -> dict[str, float]:
     """The numbers of loop, drive, events and metrics by symbol."""
     return {
-        **vars(HOIST.values(case.machine, case.payload_kg)),
+        **vars(HOIST.plant.values(case.machine, case.payload_kg)),
         **loop_values(cast(PiSettings, case.controller), case.machine.drive, hold_nm),
         **case_limits(case),
         **case.events.values(),

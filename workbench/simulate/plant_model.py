@@ -12,8 +12,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.effects import Active, of
 from workbench.engine.statics import hang_still
-from workbench.machine import Axis, Hoist
-from workbench.plants import Effects, Plant, plant_of
+from workbench.machines import Axis, Effects, Hoist, Plant, plant_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from workbench.core.run import Array, Run
 from workbench.core.shown import Brief, Shown
 from workbench.effects import logged, true_input
 from workbench.engine import kernels
-from workbench.machine import Axis, Hoist
-from workbench.plants import Plant
+from workbench.machines import Axis, Hoist, Plant
 from workbench.simulate.driven import Balance, Bench, pooled_rms, sensor, start_point
 
 RESTART_S = 2.0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.log_formats.arrow import float_array
+from workbench.logs.formats.arrow import float_array
 
 
 def numbers(values: Sequence[float | None] | Array) -> Any:

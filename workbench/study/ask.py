@@ -12,8 +12,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.kinds import kind_of
-from workbench.machine import with_values
+from workbench.machines import kind_of, with_values
 from workbench.metrics import set_of
 from workbench.references import LimitPair
 from workbench.study.decide import Given, candidates, criteria_for

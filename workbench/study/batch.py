@@ -15,7 +15,7 @@ from typing import Any
 
 from workbench.core.yaml_strict import dumps
 from workbench.effects.registry import files_behind
-from workbench.machine import save_machine
+from workbench.machines import save_machine
 from workbench.study.load import Study
 from workbench.study.rows import index_table, rows_of
 from workbench.study.run import StudyResult, run_specs

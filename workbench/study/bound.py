@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from workbench.core.errors import InputError
-from workbench.kinds import Load, kind_of, load_of
+from workbench.machines import Load, kind_of, load_of
 from workbench.metrics import set_of
 from workbench.references import BASELINE, LimitPair, Shape, move_shape, planned_kind, planned_kinds
 from workbench.references.least_peak import least_peak, peak_force_n

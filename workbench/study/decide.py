@@ -16,8 +16,7 @@ from functools import cached_property
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.table import Column, Table, words
-from workbench.kinds import kind_of, load_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of, load_of
 from workbench.metrics import Metric, MetricSet, View, find, set_with, shown_in
 from workbench.study.labels import listed, reads, swept_axes, words_of
 from workbench.study.rows import Row, hunts, is_astray, metrics_of

@@ -12,8 +12,7 @@ from pydantic import BaseModel, ValidationError
 from workbench.control import Events, Settings
 from workbench.core.errors import InputError, nearest
 from workbench.core.yaml_strict import Place, dotted, problem_lines
-from workbench.kinds import kind_of
-from workbench.machine import AnyKind, Axis, Hoist
+from workbench.machines import AnyKind, Axis, Hoist, kind_of
 from workbench.references import LimitPair, Limits, Step
 from workbench.study.scenario import IN_METRES, MoveBlock, Scenario, check_payload_kg, key_in
 

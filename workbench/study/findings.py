@@ -10,8 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from workbench.core.table import Column, Table, words
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.metrics import View, set_of, shown_in
 from workbench.study.labels import SweptAxis, drawn_columns, listed, reads, run_in_words, shown, swept_axes
 from workbench.study.pareto import Front, fronts, rank_correlations

@@ -20,8 +20,7 @@ import numpy as np
 from workbench.control import Events, Settings
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.kinds import kind_of, load_of
-from workbench.machine import AnyKind, Axis, Hoist
+from workbench.machines import AnyKind, Axis, Hoist, kind_of, load_of
 from workbench.references import (
     LimitPair,
     Plan,

@@ -26,9 +26,22 @@ from workbench.core.shown import Brief
 from workbench.core.yaml_strict import Document, Place, dotted, dumps, problem_lines
 from workbench.effects import check
 from workbench.effects.registry import digests_of
-from workbench.kinds import LOOPED, STUDIED, kind_of, looped, of_kind, studied
 from workbench.logs import read_campaign
-from workbench.machine import SHIPPED, AnyKind, Axis, Hoist, default_hoist, load_machine, shipped
+from workbench.machines import (
+    LOOPED,
+    SHIPPED,
+    STUDIED,
+    AnyKind,
+    Axis,
+    Hoist,
+    default_hoist,
+    kind_of,
+    load_machine,
+    looped,
+    of_kind,
+    shipped,
+    studied,
+)
 from workbench.metrics import added, set_of
 from workbench.references import Plan
 from workbench.references import digests_of as digests_of_references

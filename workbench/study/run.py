@@ -11,9 +11,8 @@ from functools import lru_cache
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.shown import Shown
-from workbench.kinds import kind_of
 from workbench.logs.signal_files import Labelled
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.metrics import RunFacts, columns, run_metrics, set_of
 from workbench.references import Plan
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop

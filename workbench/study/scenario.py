@@ -28,10 +28,9 @@ from pydantic_core import CoreSchema
 from workbench.control import SETTINGS, AnyController, Events
 from workbench.core.errors import InputError
 from workbench.core.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Record, Speed
-from workbench.kinds import Kind, kind_of, of_kind
-from workbench.kinds.axis import LinearDrive, RotaryDrive
-from workbench.kinds.hoist import BY_NAME, Drive
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Kind, kind_of, of_kind
+from workbench.machines.kinds.axis import LinearDrive, RotaryDrive
+from workbench.machines.kinds.hoist import BY_NAME, Drive
 from workbench.references import ReferenceKind, Step, planned_kind, planned_kinds, recorded_kinds, usual_kinds
 from workbench.study.sweep import SampleBlock, SweepBlock
 
@@ -391,7 +390,7 @@ def _scenario() -> dict[str, Any]:
 def _machine() -> dict[str, Any]:
     from pydantic import TypeAdapter
 
-    from workbench.machine.files import RECORDS
+    from workbench.machines.files import RECORDS
 
     union: Any = reduce(or_, RECORDS)
     schema = TypeAdapter(union).json_schema()

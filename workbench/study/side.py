@@ -9,8 +9,7 @@ from typing import Any
 
 from workbench.control import Events
 from workbench.core.errors import InputError
-from workbench.kinds import kind_of, load_of
-from workbench.machine import Axis, Hoist, with_values
+from workbench.machines import Axis, Hoist, kind_of, load_of, with_values
 from workbench.references import BASELINE, LimitPair, Limits, motion_time_s, planned_kinds
 from workbench.study.grid import RunSpec
 from workbench.study.labels import field_label, words_of

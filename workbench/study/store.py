@@ -37,8 +37,7 @@ from workbench.core.input_file import readable_file
 from workbench.core.run import Run
 from workbench.core.whole_folder import is_free, what_is_in, write_json
 from workbench.core.yaml_strict import load, validate
-from workbench.kinds import LOOPED, looped, of_kind
-from workbench.machine import AnyKind, load_machine
+from workbench.machines import LOOPED, AnyKind, load_machine, looped, of_kind
 from workbench.study import arrow
 from workbench.study.arrow import parquet_bytes
 from workbench.study.load import Study

@@ -22,8 +22,7 @@ from pydantic import (
 from workbench.core.errors import InputError, nearest
 from workbench.core.record import Finite, Positive, Record
 from workbench.core.run import Array
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist, get_value
+from workbench.machines import Axis, Hoist, get_value, kind_of
 
 MOST_VALUES = 100_000
 

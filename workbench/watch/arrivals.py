@@ -17,11 +17,10 @@ from workbench.core.errors import InputError
 from workbench.core.record import Finite, Payload, Position, Record
 from workbench.core.run import Run
 from workbench.core.yaml_strict import load, validate
-from workbench.kinds import kind_of
-from workbench.log_formats import suffixes
+from workbench.logs.formats import suffixes
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Column, Entry, Name, read_runs
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 
 RUNS = "runs.yaml"
 UNFINISHED = (".part", ".tmp", ".crdownload")

@@ -28,9 +28,8 @@ from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.hypotheses.fit import Fitted, estimates
 from workbench.diagnose.machines import machine_of, with_effects
 from workbench.diagnose.records import Diagnosis
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist, get_value, with_values
+from workbench.machines import Axis, Hoist, get_value, kind_of, with_values
 from workbench.watch.change import Baseline
 from workbench.watch.estimate import shift
 from workbench.watch.judge import SAME_PAYLOAD_KG, Cycle

@@ -11,8 +11,7 @@ from workbench.core.run import Array, Run
 from workbench.identify.fit import STEP, fit
 from workbench.identify.models import BalanceModel
 from workbench.identify.parameters import Free, free_parameters
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.driven import Bench
 
 

@@ -24,7 +24,7 @@ from workbench.core.names import unit_of
 from workbench.core.record import Finite, Record
 from workbench.effects import check
 from workbench.logs.runs_file import Name
-from workbench.machine import load_machine
+from workbench.machines import load_machine
 from workbench.study.cluster import client_on
 from workbench.watch.judge import Rules
 from workbench.watch.opcua import SCHEME, Line, line_of

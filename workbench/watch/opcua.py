@@ -19,9 +19,8 @@ from pydantic import Field, model_validator
 from workbench.core.errors import InputError, nearest
 from workbench.core.record import Finite, Payload, Position, Record
 from workbench.core.yaml_strict import load, validate
-from workbench.kinds import TIME, Kind, kind_of
 from workbench.logs.plausible import driven_signals
-from workbench.machine import Axis, Hoist
+from workbench.machines import TIME, Axis, Hoist, Kind, kind_of
 from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, start_value, with_payload
 
 PAYLOAD = "payload_kg"

@@ -24,7 +24,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.input_file import open_input
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist
 from workbench.watch.estimate import Estimate, watched_keys
 from workbench.watch.judge import Cycle, Event, Judged, Rules
 

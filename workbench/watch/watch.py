@@ -14,7 +14,7 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.names import unit_of
 from workbench.core.run import Run
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist, get_value
+from workbench.machines import Axis, Hoist, get_value
 from workbench.watch.arrivals import Arrivals, Arrived, entry_of
 from workbench.watch.change import WINDOW, Baseline
 from workbench.watch.estimate import estimate, watched_keys

@@ -17,7 +17,7 @@ from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, 
 from workbench.dashboard.machines import chosen_machine
 from workbench.dashboard.widgets import Number, chart, numbers, plain, problem, table
 from workbench.dashboard.work import CSV, REPORT
-from workbench.machine import save_machine
+from workbench.machines import save_machine
 from workbench.study.labels import run_in_words, swept_axes
 from workbench.study.load import Study, load_study, read_standalone
 from workbench.study.rows import INDEX, Row, metrics_of, read_table, rows_of

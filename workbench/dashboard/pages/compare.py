@@ -21,8 +21,7 @@ from workbench.dashboard.widgets import SAME, chart, plain, text
 from workbench.figures.study import MOST_COLUMNS, overview
 from workbench.figures.study_axis import axis_overview
 from workbench.figures.study_plane import torque_speed_plane
-from workbench.kinds import Kind, kind_of, studied
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Kind, kind_of, studied
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, motor_torque_limit_nm, peak_limit

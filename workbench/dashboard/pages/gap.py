@@ -19,10 +19,8 @@ from workbench.dashboard.widgets import beside, chart, is_dark, notes, numbers, 
 from workbench.dashboard.work import VIEW, View, read_view, shown
 from workbench.effects import check, effects_for
 from workbench.figures.place import for_dark_ground
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import load_machine
-from workbench.plants import plant_of
+from workbench.machines import kind_of, load_machine, plant_of
 from workbench.view.page import Section
 
 KIND = "gap"

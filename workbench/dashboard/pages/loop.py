@@ -20,9 +20,8 @@ from workbench.dashboard.machines import controller, session_machine, set_contro
 from workbench.dashboard.pages.study_desk import Desk, with_gains
 from workbench.dashboard.widgets import Number, beside, chart, guarded, numbers, plain, problem, table
 from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
-from workbench.machine.files import machine_text
+from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines.files import machine_text
 from workbench.reports.loop import report
 from workbench.reports.loop import tuning as tuning_report
 from workbench.reports.loop.case import MOST, LoopCaseFile, usual_heights

@@ -16,9 +16,8 @@ from workbench.dashboard.pages.compare import kept
 from workbench.dashboard.widgets import guarded, is_dark, plain
 from workbench.figures.film import HEIGHT, film
 from workbench.figures.scene import scene_of
-from workbench.kinds import STUDIED, load_of, of_kind, studied
-from workbench.machine import Hoist
-from workbench.machine.files import machine_text
+from workbench.machines import STUDIED, Hoist, load_of, of_kind, studied
+from workbench.machines.files import machine_text
 from workbench.references import (
     Limits,
     Step,

@@ -18,9 +18,8 @@ from workbench.dashboard.plant import EVERY_S, KEPT_S, PlantProcess
 from workbench.dashboard.widgets import guarded, is_dark, plain, problem, text
 from workbench.effects import find, ranges_of
 from workbench.figures.served import last_seconds, late_starts
-from workbench.machine import Hoist
-from workbench.machine.files import machine_text
-from workbench.plants import HOIST
+from workbench.machines import HOIST, Hoist
+from workbench.machines.files import machine_text
 from workbench.references import allowed_carriage_speed_m_s, planned_kinds
 from workbench.reports.loop.case import usual_controller
 from workbench.serve.serve import HIGHEST_RATE_HZ, LOWEST_RATE_HZ, PORTS, ProtocolName, Wish, chosen_ready
@@ -383,7 +382,7 @@ def _effects(process: PlantProcess, points: list[str], machine: Hoist) -> None:
     if not by_effect:
         return
     name = st.selectbox("Effect", list(by_effect), key="plant effect", format_func=lambda id_: id_.replace("_", " "))
-    effect = find(name, HOIST.kind)
+    effect = find(name, HOIST.plant.kind)
     st.caption(effect.meaning)
     ranges = {ranged.name: ranged for ranged in ranges_of(effect, machine)}
     values, gone = {}, {}

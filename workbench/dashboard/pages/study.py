@@ -40,12 +40,10 @@ from workbench.figures.study import overview, peak_torque_over_payload
 from workbench.figures.study_axis import axis_overview
 from workbench.figures.study_page import save_study_page, start_of_move
 from workbench.figures.study_plane import torque_speed_plane
-from workbench.kinds import kind_of
 from workbench.logs.signal_files import FORMS
-from workbench.machine import Axis, Hoist, default_hoist
-from workbench.machine.files import machine_text
+from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
+from workbench.machines.files import machine_text
 from workbench.metrics import Metric, View, columns, shown_in
-from workbench.plants import HOIST
 from workbench.references import BASELINE
 from workbench.study.decide import decision_table, verdict
 from workbench.study.findings import SIGN, alarm, sentences, utilisation
@@ -483,7 +481,7 @@ def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, sente
 
 def forces_of(run: Run) -> list[str]:
     """The forces that the multi-body machine alone has, in the run's order."""
-    lumped = {signal.name for signal in HOIST.signals}
+    lumped = {signal.name for signal in HOIST.plant.signals}
     return [name for name in run.signals if name.startswith("force_") and name not in lumped]
 
 

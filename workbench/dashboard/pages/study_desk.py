@@ -26,9 +26,20 @@ from workbench.core.errors import InputError
 from workbench.core.yaml_strict import Document, dumps, loads
 from workbench.dashboard.pages.batches import shipped as shipped_scenarios
 from workbench.effects import check
-from workbench.kinds import LOOPED, kind_of, looped, of_kind, studied
-from workbench.machine import SHIPPED, Axis, Hoist, default_hoist, machine_from, shipped
-from workbench.machine.files import machine_text
+from workbench.machines import (
+    LOOPED,
+    SHIPPED,
+    Axis,
+    Hoist,
+    default_hoist,
+    kind_of,
+    looped,
+    machine_from,
+    of_kind,
+    shipped,
+    studied,
+)
+from workbench.machines.files import machine_text
 from workbench.references import BASELINE, allowed_carriage_speed_m_s
 from workbench.study.load import changed, load_study, read_standalone, standalone_text
 from workbench.study.scenario import LimitsBlock, MoveBlock, Scenario, key_in

@@ -29,8 +29,7 @@ from workbench.dashboard.pages.study_desk import (
     within,
 )
 from workbench.dashboard.widgets import problem, text
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist, shipped
+from workbench.machines import Axis, Hoist, kind_of, shipped
 from workbench.references import BASELINE, planned_kinds
 from workbench.view.style import label
 

@@ -19,9 +19,9 @@ from workbench.dashboard.widgets import Number, beside, chart, guarded, notes, n
 from workbench.dashboard.work import VIEW, read_view, shown
 from workbench.figures.identify import Estimate, correlation_matrix, estimates
 from workbench.identify.identify import Identification, identify
-from workbench.kinds import studied
 from workbench.logs import Campaign
-from workbench.machine.files import machine_text
+from workbench.machines import studied
+from workbench.machines.files import machine_text
 from workbench.reports.identify import report as identify_report
 from workbench.reports.identify.page import friction
 from workbench.reports.replay import report

@@ -16,17 +16,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import Names
+from workbench.diagnose.hypotheses.free_parameters import Names, nuisance_std
 from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel, Sizes
 from workbench.diagnose.hypotheses.problem import Problem, rms
-from workbench.diagnose.hypotheses.settings import BESIDE_PLAY, IMPACTS, LAGS, NOISE_KNOWN, SECOND
-from workbench.kinds import kind_of
+from workbench.diagnose.hypotheses.settings import (
+    BESIDE_PLAY,
+    FREER,
+    IMPACTS,
+    LAGS,
+    LAW,
+    NOISE_KNOWN,
+    NUISANCE,
+    SECOND,
+    calibration,
+)
+from workbench.effects import find
+from workbench.machines import kind_of
 
 STEP = 2.0  # of both sizes, from one tried to the next
 BOUNDS = ((0.5, 1024.0), (1.0, 16.0))
@@ -124,9 +136,15 @@ def beyond(data: float, least: float) -> float:
 
 
 def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> bool:
-    """Whether a lag of a sensor alone takes the gap. The kinks of a late signal look like the impacts of a play."""
-    lags = [names[0] for names in fits if len(names) == 1 and _is_lag(problem, names[0])]
-    return any(fits[name,].rms(problem.inputs) < LAGS * near.rms(problem.inputs) for name in lags)
+    """Whether a lag of a sensor alone takes what any hypothesis with a play takes, to LAGS of the energy. The kinks of
+    a late signal look like the impacts of a play."""
+
+    def taken(some: Collection[Names]) -> float:
+        left = min((fits[names].rms(problem.inputs) for names in some), default=math.inf)
+        return near.rms(problem.inputs) ** 2 - left**2
+
+    lag = taken([names for names in fits if len(names) == 1 and _is_lag(problem, names[0])])
+    return lag > 0.0 and lag > (1.0 - LAGS) * taken([names for names in fits if PLAY in names])
 
 
 def _is_lag(problem: Problem, name: str) -> bool:
@@ -157,15 +175,16 @@ def discounted(
     """The gain from the data after the discount of `beyond_model_error`. before, after: residuals (samples,) without
     and with the effects.
 
-    What acts at speed is compared with the model error at speed: rows count less the more of their model error is that
-    near standstill. An axis' noise is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains the rest.
+    An effect is compared with the model error where it acts: rows count by how much it changes them. What acts at speed
+    is compared with that at speed: rows count less the more of their model error is that near standstill. An axis'
+    noise is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains the rest.
     """
     if data <= 0.0:
         return data
     slow = all(problem.effect(name).regime == "low_speed" for name in added)
     rows = slice(0, problem.inputs)
     errors = problem.errors if sizes is None else problem.errors.sized(sizes)
-    share = np.ones(problem.inputs) if slow else errors.at_speed[rows]
+    share = np.abs(before[rows] - after[rows]) * (1.0 if slow else errors.at_speed[rows])
     default = float(np.mean(share * errors.sized((1.0, 1.0)).model_error[rows] ** 2))
     shown = float(np.mean(share * errors.model_error[rows] ** 2)) if max(errors.sizes) > 1.0 else 0.0
     if kind_of(problem.machine).floor == "own":
@@ -177,3 +196,109 @@ def discounted(
 def model_error_rms(problem: Problem) -> float:
     """The model error of the input's rows, rms, in the input's unit."""
     return float(np.sqrt(np.mean(problem.errors.model_error[: problem.inputs] ** 2)))
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A hypothesis with its evidence. gain: the fall of chi^2 and tolerances. score: at the sizes of the model error
+    that fit best. rival: an unlisted effect, which no answer may name."""
+
+    names: Names
+    fit: Fitted
+    gain: float
+    evidence: float
+    score: Score
+    rival: bool = False
+
+
+def weigh(
+    problem: Problem, base: Fitted, near: Fitted, fits: Mapping[Names, Fitted], rivals: Collection[str] = ()
+) -> tuple[tuple[Weighed, ...], Score]:
+    """All fitted hypotheses by falling evidence, and the score without any effect.
+
+    base: the fit without effects; near: the same within the tolerances. rivals: unlisted effects. The evidence of
+    several effects is that of the best subset without one of them, plus what the last one adds beyond the gain that an
+    inexact law of the others allows (`inexact`).
+    """
+    none = score_of(problem, base)
+
+    def weighed(names: Names, score: Score, evidence: float) -> Weighed:
+        fit = fits[names]
+        gain = base.objective - fit.objective
+        return Weighed(names, fit, gain, evidence, score, any(name in rivals for name in names))
+
+    by_names: dict[Names, Weighed] = {}
+    for size in range(1, max(map(len, fits), default=0) + 1):
+        together: dict[Names, Weighed] = {}
+        for names, fit in fits.items():
+            if len(names) != size:
+                continue
+            score = score_of(problem, fit)
+            if size == 1:
+                evidence = beyond_model_error(problem, base, fit, none.value - score.value, score.sizes)
+                evidence -= cost(problem, len(fit.z) - len(base.z))
+                evidence = of_impacts(problem, names, beyond_nuisance(problem, fit, names[0], evidence))
+                together[names] = weighed(names, score, evidence)
+                continue
+            parts = (by_names.get(part) for part in combinations(names, size - 1))
+            first = max((part for part in parts if part is not None), key=lambda w: w.evidence, default=None)
+            if first is not None:
+                together[names] = weighed(names, score, first.evidence + _added(problem, near, first, fit, score))
+        by_names |= {names: _not_freer(problem, near, w, together) for names, w in together.items()}
+    return tuple(sorted(by_names.values(), key=lambda w: -w.evidence)), none
+
+
+def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: Score) -> float:
+    """The evidence that one more effect adds to a hypothesis."""
+    gain = beyond_model_error(problem, first.fit, fit, first.score.value - score.value, score.sizes)
+    prior = first.fit.prior - fit.prior
+    (last,) = set(fit.effects) - set(first.names)
+    least = inexact(problem, near, first.fit, first.score)
+    if problem.struck and PLAY in first.names:  # what its law does not foretell stretches tolerances too
+        added = min(gain, 0.0) if only_mends(problem, last) else beyond(gain, least)
+    else:
+        data = beyond(gain - prior, least)
+        added = prior + (min(data, 0.0) if only_mends(problem, last) else data)
+    evidence = added - cost(problem, len(fit.z) - len(first.fit.z))
+    return beyond_nuisance(problem, fit, last, evidence) - calibration()["pair"]
+
+
+def _not_freer(problem: Problem, near: Fitted, mine: Weighed, beside: Mapping[Names, Weighed]) -> Weighed:
+    """The hypothesis with less evidence, if it is not better by FREER than a simpler law of the same place and regime:
+    the shortfall is subtracted. No more is it where its prediction is off that of the simpler law by less than LAW of
+    what that law explains, rms: so far a real machine is off any law."""
+    lost = 0.0
+    for names, other in beside.items():
+        own, its = set(mine.names) - set(names), set(names) - set(mine.names)
+        if len(own) != 1 or not all(same_but_freer(a, b, problem.active.kind) for a in own for b in its):
+            continue
+        rows = slice(0, problem.inputs)
+        bent, law = mine.fit.residual[rows] - other.fit.residual[rows], near.residual[rows] - other.fit.residual[rows]
+        raw, real = mine.evidence - other.evidence, advantage(problem, near, mine, other, LAW)
+        if rms(bent) < LAW * rms(law):
+            real = min(real, 0.0)
+        lost = max(lost, raw - real + min(max(FREER - real, 0.0), FREER))
+    return replace(mine, evidence=mine.evidence - lost)
+
+
+def advantage(problem: Problem, near: Fitted, mine: Weighed, other: Weighed, law: float = SECOND) -> float:
+    """How much better a hypothesis is than another one whose inexact law it may only correct: the difference of the
+    tolerances in full, that of the data above the other one's inexactness, `law` of what it explains, rms."""
+    prior = other.fit.prior - mine.fit.prior
+    least = inexact(problem, near, other.fit, other.score, law)
+    return prior + beyond(mine.evidence - other.evidence - prior, least)
+
+
+def beyond_nuisance(problem: Problem, fit: Fitted, name: str, evidence: float) -> float:
+    """The evidence less the part that an ordinary nuisance amount of the effect explains: NUISANCE deviations."""
+    known = nuisance_std(problem.machine, problem.runs, name)
+    sizes = [float(np.mean(fit.setting[symbol])) / std for symbol, std in known.items()]
+    if evidence <= 0.0 or not sizes:
+        return evidence
+    return evidence * max(1.0 - (NUISANCE / max(*sizes, NUISANCE)) ** 2, 0.0)
+
+
+def same_but_freer(freer: str, simpler: str, kind: str) -> bool:
+    """Whether an effect has the place and regime of another one and more parameters: the same cause by a freer law."""
+    a, b = find(freer, kind), find(simpler, kind)
+    return len(a.parameters) > len(b.parameters) and (a.subsystem(kind), a.regime) == (b.subsystem(kind), b.regime)

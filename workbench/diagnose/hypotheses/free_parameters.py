@@ -15,8 +15,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.effects import Effect, Ranged, find, ranges_of
-from workbench.kinds import kind_of
-from workbench.machine import get_value
+from workbench.machines import get_value, kind_of
 
 GAIN, OFFSET, TENSION_GAIN = "sensor gain", "sensor offset", "tension gain"  # of the log, beside the plant's symbols
 LOG_TIMING = "log timing"  # of the log: its motion behind its force, s, beside what an effect delays

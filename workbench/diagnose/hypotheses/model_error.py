@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
 from workbench.core.run import Array
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 

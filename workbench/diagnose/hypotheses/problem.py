@@ -23,7 +23,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.model_error import ErrorModel, Sizes, error_model
 from workbench.effects import Effect, find, idle_sensors, logged_input, parts, ranges_of, searchable
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.blows import beside, blows_of
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms

@@ -1,11 +1,14 @@
-"""The search: the fit without effects, then every effect alone, then pairs around the best single effects.
+"""The search: the fit without effects, every effect alone, then one further effect after the other.
 
-Every shape of an effect is tried linearly, on its signatures. The most promising effects are fitted nonlinearly.
+Every shape of an effect is tried linearly, on its signatures. The most promising effects are fitted nonlinearly, each
+with all that are there before it, until no further one is worth its parameters.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import combinations, takewhile
 
@@ -15,13 +18,13 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.evidence import (
     PLAY,
     STEP,
+    Weighed,
     beyond,
-    beyond_model_error,
     cost,
     discounted,
     inexact,
-    of_impacts,
     score_of,
+    weigh,
 )
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis, stepped
 from workbench.diagnose.hypotheses.free_parameters import (
@@ -36,7 +39,9 @@ from workbench.diagnose.hypotheses.free_parameters import (
     setting_of,
     within,
 )
+from workbench.diagnose.hypotheses.model_error import Sizes
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.settings import MOST_EFFECTS, calibration
 from workbench.diagnose.hypotheses.signatures import (
     Projection,
     Signature,
@@ -47,25 +52,27 @@ from workbench.diagnose.hypotheses.signatures import (
     stepped_aside,
 )
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
-from workbench.effects import Effect, Ranged, find, ranges_of
+from workbench.effects import Effect, Ranged, ranges_of
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
 FIRST_ROUND = 6  # evaluations each, before the field is narrowed
 LAST_ROUND = 40
 ALWAYS = 2  # effects refitted whatever they promise
 HOPELESS = -10.0  # evidence, linearly
+SLACK = 5.0  # evidence that a linear estimate may be short of
 EXTENDED_REFITTED = 6
-LEADS = 0.4  # of the best single effect's gain
+LEADS = 0.4  # of the best hypothesis' evidence
 TOLERANCES = 3.0  # within which signatures are taken
 TURNED = 1.5  # the same, of the logarithm of what nobody knows: how friction turns over
-DROPPED = 1  # pairs
 PAIR_IN_REACH = 0.9
-STRAINED = 2.0  # standard deviations of a trace
-BEGUN = 0.2  # standard deviations of a trace that keeps a state, where the base fit begins
+STRAINED = 2.0  # standard deviations of a nuisance amount
+BEGUN = 0.2  # standard deviations of a nuisance amount that keeps a state, where the base fit begins
 STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie different minima
 IN_REACH = 0.3  # of the best gain: what is followed to its end
-PARTNERS = 3  # of each leading effect, that are refitted with it
+PARTNERS = 3  # of each leading hypothesis, that are refitted with it
 LEADERS = 3
+LARGE = 0.5  # of what a leader leaves: a further effect that promises so much tells what the model error is
+SEARCHED_AGAIN = 2  # times, with other sizes of the model error
 TOO_LATE = 5.0  # sampling steps of the log's motion behind its input
 TOO_SMALL = 1.5  # sizes of the model error: what needs more is searched again with them
 ASIDE = (1.0, 0.3, 0.0)  # of the way that a fit's own parameters step aside
@@ -114,49 +121,38 @@ class Promise:
 def searched(
     problem: Problem,
     effects: Sequence[Effect],
-    most_effects: int = 2,
+    most_effects: int = MOST_EFFECTS,
     tell: Tell | None = None,
     rivals: Sequence[Effect] = (),
     base: Mapping[str, Scalar] | None = None,
+    quick: bool = False,
 ) -> SearchResult:
     """The search, with the size of model error that the best hypothesis needs.
 
     Where the base parameters alone put the log's motion more than TOO_LATE sampling steps behind its input, the samples
-    are left out whose motion had ended by then. It begins with the default sizes. If the best hypothesis leaves a
-    larger residual, the base parameters have absorbed part of the gap. The search is then repeated with the sizes that
-    the best hypothesis needs.
+    are left out whose motion had ended by then. The search begins with the default sizes. If the best hypothesis leaves
+    a larger residual, the base parameters have absorbed part of the gap: it goes on from there with the sizes that the
+    best hypothesis needs. quick: single effects only, and no second search.
     """
-
-    def begun(problem: Problem) -> Search:
-        return Search(problem, effects, tell, rivals, base)
-
-    def search(one: Search) -> SearchResult:
-        result = one.singles()
-        if most_effects > 1:
-            result = one.pairs(result)
-        for _ in range(2, most_effects):
-            result = one.more(result)
-        return result
-
-    first = begun(problem)
-    late_s = first.late_s()
+    search = Search(problem, effects, tell, rivals, base)
+    late_s = search.late_s()
     if late_s > 0.0:
-        problem = problem.moving_after(late_s)
-        first = begun(problem)
-    result = search(first)
-    scores = (score_of(problem, fit) for fit in (result.base, *result.fits.values()))
-    size, standstill = min(scores, key=lambda score: score.value).sizes
-    if max(size, standstill) <= TOO_SMALL:
-        return result
-    if standstill > 1.0:  # a fit has bent itself to what is near standstill, and asks for less than there is
-        standstill *= STEP
-    return search(begun(problem.with_model_error((size, standstill))))
+        search = Search(problem.moving_after(late_s), effects, tell, rivals, base)
+    most_effects = 1 if quick else most_effects
+    result = search.causes(most_effects, LARGE)
+    for _ in range(0 if quick else SEARCHED_AGAIN):
+        sizes = search.sizes_needed(result)
+        if sizes is None:
+            break
+        search = search.with_sizes(sizes)
+        result = search.causes(most_effects, LARGE)
+    return search.causes(most_effects, 0.0, result) if most_effects > 1 else result
 
 
 @dataclass(frozen=True)
 class _Way:
-    """A leading hypothesis and the effect to add to it. worth: the evidence of both; gain: the fall of the objective. Both
-    are linear estimates."""
+    """A leading hypothesis and the effect to add to it, by linear estimates. worth: the evidence of both; gain: the
+    fall of the objective."""
 
     worth: float
     gain: float
@@ -165,7 +161,7 @@ class _Way:
 
 
 class Search:
-    """One campaign's search. base: the free of the base parameters, which every fit has first, in this order."""
+    """One campaign's search. base: the base parameters, which every fit has first, in this order."""
 
     def __init__(
         self,
@@ -177,14 +173,14 @@ class Search:
     ) -> None:
         """rivals: unlisted effects that are fitted alone too, so that no pair is named in the place of one of them.
 
-        base: the base parameters' free, None for all that have a tolerance.
+        base: the base parameters, None for all that have a tolerance.
         """
         self.problem = problem
         self.effects = {effect.id: effect for effect in effects}
         self.rivals = {effect.id: effect for effect in rivals if effect.id not in self.effects}
         self.base = dict(base_parameters(problem.machine, problem.runs) if base is None else base)
-        self.traces = nuisance_parameters(problem.machine, problem.runs)
-        self.held = [*self.base.values(), *self.traces.values()]
+        self.nuisances = nuisance_parameters(problem.machine, problem.runs)
+        self.held = [*self.base.values(), *self.nuisances.values()]
         self.count = sum(parameter.size for parameter in self.held)
         self._tell = tell or (lambda progress: None)
         self.fits: dict[Names, Fitted] = {}
@@ -192,12 +188,15 @@ class Search:
         self.failures: dict[Names, str] = {}
         self.scanned: Sequence[Signature] = ()
         self._base: Fitted | None = None
+        self.begin: Array | None = None  # z of the base fit, where another search has found it
+        self.found: Mapping[Names, Fitted] = {}  # fits of that search
 
     def base_fit(self) -> Fitted:
         """The fit of the base parameters alone, without an effect."""
         if self._base is None:
             self._tell(Progress(Stage.SEARCH, Task.BASE))
-            self._base = fit_hypothesis(self.problem, (), self.held, self._start(), LAST_ROUND)
+            begin = self._start() if self.begin is None else self.begin
+            self._base = fit_hypothesis(self.problem, (), self.held, begin, LAST_ROUND)
         return self._base
 
     def late_s(self) -> float:
@@ -209,13 +208,51 @@ class Search:
         return late * self.base[LOG_TIMING].scale if late > TOO_LATE else 0.0
 
     def _start(self) -> Array:
-        """z where the base fit begins: nominal, with a little of each trace that keeps a state. Such a trace may show
+        """z where the base fit begins: nominal, with a little of each nuisance that keeps a state. Such a one may show
         nothing at exactly zero, and a fit would stay there."""
         z = np.zeros(self.count)
-        for key, parameter in self.traces.items():
-            if find(key.partition(".")[0], self.problem.active.kind).memory:
+        for key, parameter in self.nuisances.items():
+            if self.problem.effect(key.partition(".")[0]).memory:
                 z[self._place_of(parameter)] = BEGUN * np.array(parameter.prior_std)
         return z
+
+    def causes(self, most: int, least: float, begun: SearchResult | None = None) -> SearchResult:
+        """The fits of single effects, then one further effect after the other beside the leading hypotheses, as long as
+        one more is worth it. least: of what a leader leaves, what a further effect has to promise."""
+        result = begun or self.singles()
+        for size in range(1, most):
+            self._extend(result, size, least)
+            if size == 1:
+                self._joint(result, least)
+            self._finish(result.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
+            if size == 1:
+                self._drop(result.base)
+            self._offer_standstill(result.base)
+            result = self._found(result.base, result.within_tolerances, result.signatures)
+            leading = next((w for w in self.weighed(result) if not w.rival), None)
+            if leading is None or len(leading.names) <= size:
+                break
+        return result
+
+    def sizes_needed(self, result: SearchResult) -> Sizes | None:
+        """The sizes of the model error at which the best hypothesis is likeliest; None where they are about those of
+        this search."""
+        scores = (score_of(self.problem, fit) for fit in (result.base, *result.fits.values()))
+        size, standstill = min(scores, key=lambda score: score.value).sizes
+        if standstill > 1.0 and max(size, standstill) > TOO_SMALL:
+            standstill *= STEP  # a fit has bent itself to what is near standstill, and asks for less than there is
+        sizes = (max(size, 1.0), standstill)
+        now = self.problem.errors.sizes
+        same = max(abs(math.log(a / b)) for a, b in zip(sizes, now, strict=True)) < math.log(TOO_SMALL)
+        return None if same else sizes
+
+    def with_sizes(self, sizes: Sizes) -> Search:
+        """The same search with other sizes of the model error, begun at what this one has found."""
+        again = copy(self)
+        again.problem = self.problem.with_model_error(sizes)
+        again.found, again.begin = self.fits, self.base_fit().z
+        again.fits, again.linear, again.failures, again._base = {}, {}, {}, None
+        return again
 
     def singles(self) -> SearchResult:
         """The fit without effects, and the fits of every effect alone."""
@@ -224,35 +261,10 @@ class Search:
         near = replace(within, free=base.free)  # hypotheses start there, and may go further
         self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
         signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
-        self.scanned = signatures
+        self.scanned = self.scanned or signatures
         self._singles(base, near, signatures)
         self._offer_standstill(base)
         return self._found(base, within, signatures)
-
-    def pairs(self, singles: SearchResult) -> SearchResult:
-        """The result of `singles` with the pairs around the best single effects."""
-        near = replace(singles.within_tolerances, free=singles.base.free)
-        self._extend(singles.base, singles.within_tolerances, 1)
-        if any(len(names) == 1 and names[0] in self.effects for names in self.fits):
-            self._joint(
-                singles.base,
-                near,
-                [signature for signature in singles.signatures if signature.effect.id in self.effects],
-            )
-        self._finish(singles.base, [names for names in self.fits if len(names) == 2], PAIR_IN_REACH)
-        self._drop(singles.base)
-        return self._result(singles)
-
-    def more(self, result: SearchResult) -> SearchResult:
-        """The result with the leading hypotheses extended by one more effect."""
-        size = max(len(names) for names in self.fits)
-        self._extend(result.base, result.within_tolerances, size)
-        self._finish(result.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
-        return self._result(result)
-
-    def _result(self, result: SearchResult) -> SearchResult:
-        self._offer_standstill(result.base)
-        return self._found(result.base, result.within_tolerances, result.signatures)
 
     def _found(self, base: Fitted, near: Fitted, signatures: Sequence[Signature]) -> SearchResult:
         return SearchResult(
@@ -312,10 +324,14 @@ class Search:
         for k, name in enumerate(order):
             self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
             self._try((name,), lambda promise=promised[name]: self._fit_with(near, promise))  # type: ignore[misc]
+            if (found := self.found.get((name,))) is not None:
+                white = self.problem.errors.whiten(found.residual)
+                if (name,) not in self.fits or float(white @ white) + found.prior < self.fits[name,].objective:
+                    self._try((name,), lambda found=found: self._again(found))  # type: ignore[misc]
         if np.any(near.z != base.z):
             self._from_base(base, order)
             self._with_delay(base)
-        self._with_traces(base)
+        self._with_nuisances(base)
         self._step_play()
         self._finish(base, [(name,) for name in order])
 
@@ -329,16 +345,16 @@ class Search:
             self._try((PLAY,), lambda fit=fit, z=z: self._again(replace(fit, z=z)))  # type: ignore[misc]
 
     def _strained(self, base: Fitted) -> set[str]:
-        """The effects whose trace the base fit puts far beyond its tolerance: one of them may be the cause."""
+        """The effects whose nuisance amount the base fit puts far off its tolerance: one of them may be the cause."""
         return {
             key.partition(".")[0]
-            for key, parameter in self.traces.items()
+            for key, parameter in self.nuisances.items()
             if not parameter.logarithmic
             and np.any(np.abs(base.z[self._place_of(parameter)]) > STRAINED * np.array(parameter.prior_std))
         }
 
     def _place_of(self, wanted: FreeParameter) -> slice:
-        """The slice of z that belongs to a base parameter or a trace, the same in every fit."""
+        """The slice of z that belongs to a base or nuisance parameter, the same in every fit."""
         before = [parameter.size for parameter in takewhile(lambda parameter: parameter is not wanted, self.held)]
         return slice(sum(before), sum(before) + wanted.size)
 
@@ -372,8 +388,8 @@ class Search:
             lambda: fit_hypothesis(self.problem, names, [*at.free, *more], z, LAST_ROUND, self.count),
         )
 
-    def _with_traces(self, at: Fitted) -> None:
-        """An effect in place of its trace, where a fit has taken the trace far beyond its tolerance. That fit has the
+    def _with_nuisances(self, at: Fitted) -> None:
+        """An effect in place of its nuisance, where a fit has taken that far beyond its tolerance. That fit has the
         effect's values already, and nothing is left for a linear estimate to explain."""
         for name in self._strained(at) & set(self.effects) - set(at.effects):
             ranges, setting = self._ranges(self.effects[name]), at.setting
@@ -381,7 +397,7 @@ class Search:
                 continue
             more, amount = effect_parameters(self.effects[name], ranges, {r.symbol: setting[r.symbol] for r in ranges})
             z = np.concatenate([at.z, amount])
-            for key, parameter in self.traces.items():
+            for key, parameter in self.nuisances.items():
                 if key.partition(".")[0] == name:
                     z[self._place_of(parameter)] = 0.0
             names = (*at.effects, name)
@@ -423,52 +439,44 @@ class Search:
     def _again(self, fit: Fitted) -> Fitted:
         return fit_hypothesis(self.problem, fit.effects, fit.free, fit.z, LAST_ROUND, self.count, fit.jacobian)
 
-    def _extend(self, base: Fitted, near: Fitted, size: int) -> None:
-        """The leading hypotheses of `size` effects, extended by the most promising further effects."""
-        known = [names for names in self.fits if len(names) == size and set(names) <= set(self.effects)]
-        if not known:
-            return
-        none = score_of(self.problem, base)
-        scores = {names: score_of(self.problem, self.fits[names]) for names in known}
-        worth = {names: self._worth(base, self.fits[names], none.value - scores[names].value) for names in known}
-        known.sort(key=lambda names: -worth[names])
-        leaders = [n for n in known[:LEADERS] if worth[n] > 0.0 and worth[n] >= LEADS * worth[known[0]]]
+    def _extend(self, result: SearchResult, size: int, least: float) -> None:
+        """The leading hypotheses of `size` effects, extended by the further effects that promise evidence, and `least`
+        of what a leader leaves."""
+        weighed = [w for w in self.weighed(result) if not w.rival]
+        leaders = [w for w in weighed if len(w.names) == size and w.evidence >= LEADS * weighed[0].evidence > 0.0]
         ways: dict[Names, list[_Way]] = {}
-        leading: set[Names] = set()
-        for k, names in enumerate(leaders):
-            leader = self.fits[names]
-            self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders), names))
-            again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
-            least = inexact(self.problem, near, leader, scores[names])
-            partners = {name: alone for name, alone in self._promised(leader, again).items() if alone.evidence > 0.0}
-            added = {name: self._worth_beside(leader, alone, least) for name, alone in partners.items()}
-            gained = base.objective - leader.objective
-            for rank, name in enumerate(sorted(added, key=lambda name: -added[name])):
-                promise = partners[name]
-                together: Names = tuple(sorted((*names, name)))
-                if rank < PARTNERS:
-                    leading.add(together)
-                way = _Way(worth[names] + added[name], gained + promise.gain, leader, promise)
-                ways.setdefault(together, []).append(way)
-        for names in sorted(leading, key=lambda names: -max(way.worth for way in ways[names]))[:EXTENDED_REFITTED]:
+        for k, w in enumerate(leaders[:LEADERS]):
+            leader = w.fit
+            self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders[:LEADERS]), w.names))
+            again = self._signatures([e for e in self.effects.values() if e.id not in w.names], leader)
+            inexactly = inexact(self.problem, result.within_tolerances, leader, w.score)
+            added = [
+                (self._worth_beside(leader, promise, inexactly), promise)
+                for promise in self._promised(leader, again).values()
+                if promise.evidence > 0.0 and promise.gain > least * leader.chi2
+            ]
+            for worth, promise in sorted(added, key=lambda one: -one[0])[:PARTNERS]:
+                if worth > calibration()["pair"] - SLACK:
+                    way = _Way(w.evidence + worth, result.gain(w.names) + promise.gain, leader, promise)
+                    ways.setdefault(tuple(sorted((*w.names, promise.signature.effect.id))), []).append(way)
+        for names in sorted(ways, key=lambda names: -max(way.worth for way in ways[names]))[:EXTENDED_REFITTED]:
             self.linear[names] = max(way.gain for way in ways[names])
             # A promise is linear, and may not be kept: the way from the better hypothesis is tried first.
             for way in sorted(ways[names], key=lambda way: way.leader.objective):
                 fit = self.fits.get(names)
                 if fit is None or fit.objective > way.leader.objective:
                     self._try(names, lambda w=way: self._fit_with(w.leader, w.promise))  # type: ignore[misc]
-        for names in leaders:
-            self._with_delay(self.fits[names])
-            self._with_traces(self.fits[names])
+        for w in leaders[:LEADERS]:
+            self._with_delay(w.fit)
+            self._with_nuisances(w.fit)
 
-    def _worth(self, base: Fitted, fit: Fitted, gain: float) -> float:
-        """A single effect's evidence, less what the model error alone could gain. gain: the fall of the score."""
-        paid = cost(self.problem, len(fit.z) - len(base.z))
-        return of_impacts(self.problem, fit.effects, beyond_model_error(self.problem, base, fit, gain) - paid)
+    def weighed(self, result: SearchResult) -> tuple[Weighed, ...]:
+        """All fits so far, as the verdict weighs them."""
+        return weigh(self.problem, result.base, result.within_tolerances, self.fits, self.rivals)[0]
 
     def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> float:
-        """The evidence that a further effect adds to a leader, by its linear estimate. least: the gain that the leader's
-        inexact law alone could give."""
+        """The evidence that a further effect adds to a leader, by its linear estimate. least: the gain that the
+        leader's inexact law alone could give."""
         taken = promise.signature.columns @ promise.amounts
         z = self._aside(leader, taken, promise.signature)
         left = leader.residual - taken + leader.jacobian @ (z - leader.z)
@@ -477,13 +485,12 @@ class Search:
         return promise.gain - promise.data + beyond(data, least) - paid
 
     def _drop(self, base: Fitted) -> None:
-        """Refit each effect of the leading pairs alone, started from the pair: a pair needs both effects to earn their
+        """Refit each effect of the leading pair alone, started from the pair: a pair needs both effects to earn their
         cost."""
-        pairs = sorted((n for n in self.fits if len(n) == 2), key=lambda n: self.fits[n].objective)
-        for pair in pairs[:DROPPED]:
-            for left in pair:
-                self._try((left,), lambda p=pair, n=left: self._without(self.fits[p], n))  # type: ignore[misc]
-            self._finish(base, [(left,) for left in pair])
+        pair: Names = min((n for n in self.fits if len(n) == 2), key=lambda n: self.fits[n].objective, default=())
+        for left in pair:
+            self._try((left,), lambda n=left: self._without(self.fits[pair], n))  # type: ignore[misc]
+        self._finish(base, [(left,) for left in pair])
 
     def _without(self, pair: Fitted, left: str) -> Fitted:
         """The pair's fit with only the effect `left` in it."""
@@ -493,34 +500,33 @@ class Search:
         free = [*pair.free[:own], *mine]
         return fit_hypothesis(self.problem, (left,), free, pair.z[kept], FIRST_ROUND, self.count)
 
-    def _joint(self, base: Fitted, near: Fitted, signatures: Sequence[Signature]) -> None:
-        """Pairs of effects that promise more together than the best single effect, though neither leads alone."""
-        alone = (fit.objective for names, fit in self.fits.items() if len(names) == 1 and names[0] in self.effects)
-        best = near.objective - min(alone)  # what the best alone takes off, from the same point
+    def _joint(self, result: SearchResult, least: float) -> None:
+        """Pairs of effects that promise more together than the best single effect, and `least` of what it leaves,
+        though neither leads alone."""
+        near = replace(result.within_tolerances, free=result.base.free)
+        alone = [fit.objective for names, fit in self.fits.items() if len(names) == 1 and names[0] in self.effects]
+        best = near.objective - min(alone, default=near.objective)  # taken off by the best alone, from the same point
+        enough = best + max(calibration()["pair"], least * (near.objective - best))
         projection = Projection.of(self.problem, near)
         kept: dict[str, list[tuple[float, Signature, Array]]] = {}
-        for signature in signatures:
-            columns = projection.clean(signature.columns)
-            data, prior, _ = linear_gain(columns, projection.residual, columns_signed(signature), projection.priors)
-            kept.setdefault(signature.effect.id, []).append((data + prior, signature, columns))
-        kept = {name: sorted(shapes, key=lambda q: -q[0])[:SHAPES_KEPT] for name, shapes in kept.items()}
-        pairs: list[tuple[float, Names, Signature, Signature, Array]] = []
-        for first, second in combinations(sorted(kept), 2):
-            if (first, second) in self.fits:
+        for one in result.signatures:
+            if one.effect.id in self.effects:
+                columns = projection.clean(one.columns)
+                data, prior, _ = linear_gain(columns, projection.residual, columns_signed(one), projection.priors)
+                kept.setdefault(one.effect.id, []).append((data + prior, one, columns))
+        shapes = [q for name in sorted(kept) for q in sorted(kept[name], key=lambda q: -q[0])[:SHAPES_KEPT]]
+        pairs: dict[tuple[str, str], tuple[float, Signature, Signature, Array]] = {}
+        for (_, a, left), (_, b, right) in combinations(shapes, 2):
+            names = (a.effect.id, b.effect.id)
+            if names[0] == names[1] or names in self.fits:
                 continue
-            options = []
-            for _, a, left in kept[first]:
-                for _, b, right in kept[second]:
-                    signs = [*columns_signed(a), *columns_signed(b)]
-                    both = np.hstack([left, right])
-                    data, prior, amounts = linear_gain(both, projection.residual, signs, projection.priors)
-                    worth = data + prior - cost(self.problem, both.shape[1])
-                    options.append((worth, (first, second), a, b, amounts, data + prior))
-            worth, names, a, b, amounts, gain = max(options, key=lambda q: q[0])
-            self.linear[names] = max(gain, self.linear.get(names, 0.0))
-            if gain > best:
-                pairs.append((worth, names, a, b, amounts))
-        for _, pair, a, b, amounts in sorted(pairs, key=lambda q: -q[0])[:PARTNERS]:
+            both, signs = np.hstack([left, right]), [*columns_signed(a), *columns_signed(b)]
+            data, prior, amounts = linear_gain(both, projection.residual, signs, projection.priors)
+            self.linear[names] = max(data + prior, self.linear.get(names, 0.0))
+            worth = data + prior - cost(self.problem, both.shape[1])
+            if data + prior > enough and worth > pairs.get(names, (-math.inf,))[0]:
+                pairs[names] = (worth, a, b, amounts)
+        for pair, (_, a, b, amounts) in sorted(pairs.items(), key=lambda q: -q[1][0])[:PARTNERS]:
             self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
 
     def _promised(self, at: Fitted, signatures: Sequence[Signature]) -> dict[str, Promise]:

@@ -12,6 +12,8 @@ from pathlib import Path
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
 
+MOST_EFFECTS = 5  # that are looked for at once
+
 # Evidence
 NOISE_KNOWN = 0.15  # of an axis' noise, rms: what is told of it by its log, which is all that is known of it
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
@@ -25,7 +27,7 @@ STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two 
 # Impacts of a play
 IMPACTS = 150.0  # evidence of a play where impacts come again: no other effect has them, and no fit looks at them
 BESIDE_PLAY = 0.3  # as SECOND, where the first is a play: when its teeth meet is foretold to some milliseconds only
-LAGS = 0.3  # of the residual, rms: what a lag leaves that made the impacts itself; a play has left 0.5 to its lag
+LAGS = 0.1  # of the energy that a play takes: what a lag leaves of it that made the impacts itself; a play has left 0.2
 
 # A law that holds
 VARIES = 0.08  # share: a true cause has shown 0.076 at most (a lag), mimics 0.09 and more

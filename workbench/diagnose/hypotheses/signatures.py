@@ -21,7 +21,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 PLACES_TRIED = 24  # along what the runs have passed
 WAVES_TRIED = 120  # along the way

@@ -19,7 +19,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     setting_of,
 )
 from workbench.diagnose.hypotheses.problem import GROUP, SENSOR_KEYS, STEP, TENSION, TENSION_TRUST, Problem
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.driven import changed
 
 POSITION = "position_carriage_m"

@@ -16,7 +16,7 @@ from workbench.diagnose.hypotheses.signatures import Projection, columns_signed,
 from workbench.diagnose.isolation.lines import Line, on_campaign, on_menu
 from workbench.diagnose.isolation.planned import Planned, menu
 from workbench.diagnose.isolation.records import NextRun
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 LEAST = 0.35  # of the noise, rms: no model is more exact than that
 APART = 3.0  # standard deviations: then a run decides

@@ -10,7 +10,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.variables import place
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.references import Limits, Step, plan_motion
 from workbench.simulate.lowpass import lowpass
 

@@ -13,8 +13,7 @@ from workbench.diagnose.hypotheses.free_parameters import Scalar, base_parameter
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.location.records import Delivered, Gap, RunResidual
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.replay import ReplayResult, replay_runs
 
 EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below (no model is exact)

@@ -17,7 +17,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.lowpass import lowpass
 
 BLOCK = 2.0  # periods of the band: over so long a time what is left is averaged to see how it hangs together

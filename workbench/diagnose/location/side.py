@@ -6,7 +6,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 DRIVE, CARRIAGE = 0.4, 0.6  # of the pull that a force on the carriage would make in the dead line
 

@@ -11,7 +11,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import Explained, blocks, run_of, share_of
 from workbench.diagnose.location.records import Profile
 from workbench.diagnose.location.variables import Variable, forward, times, way
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 PER_RESOLUTION = 3.0  # frequencies tried within 1/(length of a run)
 BINS = 16

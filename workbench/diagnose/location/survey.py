@@ -13,7 +13,7 @@ from workbench.diagnose.hypotheses.free_parameters import Setting, bounds_of
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.loop import Loop, loop_of
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.driven import changed
 from workbench.simulate.lowpass import lowpass
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 

@@ -11,8 +11,8 @@ from workbench.diagnose.readiness.cross_checks import check_other_signals
 from workbench.diagnose.readiness.rigid import as_well_shown, rigid_of
 from workbench.diagnose.readiness.same_machine import check_machine, listed
 from workbench.diagnose.readiness.variety import variety
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
+from workbench.machines import kind_of
 from workbench.simulate.blows import blows_of
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import LEAST_PERIODS, lowpass, noise_rms

@@ -13,9 +13,9 @@ from workbench.diagnose.readiness.cross_checks import FAR, reference_of, referen
 from workbench.diagnose.readiness.lateness import lateness
 from workbench.diagnose.readiness.records import Condition, RunCondition
 from workbench.diagnose.readiness.same_machine import listed
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
 from workbench.logs.channels import clipped, is_constant
+from workbench.machines import kind_of
 
 __all__ = ["check_runs", "condition"]
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 

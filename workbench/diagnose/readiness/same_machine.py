@@ -11,7 +11,7 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.diagnose.readiness.rigid import Rigid
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.driven import Bench
 
 WRONG_UNIT = 5.0  # inertia over the nominal one, or the inverse: no such machine, but such units

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.simulate.driven import Bench
 from workbench.simulate.lowpass import lowpass
 

@@ -16,8 +16,7 @@ from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.unexplained.records import Curve
 from workbench.diagnose.unexplained.table_fit import TableFit, TableFitter, telling_points
 from workbench.diagnose.unexplained.tables import columns_of, gain_of, lever_of, points_of, rides_of
-from workbench.kinds import Table
-from workbench.machine import Axis, Hoist, value_names, with_correction
+from workbench.machines import Axis, Hoist, Table, value_names, with_correction
 
 ROUNDS = 4  # driven simulations with the table, at most
 WORTH_ANOTHER = 0.97  # of the rms before: a round that gains less is the last

@@ -17,8 +17,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.free_parameters import GAIN, Setting
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.kinds import Table, kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, Table, kind_of
 from workbench.simulate.driven import changed, sensor
 from workbench.simulate.lowpass import lowpass
 

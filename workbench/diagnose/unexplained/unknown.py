@@ -23,7 +23,7 @@ from workbench.diagnose.unexplained.records import Curve, Unknown
 from workbench.diagnose.unexplained.table_driven import Tables, with_table
 from workbench.diagnose.unexplained.tables import variables_of
 from workbench.diagnose.unexplained.words import OVER, over_what, span
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist
 
 REFINED = 2  # tables that are tried on points of their own choice
 DRIVEN, NEAR = 2, 0.05  # tables that are driven: the best, and others that explain nearly as much

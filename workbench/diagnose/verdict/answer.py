@@ -79,7 +79,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One row of the ranking. non_identifiable: hypotheses that differ from it in name only; the probability is of all."""
+    """One row of the ranking. non_identifiable: what differs from it in name only; the probability is of all."""
 
     verdict: VerdictWord
     effects: Names
@@ -89,8 +89,8 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Step:
-    """One step to an answer, with one effect more. evidence: of these effects; left_rms: the rms of their residual, in the
-    input's unit."""
+    """One step to an answer, with one effect more. evidence: of these effects; left_rms: the rms of their
+    residual, in the input's unit."""
 
     effects: Names
     evidence: float
@@ -164,7 +164,7 @@ def shared(ranking: Sequence[Hypothesis], alike: Names, most: float = 0.5) -> tu
 
 def logistic_argument(signs: Mapping[str, float], numbers: Mapping[str, float]) -> float:
     """Of an unknown cause: below 0 it is the less likely."""
-    return numbers["unknown_bias"] + sum(numbers[f"unknown_{name}"] * value for name, value in signs.items())
+    return numbers["unknown_bias"] + sum(numbers.get(f"unknown_{name}", 0.0) * value for name, value in signs.items())
 
 
 @dataclass(frozen=True)

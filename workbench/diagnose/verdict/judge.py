@@ -16,30 +16,24 @@ import numpy as np
 
 from workbench.diagnose.hypotheses.evidence import (
     PLAY,
-    Score,
-    beyond,
-    beyond_model_error,
-    cost,
-    inexact,
+    Weighed,
+    advantage,
     lag_explains,
     model_error_rms,
-    of_impacts,
-    only_mends,
-    score_of,
+    same_but_freer,
+    weigh,
 )
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of, nuisance_std
+from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import (
     DECISIVE,
-    FREER,
     HALF,
     LAW,
     NEARLY,
-    NUISANCE,
     RELEVANT_PERCENT,
-    SECOND,
     SIMPLER,
     STRETCHED,
     UNDONE,
@@ -48,24 +42,10 @@ from workbench.diagnose.hypotheses.settings import (
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of
-from workbench.effects import find
 
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
 OTHER, BOUND = "the other effect", "a bound"  # what speaks against a fit that is none of its law
-
-
-@dataclass(frozen=True)
-class Weighed:
-    """A hypothesis with its evidence. gain: the fall of chi^2 and tolerances. score: at the sizes of the discrepancy that
-    fit best. rival: an unlisted effect, which no answer may name."""
-
-    names: Names
-    fit: Fitted
-    gain: float
-    evidence: float
-    score: Score
-    rival: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,91 +80,6 @@ class Judged:
         return self.ranking[0].non_identifiable
 
 
-def weigh(search: SearchResult) -> tuple[tuple[Weighed, ...], Score]:
-    """All fitted hypotheses by falling evidence, and the score without any effect.
-
-    The evidence of several effects is that of the best subset without one of them, plus what the last one adds beyond
-    the gain that an inexact law of the others allows (`inexact`).
-    """
-    problem, none = search.problem, score_of(search.problem, search.base)
-    kind = problem.active.kind
-
-    def weighed(names: Names, score: Score, evidence: float) -> Weighed:
-        rival = any(name in search.rivals for name in names)
-        return Weighed(names, search.fits[names], search.gain(names), evidence, score, rival)
-
-    scores = {names: score_of(problem, fit) for names, fit in search.fits.items()}
-    singles: dict[Names, Weighed] = {}
-    for names, fit in search.fits.items():
-        if len(names) != 1:
-            continue
-        gain = none.value - scores[names].value
-        evidence = beyond_model_error(problem, search.base, fit, gain, scores[names].sizes)
-        evidence -= cost(problem, len(fit.z) - len(search.base.z))
-        evidence = of_impacts(problem, names, beyond_nuisance(problem, fit, names[0], evidence))
-        singles[names] = weighed(names, scores[names], evidence)
-    all_weighed = {names: _not_freer(search, w, singles, kind) for names, w in singles.items()}
-    for size in range(2, max(map(len, search.fits), default=0) + 1):
-        together: dict[Names, Weighed] = {}
-        for names in (names for names in search.fits if len(names) == size):
-            parts = (all_weighed.get(part) for part in combinations(names, size - 1))
-            first = max((part for part in parts if part is not None), key=lambda w: w.evidence, default=None)
-            if first is not None:
-                evidence = first.evidence + _added(search, first, names, scores[names])
-                together[names] = weighed(names, scores[names], evidence)
-        all_weighed |= {names: _not_freer(search, w, together, kind) for names, w in together.items()}
-    return tuple(sorted(all_weighed.values(), key=lambda w: -w.evidence)), none
-
-
-def _added(search: SearchResult, first: Weighed, names: Names, score: Score) -> float:
-    """The evidence that one more effect adds to a hypothesis."""
-    problem, fit = search.problem, search.fits[names]
-    gain = beyond_model_error(problem, first.fit, fit, first.score.value - score.value, score.sizes)
-    prior = first.fit.prior - fit.prior
-    (last,) = set(names) - set(first.names)
-    least = inexact(problem, search.within_tolerances, first.fit, first.score)
-    if problem.struck and PLAY in first.names:  # what its law does not foretell stretches tolerances too
-        added = min(gain, 0.0) if only_mends(problem, last) else beyond(gain, least)
-    else:
-        data = beyond(gain - prior, least)
-        added = prior + (min(data, 0.0) if only_mends(problem, last) else data)
-    evidence = added - cost(problem, len(fit.z) - len(first.fit.z))
-    return beyond_nuisance(problem, fit, last, evidence) - calibration()["pair"]
-
-
-def _not_freer(search: SearchResult, mine: Weighed, beside: Mapping[Names, Weighed], kind: str) -> Weighed:
-    """The hypothesis with less evidence, if it is not better by FREER than a simpler law of the same place and regime:
-    the shortfall is subtracted."""
-    simpler = [
-        other
-        for names, other in beside.items()
-        if len(set(mine.names) - set(names)) == 1
-        and all(same_but_freer(a, b, kind) for a in set(mine.names) - set(names) for b in set(names) - set(mine.names))
-    ]
-    if not simpler:
-        return mine
-    ahead = [(mine.evidence - other.evidence, advantage(search, mine, other, LAW)) for other in simpler]
-    lost = max(raw - real + min(max(FREER - real, 0.0), FREER) for raw, real in ahead)
-    return replace(mine, evidence=mine.evidence - lost)
-
-
-def advantage(search: SearchResult, mine: Weighed, other: Weighed, law: float = SECOND) -> float:
-    """How much better a hypothesis is than another one whose inexact law it may only correct: the difference of the
-    tolerances in full, that of the data above the other one's inexactness, `law` of what it explains, rms."""
-    prior = other.fit.prior - mine.fit.prior
-    least = inexact(search.problem, search.within_tolerances, other.fit, other.score, law)
-    return prior + beyond(mine.evidence - other.evidence - prior, least)
-
-
-def beyond_nuisance(problem: Problem, fit: Fitted, name: str, evidence: float) -> float:
-    """The evidence less the part that an ordinary nuisance amount of the effect explains: NUISANCE of its standard deviations."""
-    known = nuisance_std(problem.machine, problem.runs, name)
-    sizes = [float(np.mean(fit.setting[symbol])) / std for symbol, std in known.items()]
-    if evidence <= 0.0 or not sizes:
-        return evidence
-    return evidence * max(1.0 - (NUISANCE / max(*sizes, NUISANCE)) ** 2, 0.0)
-
-
 def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1.
 
@@ -195,7 +90,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if problem.struck and lag_explains(problem, near, search.fits):
         problem = problem.without_impacts()
         search = replace(search, problem=problem)
-    weighed, score = weigh(search)
+    weighed, score = weigh(problem, search.base, near, search.fits, search.rivals)
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(problem, weighed, near)
     held, stands = near, best is not None and best.evidence > calibration()["threshold"]
@@ -206,7 +101,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     signs = signs_of(problem, search.base, held, score, left, share)
     if stands:
         signs["left"] = 0.0  # what an established cause leaves is a remainder
-    vetoes = [w for w in weighed if w.rival and (best is None or advantage(search, w, best, LAW) > DECISIVE)]
+    vetoes = [w for w in weighed if w.rival and (best is None or advantage(problem, near, w, best, LAW) > DECISIVE)]
     # An unlisted effect that is about as good as the best listed one is left out; a mimic has no evidence.
     counted = tuple(
         (() if w.rival else w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
@@ -232,6 +127,27 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         groups=groups,
         mimics=mimics,
     )
+
+
+def judged_to_help(search: SearchResult) -> Judged:
+    """The verdict. A cause is not named if its correction makes held-out runs worse, nor one beside others that does
+    not make them better."""
+    barred: list[Names] = []
+    while True:
+        judged = judge(search, barred)
+        if not judged.names or not harmful(search, judged.names):
+            return judged
+        barred.append(judged.names)
+
+
+def harmful(search: SearchResult, names: Names) -> bool:
+    """Whether held-out runs are predicted worse with a hypothesis than without its effects, or without one of them."""
+    problem = search.problem
+    parts = [part for part in combinations(names, len(names) - 1) if part in search.fits]
+    folds = folds_by_run(problem)
+    after = held_out(problem, search.fits[names], folds).rms(problem.inputs)
+    fits = [search.within_tolerances, *(search.fits[part] for part in parts if part)]
+    return any(after > held_out(problem, fit, folds).rms(problem.inputs) for fit in fits)
 
 
 def established(
@@ -343,8 +259,8 @@ def _on_bound(fit: Fitted, base: int) -> bool:
 
 def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names, ...]:
     """Hypotheses that explain the gap about as well as the answer does, the best first: with another effect in place of
-    one of its own, of another place or regime, and about its evidence. In place of a single one, also the simpler law of
-    its own place and regime where that leaves little more."""
+    one of its own, of another place or regime, and about its evidence. In place of a single one, also the simpler law
+    of its own place and regime where that leaves little more."""
     best = next((w for w in judged.weighed if w.names == judged.names), None)
     if judged.word != "named" or best is None:
         return ()
@@ -378,9 +294,3 @@ def steps(judged: Judged, inputs: int) -> tuple[Step, ...]:
         parts = [part for part in combinations(names, len(names) - 1) if part in known]
         names = max(parts, key=lambda part: known[part].evidence, default=())
     return tuple(ladder)
-
-
-def same_but_freer(freer: str, simpler: str, kind: str) -> bool:
-    """Whether an effect has the place and regime of another one and more parameters: the same cause by a freer law."""
-    a, b = find(freer, kind), find(simpler, kind)
-    return len(a.parameters) > len(b.parameters) and (a.subsystem(kind), a.regime) == (b.subsystem(kind), b.regime)

@@ -31,7 +31,7 @@ from workbench.diagnose.hypotheses.settings import (
 )
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.verdict.answer import Left
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 
 AGAIN = 2.0  # as evidence: what comes again with twice its own size is as much as a model error of seven times its size
 UNHEARD = 10.0  # as evidence: impacts that come again, and a hypothesis without play

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from workbench.effects.declare import INEXACT, EffectMemory, Parameter, effect
-from workbench.kinds.axis import friction
-from workbench.trace.expr import Scalar, absolute, clip, maximum, minimum, sin, where
+from workbench.machines.kinds.axis import friction
+from workbench.symbolic.expr import Scalar, absolute, clip, maximum, minimum, sin, where
 
 CONTACT = 2.0 * math.pi * 100.0  # rad/s, of the teeth on their flank: beyond what a diagnosis compares
 LEAST_SHARE = 0.1  # a smaller share of the inertia carries a smaller part of the load

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from workbench.effects.declare import EffectMemory, Parameter, effect
-from workbench.trace.expr import Scalar, absolute, sin, where
+from workbench.symbolic.expr import Scalar, absolute, sin, where
 
 BRAKE_SETS_S = 0.2  # a brake closes within some tenths of a second of standstill
 BRAKE_LEADS_S = 0.2  # as long before the motor turns it may begin to let go, which no torque at rest shows

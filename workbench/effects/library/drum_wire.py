@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from workbench.effects.declare import INEXACT, Parameter, effect
-from workbench.trace.expr import Scalar, cos, minimum, sqrt
+from workbench.symbolic.expr import Scalar, cos, minimum, sqrt
 
 CLIMB_RAD = 0.5  # of drum angle, within which the wire climbs onto the next layer
 LEAST_LENGTH = 0.05  # of a fall: nearer to the anchor no carriage comes

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from workbench.effects.declare import INEXACT, Parameter, effect
-from workbench.trace.expr import Scalar, absolute, clip, cos, exp, where
+from workbench.symbolic.expr import Scalar, absolute, clip, cos, exp, where
 
 GUIDE = {"hoist": "guide_force_n", "axis": "axis_force"}
 OF = {"hoist": "guide", "axis": "axis"}

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from workbench.effects.declare import Parameter, effect
-from workbench.trace.expr import Scalar, sin
+from workbench.symbolic.expr import Scalar, sin
 
 
 @effect(

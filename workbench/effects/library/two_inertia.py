@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from workbench.effects.declare import Parameter, effect
-from workbench.kinds.two_inertia import coupling
-from workbench.trace.expr import Scalar
+from workbench.machines.kinds.two_inertia import coupling
+from workbench.symbolic.expr import Scalar
 
 
 @effect(

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.kinds import Load
+from workbench.machines import Load
 from workbench.references.kind import Move, Ramp, planned
 from workbench.references.least_peak import gentle_move, least_peak_limits, peak_force_n
 from workbench.references.library.planned import _equal_time_ramp, _trapezoid_ramp, _trapezoid_s

@@ -14,7 +14,7 @@ from workbench.figures import diagnose_time, diagnose_where
 from workbench.figures.consequences import before_and_after
 from workbench.figures.diagnose_time import RunSeries
 from workbench.figures.diagnose_verdict import isolability, ranking, shrink_bars
-from workbench.machine import save_machine
+from workbench.machines import save_machine
 from workbench.reports.diagnosis import hypotheses, words
 from workbench.reports.diagnosis import tables as report
 from workbench.reports.diagnosis.as_json import to_json

@@ -10,8 +10,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.records import Diagnosis
 from workbench.figures.diagnose_time import RunSeries
-from workbench.machine import Axis, Hoist
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, plant_of
 from workbench.reports.replay.page import stretches
 from workbench.simulate.driven import Balance, Bench, changed
 from workbench.simulate.replay import simulate_replays

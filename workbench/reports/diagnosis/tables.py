@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from workbench.core.table import Column, Table, words
 from workbench.diagnose.records import Diagnosis
-from workbench.kinds import kind_of
+from workbench.machines import kind_of
 from workbench.reports.diagnosis.words import unit_of
 from workbench.view.numbers import NOTHING, figures
 from workbench.view.words import words_of

@@ -8,9 +8,7 @@ from workbench.diagnose.records import Diagnosis
 from workbench.diagnose.unexplained.words import over_what
 from workbench.diagnose.verdict.answer import Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, kind_of, plant_of
 from workbench.view.numbers import figures
 from workbench.view.words import listed, words_of
 

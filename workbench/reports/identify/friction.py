@@ -6,9 +6,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.identify.iteration import friction_speed
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, kind_of, plant_of
 from workbench.simulate.driven import sensor
 from workbench.simulate.lowpass import lowpass
 from workbench.simulate.replay import ReplayResult

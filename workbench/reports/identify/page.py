@@ -12,8 +12,7 @@ from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.figures.identify import correlation_matrix, level_history
 from workbench.figures.replay import friction_law
 from workbench.identify.identify import Identification
-from workbench.kinds import kind_of
-from workbench.machine import save_machine
+from workbench.machines import kind_of, save_machine
 from workbench.reports.identify import report
 from workbench.reports.identify.friction import combined_weight, force_balance, law
 from workbench.reports.replay import report as replay_report

@@ -11,9 +11,8 @@ from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification
 from workbench.identify.iteration import Levels
 from workbench.identify.parameters import Free, fittable, free_parameters
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist, get_value
+from workbench.machines import Axis, Hoist, get_value, kind_of
 from workbench.reports.replay import report as replay_report
 from workbench.reports.replay.report import EXPLAINED, noise_is_floor
 from workbench.simulate.replay import ReplayResult

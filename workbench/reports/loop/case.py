@@ -14,8 +14,7 @@ from workbench.control import FORMS, SETTINGS, Events, PiSettings, Settings, for
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import Document, load, validate
 from workbench.effects import check
-from workbench.kinds import LOOPED, kind_of, looped, of_kind
-from workbench.machine import AnyKind, Axis, Hoist, default_hoist, load_machine
+from workbench.machines import LOOPED, AnyKind, Axis, Hoist, default_hoist, kind_of, load_machine, looped, of_kind
 
 if TYPE_CHECKING:
     from workbench.analysis.tune import Trial

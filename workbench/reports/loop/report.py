@@ -18,8 +18,7 @@ from workbench.core.table import Column, Table
 from workbench.core.whole_folder import write_json
 from workbench.effects import find
 from workbench.figures.loop import bode, gang_of_four, nyquist, steps
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.view.numbers import NOTHING, figures
 from workbench.view.page import Section, save_page

@@ -15,8 +15,7 @@ from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
 from workbench.core.table import Column, Table, words
 from workbench.core.yaml_strict import dumps
-from workbench.kinds import kind_of
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.reports.loop.case import LoopCaseFile
 from workbench.reports.loop.report import drive_sentence, effect_sentences, event_words, least_sentence, load_sentence
 from workbench.view.numbers import figures

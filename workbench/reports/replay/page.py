@@ -11,10 +11,8 @@ import numpy as np
 from workbench.core.run import Run
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.figures.replay import input_profiles, speed_comparison, torque_profiles, torque_residual
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
-from workbench.plants import plant_of
+from workbench.machines import Axis, Hoist, kind_of, plant_of
 from workbench.reports.replay import report
 from workbench.simulate.replay import Replay, ReplayResult
 from workbench.view.page import Section, save_page

@@ -6,9 +6,8 @@ from typing import Any
 
 from workbench.core.json_records import rounded
 from workbench.core.table import Column, Table, words
-from workbench.kinds import kind_of
 from workbench.logs import Campaign
-from workbench.machine import Axis, Hoist
+from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.replay import Replay, ReplayResult
 from workbench.view.numbers import MOST, figures
 from workbench.view.words import words_of

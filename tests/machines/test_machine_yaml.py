@@ -1,0 +1,278 @@
+"""Machine records: what they accept, how they refuse, that files round-trip, that values have names."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from workbench.core.errors import InputError
+from workbench.core.yaml_strict import loads
+from workbench.machines import (
+    Hoist,
+    LinearAxis,
+    RotaryAxis,
+    default_hoist,
+    get_value,
+    load_machine,
+    machine_from,
+    save_machine,
+    value_names,
+    with_values,
+)
+from workbench.machines.files import machine_text
+
+LINEAR = """\
+kind: axis
+motion: linear
+mass_kg: 95.1089
+gravity: {constant_n: 0.0}
+friction: {coulomb_forward_n: 20.39, coulomb_backward_n: 20.39, viscous_n_s_per_m: 203.5}
+"""
+ROTARY = """\
+kind: axis
+motion: rotary
+inertia_kg_m2: 0.02
+gravity: {sine_nm: 1.5, constant_nm: -0.1}
+friction: {coulomb_forward_nm: 0.3, coulomb_backward_nm: 0.25, viscous_nm_s_per_rad: 0.01}
+"""
+
+
+def machine_of(text: str) -> Hoist | LinearAxis | RotaryAxis:
+    machine = machine_from(loads(text, "machine.yaml"))
+    assert isinstance(machine, Hoist | LinearAxis | RotaryAxis)
+    return machine
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(InputError) as caught:
+        machine_of(text)
+    return str(caught.value)
+
+
+def test_default_hoist_is_the_nominal_machine_of_the_first_campaign(campaigns):
+    recorded = load_machine(campaigns / "01" / "machine.yaml")
+    wire = default_hoist().wire.model_copy(update={"breaking_load_n": None})  # which campaigns do not ask about
+    assert default_hoist().model_copy(update={"wire": wire}) == recorded
+
+
+def test_every_recorded_machine_loads_and_says_exactly_its_file(campaigns):
+    files = sorted(campaigns.glob("*/machine.yaml"))
+    assert len(files) >= 33
+    for file in files:
+        again = loads(machine_text(load_machine(file)), file).data
+        recorded = loads(file.read_text(), file).data
+        assert isinstance(again, dict)
+        assert isinstance(recorded, dict)
+        # Tolerances that the file leaves at their defaults are written too.
+        stated = again["tolerances"]
+        assert isinstance(stated, dict)
+        again["tolerances"] = {key: stated[key] for key in recorded["tolerances"]}
+        assert {key: again[key] for key in recorded} == recorded
+        assert [key for key in again if key in recorded] == list(recorded), "key order is kept"
+
+
+def test_missing_kind_means_hoist_and_missing_format_means_one():
+    text = machine_text(default_hoist()).replace("format: 1\nkind: hoist\n", "")
+    assert machine_of(text) == default_hoist()
+
+
+MISTAKES = {
+    ("ratio: 31.0", "ratio: -31"): "machine.yaml:10: gearbox.ratio: -31, expected a number greater than 0",
+    ("ratio: 31.0", "ratio: '31'"): "gearbox.ratio: '31', expected a number without quotes",
+    ("ratio: 31.0", "ratio: 31,0"): "gearbox.ratio: '31,0', expected a number with a decimal point",
+    ("ratio: 31.0", "ratio: 31 rad"): "units belong to the key's name",
+    ("ratio: 31.0", "ratio: .nan"): "gearbox.ratio: nan, expected a finite number",
+    ("ratio: 31.0", "ratio: .inf"): "gearbox.ratio: inf, expected a finite number",
+    ("ratio: 31.0", "ratio: yes"): "gearbox.ratio: 'yes', expected a number",
+    ("ratio: 31.0", "ratio: true"): "gearbox.ratio: True, expected a number",
+    ("ratio: 31.0", "ratio:"): "gearbox.ratio: empty, expected a number",
+    ("ratio: 31.0", "ration: 31.0"): "gearbox.ration: unknown key 'ration'; did you mean 'ratio'?",
+    ("gearbox:\n  ratio: 31.0\n", ""): "gearbox: is missing; expected a block with ratio",
+    ("gearbox:\n  ratio: 31.0\n", "gearbox: 31.0\n"): "gearbox: 31.0, expected a block of keys",
+    ("mass_kg: 8000.0", "mass_kg: 0"): "carriage.mass_kg: 0, expected a number greater than 0",
+    ("coefficient: 0.02", "coefficient: -0.02"): "expected a number of at least 0",
+    ("coefficient: 0.02", "coefficient: 20"): "expected a number less than 1",
+    ("count: 2", "count: 0"): "motor.count: 0, expected a number of at least 1",
+    ("count: 2", "count: 1.5"): "motor.count: 1.5, expected a whole number",
+    ("pin_diameter_m: 0.1\n", "pin_diameter_m: 0.6\n"): "sheave: pin_diameter_m 0.6, expected less than diameter_m 0.5",
+    ("lowest_position_m: 0.0", "lowest_position_m: 26"): "rail from 26.0 to 25.0 m",
+    ("format: 1", "format: 2"): "machine.yaml:1: format: 2, this version reads format 1",
+    ("kind: hoist", "kind: hoits"): "machine.yaml:2: kind: unknown kind 'hoits'; did you mean 'hoist'?",
+    ("kind: hoist", "kind: axis"): "motion: is missing; valid: linear, rotary",
+    ("name: vertical", "name: 5 #"): "name: 5, expected text; put it in quotes",
+    ("  payload: 0.005", "  paylod: 0.005"): "tolerances.paylod: unknown key 'paylod'; did you mean 'payload'?",
+    ("overload: 1.6", "overload: 1.6\n  torque_lagg: 3"): (
+        "drive.torque_lagg: unknown key 'torque_lagg'; did you mean 'torque_lag_s'?"
+    ),
+}
+
+
+@pytest.mark.parametrize(("old", "new"), MISTAKES)
+def test_mistake_in_a_machine_is_named_by_line_and_place(old, new):
+    text = machine_text(default_hoist())
+    assert old in text
+    assert MISTAKES[old, new] in refusal(text.replace(old, new, 1))
+
+
+def test_several_mistakes_are_listed_in_one_line_and_at_most_five():
+    text = machine_text(default_hoist()).replace("_m:", "_mm:")
+    said = refusal(text)
+    assert "\n" not in said
+    assert said.count("machine.yaml:") == 5
+    assert said.endswith("more problems)")
+
+
+def test_list_for_a_machine_is_refused():
+    assert "is not a block of keys" in refusal("- 1\n- 2\n")
+
+
+def test_axis_with_the_other_motions_key_is_told_the_right_one():
+    assert "did you mean 'coulomb_forward_n'?" in refusal(LINEAR.replace("coulomb_forward_n", "coulomb_forward_nm"))
+    assert "unknown key 'mass_kg'" in refusal(ROTARY.replace("inertia_kg_m2", "mass_kg"))
+
+
+def test_force_gain_and_torque_gain_are_one_tolerance():
+    for name in ("force_gain", "torque_gain"):
+        machine = machine_of(LINEAR + f"tolerances: {{{name}: 0.02}}\n")
+        assert isinstance(machine, LinearAxis)
+        assert machine.tolerances.force_gain == 0.02
+    both = LINEAR + "tolerances: {force_gain: 0.02, torque_gain: 0.01}\n"
+    assert "'torque_gain' and 'force_gain' mean the same; give one of them" in refusal(both)
+
+
+def test_offset_tolerance_of_an_axis_is_a_tenth_of_a_per_cent_of_the_largest_input_unless_stated():
+    machine = machine_of(LINEAR)
+    assert isinstance(machine, LinearAxis)
+    assert machine.offset_tolerance(150.0) == pytest.approx(0.15)
+    stated = machine_of(LINEAR + "tolerances: {force_offset_n: 0.7}\n")
+    assert isinstance(stated, LinearAxis)
+    assert stated.offset_tolerance(150.0) == 0.7
+
+
+def test_effects_are_kept_and_unknown_ones_named_by_line_by_whoever_knows_them(tmp_path):
+    file = tmp_path / "machine.yaml"
+    file.write_text(machine_text(default_hoist()) + "effects:\n  drum_ecentricity: {amplitude_m: 0.004}\n")
+    assert load_machine(file).effects == {"drum_ecentricity": {"amplitude_m": 0.004}}
+
+    def check(machine):
+        raise InputError("unknown effect; did you mean 'drum_eccentricity'?", place="effects.drum_ecentricity")
+
+    with pytest.raises(InputError) as caught:
+        load_machine(file, check_effects=check)
+    last = len(file.read_text().splitlines())
+    assert str(caught.value).startswith(f"{file}:{last}: effects.drum_ecentricity: unknown effect")
+
+
+def test_value_names_are_all_there_is_and_can_be_read():
+    machine = default_hoist()
+    names = value_names(machine)
+    assert names[:3] == ("motor.count", "motor.rotor_inertia_kg_m2", "motor.nominal_torque_nm")
+    assert {"guide.coulomb_hoisting_n", "gravity_m_s2", "tolerances.payload"} <= set(names)
+    assert "rail.highest_position_m" not in names, "what is not set has no value"
+    assert all(math.isfinite(get_value(machine, name)) for name in names)
+    assert get_value(machine, "guide.coulomb_hoisting_n") == 6000.0
+
+
+def test_with_values_changes_just_those_and_leaves_the_machine_alone():
+    machine = default_hoist()
+    changed = with_values(
+        machine, {"guide.coulomb_hoisting_n": 5100.0, "wire.breaking_load_n": 5e5, "motor.count": 1.0}
+    )
+    assert changed.guide.coulomb_hoisting_n == 5100.0
+    assert changed.wire.breaking_load_n == 5e5
+    assert changed.motor.count == 1
+    assert machine.guide.coulomb_hoisting_n == 6000.0
+    back = {"guide.coulomb_hoisting_n": 6000.0, "motor.count": 2.0}
+    assert with_values(changed, back).model_dump(exclude={"wire"}) == machine.model_dump(exclude={"wire"})
+
+
+def test_with_values_checks_like_a_file():
+    with pytest.raises(InputError, match=r"carriage.mass_kg: -3.0, expected a number greater than 0"):
+        with_values(default_hoist(), {"carriage.mass_kg": -3.0})
+    with pytest.raises(InputError, match=r"did you mean 'guide.coulomb_hoisting_n'\?"):
+        with_values(default_hoist(), {"guide.coulomb_hoistin_n": 1.0})
+    with pytest.raises(InputError, match=r"rail.highest_position_m: has no value"):
+        get_value(default_hoist(), "rail.highest_position_m")
+    with pytest.raises(InputError, match="whole number"):
+        with_values(default_hoist(), {"motor.count": 1.5})
+
+
+def test_machine_that_cannot_be_written_is_an_input_error_and_leaves_nothing(tmp_path):
+    with pytest.raises(InputError, match="cannot be written"):
+        save_machine(default_hoist(), tmp_path / "nowhere" / "machine.yaml")
+    (tmp_path / "machine.yaml").mkdir()
+    with pytest.raises(InputError, match="cannot be written"):
+        save_machine(default_hoist(), tmp_path / "machine.yaml")
+    assert [path.name for path in tmp_path.iterdir()] == ["machine.yaml"]
+
+
+POSITIVE = st.floats(min_value=0.01, max_value=1e4, allow_nan=False)  # within the bounds of every value
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers(-(10**9), 10**9) | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text().filter(lambda key: key != "<<"), inner),
+    max_leaves=8,
+)  # fmt: skip
+
+
+@given(
+    mass=POSITIVE, ratio=POSITIVE, level=POSITIVE, load=st.none() | POSITIVE, name=st.text(),
+    effects=st.dictionaries(
+        st.text(min_size=1).filter(lambda key: key != "<<"),
+        st.dictionaries(st.sampled_from(["a", "1e5", "yes", "no"]), st.floats(-1e15, 1e15)),
+        max_size=3,
+    ),
+    identified=st.dictionaries(st.text().filter(lambda key: key != "<<"), JSON, max_size=3),
+)  # fmt: skip
+def test_saved_machine_loads_as_the_very_same(tmp_path_factory, mass, ratio, level, load, name, effects, identified):
+    base = with_values(
+        default_hoist(), {"carriage.mass_kg": mass, "gearbox.ratio": ratio, "guide.coulomb_lowering_n": level}
+    )
+    wire = base.wire.model_copy(update={"breaking_load_n": load})
+    machine = Hoist.model_validate(
+        base.model_dump() | {"wire": wire.model_dump(), "name": name, "effects": effects, "identified": identified}
+    )
+    file = tmp_path_factory.getbasetemp() / "round_trip.yaml"
+    save_machine(machine, file)
+    assert load_machine(file) == machine
+
+
+TEXT = machine_text(default_hoist())
+
+
+@given(data=st.data())
+def test_mangled_machine_is_read_or_refused_by_name(tmp_path_factory, data):
+    lines = TEXT.splitlines()
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(lines) - 1))
+        what = data.draw(st.sampled_from(["drop", "double", "value", "key", "cut", "indent"]))
+        if what == "drop":
+            del lines[at]
+        elif what == "double":
+            lines.insert(at, lines[at])
+        elif what == "value":
+            word = data.draw(
+                st.sampled_from(["-1", "1e400", ".nan", "[1]", "{a: b}", "'", "&x", "*x", "yes", "9" * 50])
+            )
+            lines[at] = lines[at].split(":")[0] + ": " + word
+        elif what == "key":
+            lines[at] = lines[at].replace("_", data.draw(st.sampled_from(["", "-", ": ", "\t"])), 1)
+        elif what == "cut":
+            lines[at] = lines[at][: data.draw(st.integers(0, len(lines[at])))]
+        else:
+            lines[at] = " " + lines[at]
+        lines = lines or [""]
+    file: Path = tmp_path_factory.getbasetemp() / "mangled_machine.yaml"
+    file.write_text("\n".join(lines))
+    try:
+        machine = load_machine(file)
+    except InputError as error:
+        refusal, machine = str(error), None
+    if machine is None:
+        assert all("mangled_machine.yaml" in line for line in refusal.splitlines())
+    else:
+        assert all(math.isfinite(get_value(machine, name)) for name in value_names(machine))

@@ -1,0 +1,253 @@
+"""`import workbench as wb`: the names are there, load late, and every result shows itself."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import importlib
+import inspect
+import pickle
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import workbench as wb
+from tests.support.made_diagnosis import made_diagnosis
+from workbench.core.run import Array
+from workbench.core.shown import VIEWS, Shown, brief, view_of
+from workbench.core.table import Table
+
+ROOT = Path(__file__).resolve().parents[1]
+DEMO = ROOT / "scenarios" / "demo_campaign"
+SMALL = {
+    "payloads_kg": [0.0, 9000.0],
+    "start_position_m": 4.0,
+    "moves": [{"by_m": 1.5}],
+    "limits": {"speed_m_s": 0.7, "acceleration_m_s2": 0.6, "jerk_m_s3": 0.8},
+    "references": ["trapezoid", "ruckig"],
+    "controller": {"kp_nm_s_per_rad": 31.0, "ki_nm_per_rad": 122.0},
+}
+
+
+@cache
+def result(kind: str) -> Any:
+    """One result of each class that shows itself."""
+    made = {
+        "Campaign": lambda: wb.read_campaign(DEMO, runs="empty_fast,half_fast"),
+        "Comparison": lambda: wb.compare(result("StudyResult"), wb.study(SMALL, controller=stiffer())),
+        "Diagnosis": lambda: made_diagnosis("named"),
+        "Identification": lambda: wb.identify(result("Campaign")),
+        "LoopAnalysis": lambda: wb.loop(payloads_kg=[0.0, 9000.0], heights_m=[4.0]),
+        "LoopResult": lambda: wb.simulate(1.5, payload_kg=4500.0),
+        "ReplayResult": lambda: wb.replay(result("Campaign")),
+        "Run": lambda: result("Campaign").runs[0],
+        "StudyResult": lambda: wb.study(SMALL),
+        "Tuning": lambda: wb.tune(bandwidth_hz=1.5, payloads_kg=[0.0, 9000.0], heights_m=[4.0]),
+    }
+    return made[kind]()
+
+
+def stiffer() -> dict[str, float]:
+    return {"kp_nm_s_per_rad": 45.0, "ki_nm_per_rad": 122.0}
+
+
+_WHERE, _VERBS = vars(wb)["_WHERE"], vars(wb)["_VERBS"]
+each_result = pytest.mark.parametrize("kind", sorted(VIEWS))
+
+
+def test_every_name_of_the_face_is_what_its_stub_says_it_is():
+    stub = ast.parse((ROOT / "workbench" / "__init__.pyi").read_text(encoding="utf-8"))
+    said = {
+        alias.name: f"{node.module}" for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names
+    }
+    assert sorted(said) == sorted([*_WHERE, *_VERBS])
+    assert {name: f"workbench.{module}" for name, module in _WHERE.items()} == {
+        name: module for name, module in said.items() if name not in _VERBS
+    }
+    for name, module in said.items():
+        thing = getattr(importlib.import_module(module), name)
+        assert thing is getattr(wb, name) or inspect.unwrap(getattr(wb, name)) is thing
+        assert (thing.__doc__ or "").strip(), name
+
+
+def test_dir_lists_about_25_names_and_a_wrong_one_is_an_attribute_error():
+    assert sorted(set(dir(wb)) - {"__version__"}) == sorted([*_WHERE, *_VERBS])
+    assert 20 <= len(dir(wb)) <= 30
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        wb.simulat  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_the_face_loads_nothing_until_a_name_is_used():
+    code = (
+        "import sys, workbench as wb\n"
+        "assert not [m for m in ('numpy', 'numba', 'pydantic', 'plotly') if m in sys.modules]\n"
+        "wb.Limits\n"
+        "assert 'numba' not in sys.modules and 'plotly' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_a_verb_is_its_package_too():
+    import workbench.study.run as module
+
+    assert callable(wb.study)
+    assert wb.study.run is module  # type: ignore[attr-defined]
+    assert list(inspect.signature(wb.study).parameters)[:2] == ["scenario", "machine"]
+
+
+def test_only_what_shows_a_result_imports_by_name():
+    """What the layer test cannot see: an import by a text."""
+    calling = [
+        file for file in (ROOT / "workbench").rglob("*.py")
+        if "workbench.core.verb import attribute" in file.read_text(encoding="utf-8")
+    ]  # fmt: skip
+    assert sorted(file.relative_to(ROOT / "workbench").as_posix() for file in calling) == ["core/shown.py"]
+
+
+@each_result
+def test_every_result_has_a_table_figures_and_columns(kind: str):
+    shown = result(kind)
+    assert isinstance(shown, Shown)
+    view = view_of(shown)
+    for name in ("", *view.tables):
+        table = shown.table(name)
+        assert isinstance(table, Table)
+        assert all(len(row) == len(table.columns) for row in table.rows)
+        assert len(str(table).splitlines()) >= 1 + len(table.rows)
+        assert table._repr_html_().count("<tr>") == 1 + len(table.rows)
+    for name in ("", *view.figures) if view.figures else ():
+        try:
+            figure = shown.plot(name)
+        except wb.InputError as error:  # such as a diagnosis of one effect, which none can be told apart from
+            if "nothing to draw" not in str(error):
+                raise
+            continue
+        assert type(figure).__module__.startswith("plotly.") and len(figure.data) >= 1, name
+
+
+@each_result
+def test_every_result_is_a_data_frame_of_numbers(kind: str):
+    pytest.importorskip("pandas", reason="allowed: pandas is optional")
+    frame = result(kind).to_pandas()
+    assert len(frame) >= 1
+    assert frame.select_dtypes("number").shape[1] >= 1
+
+
+def test_without_pandas_there_is_one_clear_error(monkeypatch: pytest.MonkeyPatch):
+    real = builtins.__import__
+
+    def without(name: str, *args: Any, **options: Any) -> Any:
+        if name == "pandas":
+            raise ImportError(name)
+        return real(name, *args, **options)
+
+    run = result("Run")
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(wb.InputError, match="needs pandas, which is optional; pip install pandas"):
+        run.to_pandas()
+
+
+@each_result
+def test_every_repr_is_a_few_lines(kind: str):
+    text = repr(result(kind))
+    assert text.startswith(kind)
+    assert len(text.splitlines()) <= 14
+    assert len(text) < 1500
+
+
+def test_nested_records_are_named_in_a_repr_and_arrays_counted():
+    text = repr(result("ReplayResult"))
+    assert "runs: 2 Replay: empty_fast, half_fast" in text
+    assert brief(np.zeros((3, 2))) == "array of shape (3, 2)"
+    assert brief([1.0, 2.5]) == "1, 2.5"
+    assert brief(()) == "none"
+    assert len(brief("word " * 100)) <= 72
+
+
+def test_a_wrong_table_figure_metric_or_signal_suggests_the_nearest():
+    study, run = result("StudyResult"), result("Run")
+    with pytest.raises(wb.InputError, match="no figure 'peak'; did you mean 'peaks'"):
+        study.plot("peak")
+    with pytest.raises(wb.InputError, match="no table 'run'; did you mean 'runs'"):
+        study.table("run")
+    with pytest.raises(wb.InputError, match="no metric 'peak_torque'; did you mean 'peak_torque_"):
+        study.rows[0]["peak_torque"]
+    with pytest.raises(wb.InputError, match="no signal 'speed_motor'; did you mean 'speed_motor_rad_s'"):
+        run["speed_motor"]
+
+
+def test_a_campaign_may_be_a_path_and_take_another_machine():
+    whole = wb.replay(str(DEMO))
+    assert len(whole.runs) == 6
+    identified = result("Identification")
+    better = wb.replay(result("Campaign"), machine=identified.machine)
+    assert better.residual_rms_moving == pytest.approx(identified.after.residual_rms_moving)
+    axis = wb.LinearAxis.model_validate(
+        {"mass_kg": 1.0, "friction": {"coulomb_forward_n": 1.0, "coulomb_backward_n": 1.0, "viscous_n_s_per_m": 1.0}}
+    )
+    with pytest.raises(wb.InputError, match="expected a Hoist"):
+        wb.replay(result("Campaign"), machine=axis)
+
+
+def test_a_study_takes_a_file_a_dict_another_machine_and_other_values():
+    from_file = wb.study(ROOT / "scenarios" / "payloads.yaml", payloads_kg=[0.0])
+    assert {row.payload_kg for row in from_file.rows} == {0.0}
+    heavy = wb.with_values(wb.default_hoist(), {"carriage.mass_kg": 9000.0})
+    assert wb.study(SMALL, machine=heavy).rows[0]["hold_torque_nm"] > result("StudyResult").rows[0]["hold_torque_nm"]
+    with pytest.raises(wb.InputError, match="did you mean 'settle_s'"):
+        wb.study({**SMALL, "setle_s": 1.0})
+
+
+def test_a_simulation_is_the_study_s_run_of_the_same_case():
+    row = next(row for row in result("StudyResult").rows if row.payload_kg == 9000.0 and row.reference == "ruckig")
+    alone = wb.simulate(
+        1.5,
+        payload_kg=9000.0,
+        start_position_m=4.0,
+        limits=wb.Limits(0.7, 0.6, 0.8),
+        controller=wb.PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0),
+    )
+    for metric in ("peak_torque_motor_nm", "speed_error_max_rad_s", "min_wire_tension_n"):
+        assert alone.metrics[metric] == pytest.approx(row[metric], rel=1e-6)
+
+
+def test_an_effect_changes_the_machine_and_a_misspelt_one_is_an_error():
+    round_drum = wb.default_hoist()
+    eccentric = wb.with_effects(round_drum, {"drum_eccentricity": {"amplitude_m": 0.004}})
+    assert wb.simulate(1.5, machine=eccentric).metrics != wb.simulate(1.5, machine=round_drum).metrics
+    with pytest.raises(wb.InputError, match="did you mean 'drum_eccentricity'"):
+        wb.with_effects(round_drum, {"drum_eccentricty": {}})
+
+
+def test_the_tuned_controller_keeps_to_its_goal():
+    tuned = result("Tuning")
+    assert wb.loop(controller=tuned.controller, payloads_kg=[9000.0], heights_m=[4.0]).weakest.margins.ms <= 1.4
+    assert tuned.winner.bandwidth_hz >= 1.49
+
+
+def test_results_survive_pickling():
+    run = pickle.loads(pickle.dumps(result("LoopResult").metrics))
+    assert run == result("LoopResult").metrics
+
+
+def test_a_run_s_columns_are_its_signals():
+    run = result("Run")
+    columns = view_of(run).columns(run)
+    time: Array = np.asarray(columns["time_s"])
+    assert np.array_equal(time, run.time_s) and set(columns) == {"time_s", *run.signals}
+
+
+def test_a_motion_is_simulated_on_the_plant_that_is_named():
+    pytest.importorskip("exudyn", reason="the extra multibody is not installed")
+    slow = wb.PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=0.004)
+    lumped, multibody = (wb.simulate(0.5, controller=slow, plant=plant) for plant in ("lumped", "multibody"))
+    assert "force_cylinder_n" in multibody.run and "force_cylinder_n" not in lumped.run
+    name = "peak_torque_motor_nm"
+    assert multibody.metrics[name] == pytest.approx(lumped.metrics[name], rel=5e-3)
+    with pytest.raises(wb.InputError, match="did you mean 'multibody'"):
+        wb.simulate(0.5, plant="multi_body")

@@ -1,0 +1,128 @@
+"""MDF logs (ASAM MDF 4 and 3): the channels of all groups over the time of the fastest."""
+
+from __future__ import annotations
+
+import io
+import re
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from workbench.core.errors import InputError
+from workbench.logs.formats.declared import Limits, LogFormat, Opened
+
+if TYPE_CHECKING:
+    from workbench.core.run import Array
+
+
+_FUNCTIONS = "sin|cos|tan|asin|acos|atan|arcsin|arccos|arctan|sinh|cosh|tanh|exp|log|log10|sqrt|abs|pow"
+_TOKEN = re.compile(rf"\s+|[-+*/(),]|X1?\b|(\d+\.?\d*|\.\d+)([eE][-+]?\d{{1,3}})?|({_FUNCTIONS})(?=\()")
+LONGEST_FORMULA = 500
+_CLOSED: dict[str, Any] = {"process_bus_logging": False}
+
+
+def open_mdf(file: Path) -> Opened:
+    """Lists the channels of numbers, each name with its unit; `time_s` first."""
+    if not file.stat().st_size:
+        raise InputError("is empty")
+    try:
+        from asammdf import MDF
+    except ImportError as error:
+        raise InputError("MDF files need the extra 'import': pip install '.[import]'") from error
+    from workbench.logs.formats.rates import TIME, distinct, titled
+
+    _without_temporary_files()
+    # As a stream: a path may be copied, unpacked, or looked for under another name. What is attached stays packed.
+    mdf: Any = MDF(file.open("rb"), **_CLOSED)
+    places: list[tuple[int, int]] = []
+    titles: list[str] = []
+    for g, group in enumerate(mdf.groups):
+        master = mdf.masters_db.get(g)
+        for i, channel in enumerate(group.channels):
+            if i != master and group.channel_group.cycles_nr:
+                _check_formulas(channel)
+                places.append((g, i))
+                titles.append(titled(channel.name, _unit(channel)))
+    titles = distinct(titles)
+    if not places:
+        raise InputError("holds no channels with samples")
+    longest = max({g for g, _ in places}, key=lambda g: mdf.groups[g].channel_group.cycles_nr)
+
+    def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
+        return _pieces(mdf, dict(zip(titles, places, strict=True)), longest, wanted, limits)
+
+    return Opened([TIME, *titles], pieces)
+
+
+def _check_formulas(channel: Any) -> None:
+    """InputError for a conversion whose formula is more than arithmetic: asammdf hands it to Python."""
+    conversions = [getattr(channel, "conversion", None)]
+    while conversions:
+        if (conversion := conversions.pop()) is None:
+            continue
+        formula = getattr(conversion, "formula", "") or ""
+        formula = formula.decode("latin-1") if isinstance(formula, bytes) else str(formula)
+        if len(formula) > LONGEST_FORMULA or _TOKEN.sub("", formula):
+            raise InputError(
+                f"is converted by the formula {formula[:60]!r}, expected arithmetic in X; convert it before saving",
+                place=str(channel.name),
+            )
+        inner = getattr(conversion, "referenced_blocks", None) or {}
+        conversions += [block for block in inner.values() if hasattr(block, "conversion_type")]
+
+
+class _Nowhere(io.BytesIO):
+    name = ""
+
+
+def _without_temporary_files() -> None:
+    """asammdf begins a temporary file for what is appended. A worker may write no file, and nothing is appended."""
+    try:
+        tempfile.gettempdir()
+    except FileNotFoundError:
+        from asammdf.blocks import mdf_v3, mdf_v4
+
+        for module in (mdf_v3, mdf_v4):
+            setattr(module, "NamedTemporaryFile", lambda *_, **__: _Nowhere())  # noqa: B010
+
+
+def _unit(channel: Any) -> str:
+    unit = getattr(channel, "unit", "") or getattr(getattr(channel, "conversion", None), "unit", "") or ""
+    return str(unit).strip()
+
+
+def _pieces(
+    mdf: Any, places: dict[str, tuple[int, int]], longest: int, wanted: Sequence[str], limits: Limits
+) -> Iterator[tuple[int, Array]]:
+    import numpy as np
+
+    from workbench.logs.formats.rates import TIME, Channel, at_times
+
+    rows = int(mdf.groups[longest].channel_group.cycles_nr)
+    limits.check(rows, rows * len(wanted))
+    time_s = np.asarray(mdf.get_master(longest), dtype=np.float64)
+    for index, name in enumerate(wanted):
+        if name == TIME:
+            yield index, time_s
+            continue
+        g, i = places[name]
+        signal = mdf.get(group=g, index=i)
+        values = np.asarray(signal.samples)
+        if values.dtype.kind not in "fiub" or values.ndim != 1:
+            raise InputError(f"holds {values.dtype}, expected real numbers", place=name)
+        own = Channel(name, "", np.asarray(signal.timestamps, dtype=np.float64), values.astype(np.float64))
+        yield index, np.ascontiguousarray(at_times(own, time_s))
+
+
+MDF = LogFormat(
+    name="MDF4",
+    suffixes=(".mf4", ".mdf"),
+    open=open_mdf,
+    about=(
+        "ASAM MDF, extra `import`. The channels of numbers of all groups, each named with its unit, `Torque [Nm]`; "
+        "`time_s` is the time of the group with the most samples, and channels of other rates are taken at it, linear "
+        "between their samples and missing beyond their ends."
+    ),
+    imports=("asammdf", "asammdf.blocks.mdf_v3", "asammdf.blocks.mdf_v4", "workbench.logs.formats.rates"),
+)

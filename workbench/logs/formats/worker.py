@@ -1,0 +1,343 @@
+"""The process that parses logs which may be damaged, and how this process talks with it.
+
+Where the system can fork, the worker never touches a file: it loads the parsers once, and each log is parsed by a child
+of its own, with limits on processor time and memory, which can open nothing but that log (confined.py). A child that
+dies takes the worker with it, by exit status 128 + signal. Elsewhere (Windows) the worker parses one log and ends, and
+only time is limited.
+
+Both sides send frames: a kind, a number and bytes. The bytes are JSON, or samples as they lie in memory; nothing that a
+worker sends is unpickled or executed.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import importlib
+import json
+import os
+import select
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.core.run import Array
+from workbench.logs.formats.confined import confine, limit
+from workbench.logs.formats.declared import Limits, LogFormat, Opened, plain_errors
+
+IDLE_S = 30.0  # without a question for so long, a worker ends
+MOST_IDLE = 2
+WALL = 20.0  # times the limit of processor time: then it is ended whatever it waits for
+MOST_TEXT = 64_000_000  # bytes of a frame of JSON
+# What text in a file may be in, and errors are written with: a parser can no longer look for it then.
+CODECS = (
+    "ascii", "charmap", "cp1252", "cp437", "iso8859_1", "iso8859_15", "latin_1", "raw_unicode_escape",
+    "unicode_escape", "utf_16", "utf_16_be", "utf_16_le", "utf_32", "utf_8", "utf_8_sig",
+)  # fmt: skip
+HEAD = struct.Struct("<cIQ")
+IMPORT, OPEN, READ, CLOSE = b"i", b"o", b"r", b"c"  # asked
+NAMES, PIECE, DONE, ERROR = b"n", b"p", b"d", b"e"  # answered
+# The path is that of this process, so that both load the same files; nothing of the working folder comes first.
+_CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); import workbench.logs.formats.worker as w; w.main()"
+_CALM = {
+    "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1",
+    "ARROW_DEFAULT_MEMORY_POOL": "system", "HDF5_PLUGIN_PRELOAD": "::",  # a file names no library to be loaded
+}  # fmt: skip
+_POSIX = os.name == "posix"
+_CAN_FORK = hasattr(os, "fork") and sys.platform != "win32"
+
+_idle: list[Worker] = []
+_lock = threading.Lock()
+
+
+# What both sides say
+
+
+def _send(stream: IO[bytes], kind: bytes, payload: Any = b"", number: int = 0) -> None:
+    """One frame, whole; the payload is bytes or a contiguous array. The stream is not buffered."""
+    view = memoryview(payload).cast("B") if len(payload) else memoryview(b"")
+    for part in (memoryview(HEAD.pack(kind, number, len(view))), view):
+        while part:
+            part = part[stream.write(part) :]
+
+
+def _send_text(stream: IO[bytes], kind: bytes, data: object) -> None:
+    _send(stream, kind, json.dumps(data).encode())
+
+
+def _head(stream: IO[bytes]) -> tuple[bytes, int, int]:
+    """(kind, number, length of what follows). EOFError when the other side is gone."""
+    raw = bytearray(HEAD.size)
+    _fill(stream, raw)
+    kind, number, length = HEAD.unpack(raw)
+    return kind, number, length
+
+
+def _text(stream: IO[bytes], length: int) -> Any:
+    """A frame's JSON."""
+    if length > MOST_TEXT:
+        raise EOFError
+    raw = bytearray(length)
+    _fill(stream, raw)
+    return json.loads(raw)
+
+
+def _fill(stream: IO[bytes], into: Any) -> None:
+    """Exactly as many bytes as `into` holds. EOFError when fewer come."""
+    view = memoryview(into).cast("B") if len(into) else memoryview(b"")
+    while view:
+        count = stream.readinto(view)  # type: ignore[attr-defined]
+        if not count:
+            raise EOFError
+        view = view[count:]
+
+
+# What runs in the worker
+
+
+def main() -> None:
+    """Answers what comes on standard input until it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell in the background has its children ignore it
+    requests = os.fdopen(0, "rb", buffering=0, closefd=False)
+    answers = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(2, 1)  # what a library prints is no answer
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        while not _CAN_FORK or select.select([0], [], [], IDLE_S)[0]:
+            kind, _, length = _head(requests)
+            asked = _text(requests, length)
+            if kind in (IMPORT, OPEN):
+                for name in (*(f"encodings.{codec}" for codec in CODECS), *asked["imports"]):
+                    with contextlib.suppress(ImportError):  # the opener says what is not installed
+                        importlib.import_module(name)
+            if kind == OPEN:
+                _apart(asked, requests, answers) if _CAN_FORK else _serve(asked, requests, answers)
+
+
+def _apart(asked: dict[str, Any], requests: IO[bytes], answers: IO[bytes]) -> None:
+    importlib.import_module(asked["open"][0])
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            limit(Limits(**asked["limits"]))
+            with contextlib.suppress(OSError):  # the file is gone: the opener says so
+                confine(Path(asked["file"]))
+            _serve(asked, requests, answers)
+            status = 0
+        finally:
+            os._exit(status)
+    _, how = os.waitpid(child, 0)
+    if (status := os.waitstatus_to_exitcode(how)) != 0:
+        os._exit(128 - status if status < 0 else status)
+
+
+def _serve(asked: dict[str, Any], requests: IO[bytes], answers: IO[bytes]) -> None:
+    """One log: its names; then, when they are asked for, its columns."""
+    limits = Limits(**asked["limits"])
+    try:
+        with plain_errors(asked["name"], limits):
+            module, function = asked["open"]
+            opened = getattr(importlib.import_module(module), function)(Path(asked["file"]))
+        _send_text(answers, NAMES, list(opened.names))
+        kind, _, length = _head(requests)
+        wanted = _text(requests, length)
+        if kind == READ:
+            with plain_errors(asked["name"], limits):
+                for column, piece in limits.counted(opened.pieces(wanted, limits), len(wanted)):
+                    _send(answers, PIECE, piece, column)
+        _send(answers, DONE)
+    except InputError as error:
+        _send_text(answers, ERROR, {"problem": error.problem, "line": error.line, "place": error.place})
+
+
+# What this process sees of it
+
+
+@contextmanager
+def opened(file: Path, log_format: LogFormat, limits: Limits) -> Iterator[Opened]:
+    """Open a log in a worker. InputError, without the file's name, for whatever happens to the worker."""
+    worker = _taken()
+    try:
+        yield Opened(worker.names(file, log_format, limits), worker.pieces)
+    finally:
+        worker.close()
+        _given_back(worker)
+
+
+def start_early(imports: tuple[str, ...]) -> None:
+    """A worker that loads these modules while the caller goes on."""
+    worker = _taken()
+    worker.ask(IMPORT, {"imports": imports})
+    _given_back(worker)
+
+
+class Worker:
+    """One worker process; it has one log open at a time.
+
+    `state`: "idle", "open" (the log's names are told, the worker waits), "busy" (an answer is on its way), "ended".
+    """
+
+    def __init__(self) -> None:
+        # A session of its own: Ctrl-C is for the process that asks, which ends its worker itself.
+        apart: dict[str, Any] = {"start_new_session": True} if _POSIX else {"creationflags": 0x200}
+        self.process = subprocess.Popen(
+            [sys.executable, "-I", "-c", _CODE, json.dumps([path or os.getcwd() for path in sys.path])],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=0,
+            env={**os.environ, **_CALM}, **apart,
+        )  # fmt: skip
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self.requests: Any = self.process.stdin
+        self.answers: Any = self.process.stdout
+        self.state, self.late, self.used_s = "idle", False, time.monotonic()
+
+    @property
+    def usable(self) -> bool:
+        """Whether the worker runs and will not end before the next request."""
+        return self.state == "idle" and self.process.poll() is None and time.monotonic() - self.used_s < IDLE_S / 2
+
+    def ask(self, kind: bytes, what: object) -> None:
+        try:
+            _send_text(self.requests, kind, what)
+        except OSError:  # it is gone; the answer that does not come says so
+            self.state = "busy"
+
+    def names(self, file: Path, log_format: LogFormat, limits: Limits) -> list[str]:
+        """What columns the log has, before its samples are read."""
+        self.state = "busy"
+        self.ask(OPEN, {
+            "file": os.path.abspath(file), "name": log_format.name, "imports": log_format.imports,
+            "open": (log_format.open.__module__, log_format.open.__qualname__), "limits": asdict(limits),
+        })  # fmt: skip
+        with self._watched(limits):
+            _, _, length = self._answer(NAMES)
+            listed = _text(self.answers, length)
+        self.state = "open"
+        return [str(name) for name in listed]
+
+    def pieces(self, wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
+        """The samples as they come."""
+        self.state = "busy"
+        self.ask(READ, list(wanted))
+        with self._watched(limits):
+            while True:
+                kind, column, length = self._answer(PIECE, DONE)
+                if kind == DONE:
+                    self.state = "idle"
+                    return
+                if column >= len(wanted) or length % 8 or length > limits.bytes:
+                    raise EOFError
+                piece = np.empty(length // 8)
+                _fill(self.answers, piece)
+                yield column, piece
+
+    def close(self) -> None:
+        """Close the log. A worker that is still reading it, or does not answer, is ended."""
+        if self.state == "open":
+            self.ask(CLOSE, None)
+            with contextlib.suppress(EOFError, InputError, ValueError, KeyError):
+                self._answer(DONE)
+                self.state = "idle"
+        if self.state != "idle":
+            self.end()
+
+    def end(self) -> None:
+        """Kill it, and what it has started."""
+        self.state = "ended"
+        self._kill()
+        for stream in (self.requests, self.answers):
+            with contextlib.suppress(OSError):
+                stream.close()
+        self.process.wait()
+
+    def _kill(self) -> None:
+        with contextlib.suppress(OSError):
+            if _POSIX:
+                os.killpg(self.process.pid, signal.SIGKILL)
+            else:
+                self.process.kill()
+
+    def _answer(self, *kinds: bytes) -> tuple[bytes, int, int]:
+        kind, number, length = _head(self.answers)
+        if kind == ERROR:
+            error = _text(self.answers, length)
+            self.state = "idle"
+            raise InputError(error["problem"], line=error["line"], place=error["place"])
+        if kind not in kinds:
+            raise EOFError
+        return kind, number, length
+
+    @contextmanager
+    def _watched(self, limits: Limits) -> Iterator[None]:
+        """Ends the worker when it takes too long; an InputError when it dies."""
+        watch = threading.Timer(WALL * limits.seconds, self._end_late)
+        watch.daemon = True
+        watch.start()
+        try:
+            yield
+        except (EOFError, ValueError, KeyError) as error:  # nothing more comes, or nothing that makes sense
+            raise InputError(self._cause_of_death(limits)) from error
+        finally:
+            watch.cancel()
+
+    def _end_late(self) -> None:
+        self.late = True
+        self._kill()
+
+    def _cause_of_death(self, limits: Limits) -> str:
+        """The cause of the worker's end, as a sentence."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(timeout=2.0)
+        status = self.process.poll()
+        self.end()
+        number = -status if status is not None and status < 0 else (status or 0) - 128
+        if self.late or (_POSIX and number == signal.SIGXCPU):
+            return f"takes more than {limits.seconds:g} s to read; is it damaged?"
+        if _POSIX and number == signal.SIGKILL:
+            return "takes more memory than there is: its reader was killed"
+        name = signal.Signals(number).name if number in {int(known) for known in signal.Signals} else f"status {status}"
+        return f"is damaged: it crashes the reader of its format ({name})"
+
+
+def _taken() -> Worker:
+    with _lock:
+        while _idle:
+            worker = _idle.pop()
+            if worker.usable:
+                return worker
+            worker.end()
+    return Worker()
+
+
+def _given_back(worker: Worker) -> None:
+    """Keep the worker for the next log if it forks for each one; otherwise it has parsed a file and ends."""
+    if worker.state == "idle" and _CAN_FORK:
+        worker.used_s = time.monotonic()
+        with _lock:
+            if len(_idle) < MOST_IDLE:
+                _idle.append(worker)
+                return
+    if worker.state != "ended":
+        worker.end()
+
+
+@atexit.register
+def end_all() -> None:
+    """Ends the workers that wait for the next log."""
+    with _lock:
+        while _idle:
+            _idle.pop().end()
+
+
+if hasattr(os, "register_at_fork"):  # a child has its parent's pipes, and must not talk through them
+    os.register_at_fork(after_in_child=_idle.clear)

@@ -1,0 +1,64 @@
+"""The machine: records of machine.yaml, their files, their physics by kind, the machines that ship."""
+
+from typing import Any, TypeAlias
+
+from workbench.machines.correction import MeasuredCorrection
+from workbench.machines.kind import (
+    STANDSTILL_LOG_STD,
+    TIME,
+    BaseValue,
+    ClosedLoop,
+    CrossCheck,
+    DeadLine,
+    Discrepancy,
+    Kind,
+    Limits,
+    Load,
+    Port,
+    RigidBody,
+    SignalSet,
+    Sizes,
+    Table,
+    TopSpeed,
+    Trace,
+)
+from workbench.machines.kinds import (
+    HOIST,
+    KINDS,
+    LINEAR,
+    LOOPED,
+    PLACES,
+    PLANTS,
+    ROTARY,
+    STUDIED,
+    TWO_INERTIA,
+    Axis,
+    Hoist,
+    kind_of,
+    load_of,
+    looped,
+    of_kind,
+    plant_of,
+    studied,
+)
+from workbench.machines.kinds.axis import LinearAxis, LinearCorrection, RotaryAxis, RotaryCorrection
+from workbench.machines.kinds.hoist import DRIVES, Drive, HoistCorrection
+from workbench.machines.kinds.two_inertia import TwoInertia
+from workbench.machines.plant import NO_EFFECTS, Effects, Memory, Output, Plant
+
+from workbench.machines.files import (  # isort: skip, it reads the kinds
+    RECORDS,
+    SHIPPED,
+    default_hoist,
+    load_machine,
+    machine_from,
+    machine_text,
+    save_machine,
+    shipped,
+    shipped_hoist,
+)
+from workbench.machines.values import get_value, value_names, with_correction, with_values
+
+Machine = Hoist | Axis
+# A machine of any kind, where what is a kind's own is asked of its record or by that kind's code alone.
+AnyKind: TypeAlias = Any

@@ -1,0 +1,27 @@
+"""The multi-body machine: rigid bodies, joints, rollers and wire on the engine Exudyn, an optional extra.
+
+It shares no equation with `workbench.machines`: that the two agree is a finding, not a definition.
+"""
+
+from workbench.machines.multibody.exudyn_import import engine
+from workbench.machines.multibody.geometry import Geometry, geometry_of
+from workbench.machines.multibody.motion import Driven, MotionResult, Outcome, Shaft, move, sampled
+from workbench.machines.multibody.statics import Hanging, hang
+from workbench.machines.multibody.switches import NO_SWITCHES, Switches, switches_of
+
+__all__ = [
+    "NO_SWITCHES",
+    "Driven",
+    "Geometry",
+    "Hanging",
+    "MotionResult",
+    "Outcome",
+    "Shaft",
+    "Switches",
+    "engine",
+    "geometry_of",
+    "hang",
+    "move",
+    "sampled",
+    "switches_of",
+]

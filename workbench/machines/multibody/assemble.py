@@ -1,0 +1,242 @@
+"""The machine in the engine: bodies, joints, rollers, cylinders, wire, winch and what acts on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from workbench.machines import Hoist
+from workbench.machines.multibody.exudyn_import import engine
+from workbench.machines.multibody.geometry import Geometry, Point, geometry_of
+from workbench.machines.multibody.laws import pin_law, roller_law, shaft_law
+from workbench.machines.multibody.switches import Switches, wound_m
+
+WIRE_DENSITY = 7850.0  # kg/m³, steel; the bare wire hangs in every machine
+PIN_SPEED = 0.01  # rad/s, where the pin friction of Eq. 13 is fully developed
+GEAR_SPEED = 0.3  # rad/s at the motor, where the gear's loss has turned over
+BRAKE_SPEED = 0.05  # rad/s at the motor, where a brake's friction is fully developed
+
+
+@dataclass
+class System:
+    """The engine's system and the numbers of its items. Coordinates: indices into the engine's state."""
+
+    mbs: Any
+    geometry: Geometry
+    coordinate: dict[str, int]
+    ropes: tuple[int, int]
+    rollers: dict[str, int]
+    cylinder: int
+    joints: dict[str, int]
+    gear: int
+    lock: int
+    pins: tuple[int, int]
+    gear_loss: int
+    brake: int
+    bristle: int | None
+    torque: int
+    drum_weight: int
+    wire_weight: int
+    gravity: list[tuple[int, float]]
+    keep: list[Any]
+
+
+def truth_of(machine: Hoist, switches: Switches, payload_kg: float) -> tuple[Hoist, float]:
+    """The machine and the payload as they are behind what is stated."""
+    payload = payload_kg * machine.sensors.payload_scale * switches.payload_scale
+    if switches.carriage_kg:
+        mass = machine.carriage.mass_kg + switches.carriage_kg
+        machine = machine.model_copy(update={"carriage": machine.carriage.model_copy(update={"mass_kg": mass})})
+    return machine, payload
+
+
+def line_kg_per_m(machine: Hoist, switches: Switches) -> float:
+    return WIRE_DENSITY * machine.wire.effective_area_m2 + switches.hose_kg_per_m
+
+
+def assemble(
+    machine: Hoist, switches: Switches, payload_kg: float, height_m: float, drum_angle_rad: float, clock_s: float = 0.0
+) -> System:
+    """Builds the machine at a carriage height with its drum turned by an angle and locked there.
+
+    machine, payload_kg: the true ones, see `truth_of`.
+    """
+    return _Builder(machine, switches, payload_kg, height_m, drum_angle_rad, clock_s).system()
+
+
+class _Builder:
+    def __init__(
+        self, machine: Hoist, switches: Switches, payload_kg: float, height_m: float, angle: float, clock_s: float
+    ):
+        exu = engine()
+        from exudyn import itemInterface as items  # noqa: N813 -- a module
+
+        self.exu, self.items = exu, items
+        self.machine, self.switches, self.payload_kg = machine, switches, payload_kg
+        self.height, self.angle, self.clock_s = height_m, angle, clock_s
+        self.container = exu.SystemContainer()
+        self.mbs = self.container.AddSystem()
+        self.geometry = geometry_of(machine, payload_kg, height_m)
+        self.keep: list[Any] = [self.container]
+        self.nodes: dict[str, Any] = {}
+        self.objects: dict[str, Any] = {}
+        self.gravity: list[tuple[int, float]] = []
+
+    def system(self) -> System:
+        i, m, s = self.items, self.machine, self.switches
+        self.ground = self.mbs.AddObject(i.ObjectGround())
+        still = self.mbs.AddNode(i.NodePointGround(referenceCoordinates=[0, 0, 0]))
+        self.fixed = self.mbs.AddMarker(i.MarkerNodeCoordinate(nodeNumber=still, coordinate=0))
+        for name in self.geometry.bodies:
+            self._body(name)
+        joints = {name: self._joint(*joint) for name, joint in self.geometry.joints.items()}
+        if "payload" in self.geometry.bodies:
+            upright = [self._coordinate("head", 2), self._coordinate("payload", 2)]
+            joints["gripper_moment"] = self.mbs.AddObject(i.ObjectConnectorCoordinate(markerNumbers=upright))
+        rollers = self._rollers()
+        cylinder = self._cylinder()
+        turning = m.winch.inertia_kg_m2
+        if s.wire_inertia:  # what is wound and the fall that moves go with the drum's rim; the dead fall stands still
+            turning += (
+                line_kg_per_m(m, s) * (m.wire.segment_length_m + self.height) * (m.winch.drum_diameter_m / 2) ** 2
+            )
+        drum = self._wheel("drum", turning, self.angle)
+        rotors = m.motor.count * m.motor.rotor_inertia_kg_m2 + s.gear_inertia
+        motor = self._wheel("motor", rotors, self.angle * m.gearbox.ratio)
+        gear = self.mbs.AddObject(i.ObjectConnectorCoordinate(markerNumbers=[motor, drum], factor1=m.gearbox.ratio))
+        lock = self.mbs.AddObject(i.ObjectConnectorCoordinate(markerNumbers=[self.fixed, drum], offset=self.angle))
+        sheave = self._coordinate("sheave", 2)
+        R, r = m.winch.drum_diameter_m / 2.0, m.sheave.diameter_m / 2.0
+        ropes = (self._rope([drum, sheave], [-R, -r]), self._rope([self.fixed, sheave], [0.0, r]))
+        pins = (
+            self._pin(self.fixed, drum, PIN_SPEED),
+            self._pin(self._coordinate("lower_dolly", 2), sheave, PIN_SPEED),
+        )
+        loss = self._pin(self.fixed, motor, GEAR_SPEED, shaft_law())
+        brake = self._pin(self.fixed, motor, BRAKE_SPEED, shaft_law())
+        torque = self.mbs.AddLoad(i.LoadCoordinate(markerNumber=motor, load=0.0))
+        drum_weight = self.mbs.AddLoad(i.LoadCoordinate(markerNumber=drum, load=0.0))
+        wire_weight = self.mbs.AddLoad(i.LoadForceVector(markerNumber=self._at("sheave"), loadVector=[0, 0, 0]))
+        bristle = self._bristle() if s.bristle_m else None
+        self.mbs.Assemble()
+        names = [(name, c, k) for name in self.geometry.bodies for k, c in enumerate("xya")]
+        coordinate = {f"{name}.{c}": self.mbs.GetNodeODE2Index(self.nodes[name]) + k for name, c, k in names}
+        coordinate |= {name: self.mbs.GetNodeODE2Index(self.nodes[name]) for name in ("drum", "motor")}
+        return System(
+            self.mbs, self.geometry, coordinate, ropes, rollers, cylinder, joints, gear, lock, pins, loss, brake,
+            bristle, torque, drum_weight, wire_weight, self.gravity, self.keep,
+        )  # fmt: skip
+
+    def _body(self, name: str) -> None:
+        i, body = self.items, self.geometry.bodies[name]
+        r = self.machine.sheave.diameter_m / 2.0
+        wound, _ = wound_m(self.switches, self.machine.winch.drum_diameter_m / 2.0)(self.angle)
+        turned = -wound / (2.0 * r) if name == "sheave" else 0.0
+        node = self.mbs.AddNode(
+            i.NodeRigidBody2D(referenceCoordinates=[*body.centre, 0.0], initialCoordinates=[0.0, 0.0, turned])
+        )
+        self.nodes[name] = node
+        self.objects[name] = self.mbs.AddObject(
+            i.ObjectRigidBody2D(mass=body.mass_kg, inertia=body.inertia_kg_m2, nodeNumber=node)
+        )
+        marker = self.mbs.AddMarker(i.MarkerBodyMass(bodyNumber=self.objects[name]))
+        weight = [0.0, -self.machine.gravity_m_s2, 0.0]
+        self.gravity.append(
+            (self.mbs.AddLoad(i.LoadMassProportional(markerNumber=marker, loadVector=weight)), body.mass_kg)
+        )
+
+    def _wheel(self, name: str, inertia: float, angle: float) -> Any:
+        i = self.items
+        self.nodes[name] = self.mbs.AddNode(i.Node1D(referenceCoordinates=[0.0], initialCoordinates=[angle]))
+        self.objects[name] = self.mbs.AddObject(i.ObjectMass1D(mass=inertia, nodeNumber=self.nodes[name]))
+        return self._coordinate(name, 0)
+
+    def _at(self, name: str, point: Point | None = None) -> Any:
+        """A marker on a body, at its centre or where `point` is at the start."""
+        centre = self.geometry.bodies[name].centre
+        x, y = centre if point is None else point
+        local = [x - centre[0], y - centre[1], 0.0]
+        return self.mbs.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.objects[name], localPosition=local))
+
+    def _on_ground(self, x: float, y: float) -> Any:
+        return self.mbs.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.ground, localPosition=[x, y, 0.0]))
+
+    def _coordinate(self, name: str, which: int) -> Any:
+        return self.mbs.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[name], coordinate=which))
+
+    def _joint(self, a: str, b: str, point: Point) -> Any:
+        return self.mbs.AddObject(
+            self.items.ObjectJointRevolute2D(markerNumbers=[self._at(a, point), self._at(b, point)])
+        )
+
+    def _rollers(self) -> dict[str, int]:
+        arm, out = self.machine.arm, {}
+        k = arm.roller_stiffness_n_per_m
+        weight = self.payload_kg * self.machine.gravity_m_s2
+        law = roller_law(self.machine, self.switches, self.height, weight, self.clock_s)
+        for name, (dolly, point) in self.geometry.rollers.items():
+            out[name] = self.mbs.AddObject(
+                self.items.ObjectConnectorCartesianSpringDamper(
+                    markerNumbers=[self._on_ground(*point), self._at(dolly, point)],
+                    stiffness=[k, 0.0, 0.0],
+                    damping=[k * arm.roller_damping_time_s, 0.0, 0.0],
+                )
+            )
+            self._give_law(out[name], law)
+        return out
+
+    def _give_law(self, number: Any, law: Any) -> None:
+        from exudyn.utilities import CreateSymbolicUserFunction
+
+        function = CreateSymbolicUserFunction(self.mbs, law, "springForceUserFunction", itemIndex=number)
+        self.mbs.SetObjectParameter(number, "springForceUserFunction", function)
+        self.keep.append(function)
+
+    def _cylinder(self) -> Any:
+        arm = self.machine.arm
+        low, high = self.geometry.cylinder
+        k = arm.cylinder_stiffness_n_per_m
+        return self.mbs.AddObject(
+            self.items.ObjectConnectorSpringDamper(
+                markerNumbers=[self._at("lower_dolly", low), self._at("upper_dolly", high)],
+                referenceLength=high[1] - low[1],
+                stiffness=k,
+                damping=k * arm.cylinder_damping_time_s,
+            )
+        )
+
+    def _rope(self, coordinates: list[Any], factors: list[float]) -> Any:
+        """One fall, from the top over the sheave's pin: its free length changes with drum and sheave."""
+        wire = self.machine.wire
+        top = self._on_ground(self.geometry.sheave_x_m, wire.segment_length_m)
+        EA = wire.youngs_modulus_pa * wire.effective_area_m2
+        return self.mbs.AddObject(
+            self.items.ObjectConnectorReevingSystemSprings(
+                markerNumbers=[top, self._at("sheave"), *coordinates],
+                hasCoordinateMarkers=True,
+                coordinateFactors=factors,
+                stiffnessPerLength=EA,
+                dampingPerLength=EA * wire.damping_time_s,
+                referenceLength=wire.segment_length_m,
+                sheavesAxes=self.exu.Vector3DList([[0, 0, 1]] * 2),
+                sheavesRadii=[0, 0],
+            )
+        )
+
+    def _pin(self, a: Any, b: Any, speed: float, law: Any = None) -> Any:
+        """Dry friction between two coordinates; its level is the connector's `offset`."""
+        number = self.mbs.AddObject(
+            self.items.ObjectConnectorCoordinateSpringDamper(
+                markerNumbers=[a, b], stiffness=0.0, damping=speed, offset=0.0
+            )
+        )
+        self._give_law(number, law or pin_law())
+        return number
+
+    def _bristle(self) -> Any:
+        """The bristles between the lower dolly and the rail; `motion` sets their tangent before each step."""
+        return self.mbs.AddObject(
+            self.items.ObjectConnectorCoordinateSpringDamper(
+                markerNumbers=[self.fixed, self._coordinate("lower_dolly", 1)], stiffness=0.0, damping=0.0
+            )
+        )

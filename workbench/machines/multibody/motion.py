@@ -1,0 +1,379 @@
+"""The machine in motion under the torque that a drive gives, step by step, to a run."""
+
+from __future__ import annotations
+
+import enum
+import math
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from workbench.core.run import Array, Run
+from workbench.machines import Hoist
+from workbench.machines.multibody.assemble import System, truth_of
+from workbench.machines.multibody.exudyn_import import engine
+from workbench.machines.multibody.laws import PLAIN, guide_level
+from workbench.machines.multibody.statics import DidNotConvergeError, Hanging, set_wire, settle, wire_weight_n
+from workbench.machines.multibody.switches import Switches, switches_of, wound_m
+
+SPECTRAL_RADIUS = 0.8  # of the generalised-α method: damps what the step cannot resolve
+FINER = (1, 2, 4)  # parts of a step, tried in turn
+BRISTLE_DAMPING = 0.3  # of critical, of the carriage on its bristles
+TOLERANCE = 1e-6  # of the engine's iteration: motor speed within 1e-7 of nominal of that at 1e-8
+
+
+class Outcome(enum.Enum):
+    """How a motion ended, as a sentence for the user."""
+
+    COMPLETED = "completed"
+    DIVERGED = "the engine's iteration did not converge"
+    NO_EQUILIBRIUM = "the machine does not hang still at its start"
+
+
+@dataclass(frozen=True)
+class Shaft:
+    """What a drive is told at the beginning of a step: time, s; motor angle, rad; speed, rad/s."""
+
+    time_s: float
+    angle_rad: float
+    speed_rad_s: float
+
+
+# (shaft now, time at the step's end, s) -> (torque of all motors over the step, dry friction of a brake there), N m.
+Driven = Callable[[Shaft, float], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class MotionResult:
+    """The run, what it started from, how it ended and what it cost.
+
+    at: time and state of a failure, for the user. cpu_s: of the stepping.
+    """
+
+    run: Run
+    hanging: Hanging | None
+    outcome: Outcome
+    at: str
+    cpu_s: float
+    steps: int
+    switches: Switches = field(repr=False, default_factory=Switches)
+    reactions: Run | None = None
+
+
+SIGNALS = (
+    ("torque_motor_nm", "torque of all motors"),
+    ("speed_motor_rad_s", "motor speed"),
+    ("angle_motor_rad", "motor angle"),
+    ("position_carriage_m", "carriage height"),
+    ("speed_carriage_m_s", "carriage speed"),
+    ("acceleration_carriage_m_s2", "carriage acceleration"),
+    ("tension_drum_n", "wire tension at the drum"),
+    ("tension_dead_line_n", "wire tension at the dead anchor"),
+    ("tension_min_n", "the smaller of the two falls' elastic tensions"),
+    ("force_guide_n", "friction of all rollers in the rails, against an upward motion positive"),
+)
+REACTIONS = (
+    ("force_cylinder_n", "of both cylinders, tension positive"),
+    ("pitch_lower_dolly_rad", "of the lower dolly, out of the column's line"),
+    ("pitch_upper_dolly_rad", "of the upper dolly"),
+    ("torque_gear_nm", "that the gearbox gives the drum, as felt at the motors"),
+)
+
+
+def move(
+    machine: Hoist,
+    payload_kg: float,
+    start_position_m: float,
+    drive: Callable[[float], Driven],
+    duration_s: float,
+    *,
+    name: str = "run",
+    step_s: float = 0.002,
+    record_every: int = 5,
+    start_speed_rad_s: float = 0.0,
+    start_time_s: float = 0.0,
+    switches: Switches | None = None,
+    reactions_every: int | None = None,
+) -> MotionResult:
+    """Simulate one run from hanging still (or moving evenly with the motors) at a carriage height.
+
+    drive: called with the torque (N m) that holds the load, gives what is called before every step. payload_kg:
+    as stated. step_s: of the generalised-α method;
+    a record is kept every `record_every`-th. reactions_every: the forces of rollers and joints beside it, with every
+    record when None, never when 0; at a multiple of record_every they come as a run of their own.
+    """
+    switches = switches_of(machine) if switches is None else switches
+    truth, payload = truth_of(machine, switches, payload_kg)
+    empty = Run(name, np.zeros(0), {}, payload_kg, start_position_m, start_time_s)
+    try:
+        system, q, hanging = settle(truth, switches, payload, start_position_m, start_time_s)
+    except DidNotConvergeError as error:
+        return MotionResult(empty, None, Outcome.NO_EQUILIBRIUM, str(error), 0.0, 0, switches)
+    cpu, done = 0.0, False
+    every = record_every if reactions_every is None else reactions_every
+    for finer in FINER:  # where friction turns over too steeply for the step, all is done again in finer ones
+        steps = max(1, round(duration_s / step_s)) * finer
+        motion = _Motion(truth, switches, payload, system, start_position_m, start_time_s, step_s / finer)
+        motion.every, motion.reactions_every = record_every * finer, every * finer
+        motion.begin(q, start_speed_rad_s, hanging.hold_torque_nm)
+        began = clock.process_time()
+        done = motion.run(drive(hanging.hold_torque_nm), steps)
+        cpu += clock.process_time() - began
+        if done:
+            break
+    time, signals = motion.core()
+    reactions: Run | None = None
+    if every == record_every:
+        signals |= motion.forces()
+    elif every:
+        reactions = replace(empty, time_s=time[:: every // record_every], signals=motion.forces())
+    outcome = Outcome.COMPLETED if done else Outcome.DIVERGED
+    run = replace(empty, time_s=time, signals=signals)
+    return MotionResult(run, hanging, outcome, "" if done else motion.place(), cpu, steps, switches, reactions)
+
+
+def sampled(driven: Driven, sample_time_s: float) -> Driven:
+    """A drive that is asked at its own sample times only and holds its torque between them."""
+    taken, given = -1, (0.0, 0.0)
+
+    def held(shaft: Shaft, until_s: float) -> tuple[float, float]:
+        nonlocal taken, given
+        sample = math.floor(shaft.time_s / sample_time_s + 1e-6)
+        if sample > taken:
+            taken, given = sample, driven(shaft, until_s)
+        return given
+
+    return held
+
+
+class _Motion:
+    """One simulation: what is set before each step, what is kept of it."""
+
+    def __init__(
+        self,
+        machine: Hoist,
+        switches: Switches,
+        payload_kg: float,
+        system: System,
+        height: float,
+        clock_s: float,
+        h: float,
+    ):
+        self.machine, self.s, self.system, self.h = machine, switches, system, h
+        self.height, self.clock_s = height, clock_s
+        self.mbs = system.mbs
+        self.wound = wound_m(switches, machine.winch.drum_diameter_m / 2.0)
+        self.level = guide_level(PLAIN, machine, switches, payload_kg * machine.gravity_m_s2)
+        self.kept: list[tuple[float, ...]] = []
+        self.step = 0
+        self.torque = 0.0
+        self.z, self.bristle_y = 0.0, 0.0
+        self.reactions: list[tuple[float, ...]] = []
+        self.every, self.reactions_every = 1, 0
+        self.joints = [joint for name, joint in system.joints.items() if name != "gripper_moment"]
+
+    def begin(self, q: Array, speed: float, hold_nm: float) -> None:
+        """Positions at rest under the torque that holds; every point moves with the motor, half as fast as the wire."""
+        exu, c = engine(), self.system.coordinate
+        self.mbs.SetObjectParameter(self.system.lock, "activeConnector", False)
+        self.mbs.Assemble()
+        self.mbs.systemData.SetODE2Coordinates(q, exu.ConfigurationType.Initial)
+        self.mbs.SetLoadParameter(self.system.torque, "load", hold_nm)  # the first acceleration is taken under it
+        self.bristle_y = float(q[c["lower_dolly.y"]])
+        rates = np.zeros_like(q)
+        if speed:
+            rates[c["motor"]], rates[c["drum"]] = speed, speed / self.machine.gearbox.ratio
+            lift = rates[c["drum"]] * self.wound(float(q[c["drum"]]))[1] / 2.0
+            for name in self.system.geometry.bodies:
+                rates[c[f"{name}.y"]] = lift
+            rates[c["sheave.a"]] = -2.0 * lift / self.machine.sheave.diameter_m
+        self.mbs.systemData.SetODE2Coordinates_t(rates, exu.ConfigurationType.Initial)
+
+    braked = False
+
+    def run(self, driven: Driven, steps: int) -> bool:
+        """Takes the steps; whether the engine converged in all of them."""
+        exu = engine()
+        settings = exu.SimulationSettings()
+        settings.solution.file.write = False
+        settings.timeIntegration.numberOfSteps = steps
+        settings.timeIntegration.endTime = steps * self.h
+        settings.timeIntegration.adaptiveStep = False
+        settings.timeIntegration.verboseMode = 0
+        settings.timeIntegration.newton.useModifiedNewton = True
+        settings.timeIntegration.newton.relativeTolerance = TOLERANCE
+        settings.timeIntegration.generalizedAlpha.spectralRadius = SPECTRAL_RADIUS
+        self.raised: BaseException | None = None
+
+        def before_step(mbs: Any, t: float) -> bool:
+            try:
+                self._before_step(driven)
+            except BaseException as error:  # the engine would turn it into its own
+                self.raised = error
+                return False
+            return True
+
+        self.mbs.SetPreStepUserFunction(before_step)
+        try:
+            done = bool(self.mbs.SolveDynamic(settings))
+        except RuntimeError:
+            done = False
+        finally:
+            self.mbs.SetPreStepUserFunction(0)  # the engine's hold on this object would outlive the run
+        if self.raised is not None:
+            raise self.raised
+        if done and self.step % self.every == 0:
+            self._keep(*self._state())
+        return done
+
+    def _state(self) -> tuple[Any, Any]:
+        data = self.mbs.systemData
+        return data.GetODE2Coordinates(), data.GetODE2Coordinates_t()
+
+    def _before_step(self, driven: Driven) -> None:
+        """What acts over the step that begins: torque, levels of friction by the last forces, wire, weights."""
+        mbs, system, machine, s, h = self.mbs, self.system, self.machine, self.s, self.h
+        c = system.coordinate
+        q, v = self._state()
+        t = self.step * h
+        angle, speed = float(q[c["motor"]]), float(v[c["motor"]])
+        W1, W2 = self._tensions()
+        drum, sheave = float(q[c["drum"]]), float(q[c["sheave.a"]])
+        drum_next, sheave_next = drum + h * float(v[c["drum"]]), sheave + h * float(v[c["sheave.a"]])
+        g = machine.gravity_m_s2 + self._heave(t + h)
+        if s.heave_m:
+            for load, _ in system.gravity:
+                mbs.SetLoadParameter(load, "loadVector", [0.0, -g, 0.0])
+        set_wire(machine, s, system, g, drum_next, sheave_next)
+        weights = wire_weight_n(machine, s, g, drum, sheave)
+        W1_top = W1 + weights[0] / 2.0
+        mu = machine.bearing.pin_friction_coefficient
+        drum_pin = mu * (machine.winch.mass_kg * g + W1_top) * machine.winch.pin_diameter_m / 2.0
+        on_pin = abs(W1 + W2 - (weights[0] + weights[1]) / 2.0 - machine.sheave.mass_kg * g)
+        mbs.SetObjectParameter(system.pins[0], "offset", drum_pin)
+        mbs.SetObjectParameter(system.pins[1], "offset", mu * on_pin * machine.sheave.pin_diameter_m / 2.0)
+        if s.gear_loss:
+            carried = abs(self.wound(drum)[1] * W1_top + drum_pin * (1.0 if speed > 0.0 else -1.0))
+            mbs.SetObjectParameter(system.gear_loss, "offset", s.gear_loss * carried / machine.gearbox.ratio)
+        if system.bristle is not None:
+            self._bend(
+                float(q[c["lower_dolly.y"]]), float(v[c["lower_dolly.y"]]), self.height + float(q[c["sheave.y"]]), t
+            )
+        torque, brake = driven(Shaft(t, angle, speed), t + h)
+        self.torque = torque
+        if brake or self.step == 0 or self.braked:
+            mbs.SetObjectParameter(system.brake, "offset", brake)
+        self.braked = bool(brake)
+        if s.ripple_nm:
+            torque += s.ripple_nm * math.sin(s.ripple_order * (angle + h * speed) + s.ripple_rad)
+        if s.ripple2_nm:
+            torque += s.ripple2_nm * math.sin(s.ripple2_order * (angle + h * speed) + s.ripple2_rad)
+        torque -= (s.motor_viscous + s.fan_nm_s2 * abs(speed)) * speed
+        mbs.SetLoadParameter(system.torque, "load", torque)
+        self.now = (W1, W2, g, *weights)
+        if self.step % self.every == 0:
+            self._keep(q, v)
+        self.step += 1
+
+    def _bend(self, y: float, v: float, height: float, t: float) -> None:
+        """Dahl's bristles: F = level z, dz/dy = (1 - z sign v)/δ, damped before they slide.
+
+        Over the coming step the engine has their tangent, so that it stays implicit; z follows what it found. The level
+        is that at this carriage height and speed, of the direction in which the bristles are bent.
+        """
+        s = self.s
+        r = (y - self.bristle_y) / s.bristle_m
+        z = (self.z + r) / (1.0 + abs(r))
+        self.bristle_y, self.z = y, z
+        level = self.level(math.copysign(v, z), height, self.clock_s + t) + s.roller_friction * self._normal()
+        k = level / s.bristle_m
+        tangent = k * max(1.0 - math.copysign(z, z * v), 1e-4)
+        damping = 2.0 * BRISTLE_DAMPING * math.sqrt(k * self.machine.carriage.mass_kg) * (1.0 - abs(z))
+        bristle = self.system.bristle
+        self.mbs.SetObjectParameter(bristle, "stiffness", tangent)
+        self.mbs.SetObjectParameter(bristle, "offset", y - level * z / tangent)
+        self.mbs.SetObjectParameter(bristle, "damping", damping)
+
+    def _heave(self, t: float) -> float:
+        """Acceleration of the platform: what hangs on it weighs so much more."""
+        s = self.s
+        if not s.heave_m:
+            return 0.0
+        return -s.heave_m * s.heave_rad_s**2 * math.sin(s.heave_rad_s * t + s.heave_rad)
+
+    def _tensions(self) -> tuple[float, float]:
+        kind = engine().OutputVariableType.ForceLocal
+        W1, W2 = (float(self.mbs.GetObjectOutput(rope, kind)) for rope in self.system.ropes)
+        return W1, W2
+
+    def _normal(self) -> float:
+        kind = engine().OutputVariableType.Force
+        return float(sum(abs(self.mbs.GetObjectOutput(r, kind)[0]) for r in self.system.rollers.values()))
+
+    def _keep(self, q: Any, v: Any) -> None:
+        c, a = self.system.coordinate, self.mbs.systemData.GetODE2Coordinates_tt()
+        W1, W2, _, w1, w2 = self.now
+        self.kept.append(
+            (
+                self.step * self.h,
+                self.torque,
+                v[c["motor"]],
+                q[c["motor"]],
+                self.height + q[c["sheave.y"]],
+                v[c["sheave.y"]],
+                a[c["sheave.y"]],
+                W1 + w1 / 2.0,
+                W2 + w2 / 2.0,
+                min(W1, W2),
+                self._friction(),
+            )
+        )
+        if self.reactions_every and self.step % self.reactions_every == 0:
+            self._keep_reactions(q)
+
+    def _friction(self) -> float:
+        kinds, system = engine().OutputVariableType, self.system
+        friction = sum((float(self.mbs.GetObjectOutput(r, kinds.Force)[1]) for r in system.rollers.values()), 0.0)
+        return friction if system.bristle is None else friction + self._bent()
+
+    def _bent(self) -> float:
+        return float(self.mbs.GetObjectOutput(self.system.bristle, engine().OutputVariableType.Force))
+
+    def _keep_reactions(self, q: Any) -> None:
+        kinds, mbs, system, c = engine().OutputVariableType, self.mbs, self.system, self.system.coordinate
+        rollers = [mbs.GetObjectOutput(r, kinds.Force) for r in system.rollers.values()]
+        joints = [math.hypot(*mbs.GetObjectOutput(j, kinds.Force)[:2]) for j in self.joints]
+        gear = float(np.atleast_1d(mbs.GetObjectOutput(system.gear, kinds.Force))[0])
+        self.reactions.append(
+            (
+                float(mbs.GetObjectOutput(system.cylinder, kinds.ForceLocal)),
+                q[c["lower_dolly.a"]],
+                q[c["upper_dolly.a"]],
+                -gear,
+                *(float(r[0]) for r in rollers),
+                *joints,
+            )
+        )
+
+    def core(self) -> tuple[Array, dict[str, Array]]:
+        """Times and signals of every record."""
+        table = np.array(self.kept, dtype=float).reshape(len(self.kept), len(SIGNALS) + 1)
+        return table[:, 0].copy(), {name: table[:, k + 1].copy() for k, (name, _) in enumerate(SIGNALS)}
+
+    def forces(self) -> dict[str, Array]:
+        """The reactions kept, as signals."""
+        rollers = [f"force_roller_{name}_n" for name in self.system.rollers]
+        joints = [f"force_{name}_n" for name in self.system.joints if name != "gripper_moment"]
+        names = [*(name for name, _ in REACTIONS), *rollers, *joints]
+        table = np.array(self.reactions, dtype=float).reshape(len(self.reactions), len(names))
+        return {name: table[:, k].copy() for k, name in enumerate(names)}
+
+    def place(self) -> str:
+        last = self.kept[-1] if self.kept else (0.0,) * 6
+        return (
+            f"at {self.step * self.h:.3f} s; last kept at {last[0]:.3f} s: height {last[4]:.3f} m, "
+            f"motor speed {last[2]:.2f} rad/s, torque {last[1]:.1f} N m"
+        )

@@ -1,0 +1,132 @@
+"""Campaigns, runs and imported logs as tables and figures."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from workbench.core.errors import InputError, nearest
+from workbench.core.run import Array, Run
+from workbench.core.shown import View
+from workbench.core.table import Column, Table, words
+from workbench.figures.panels import Panels
+from workbench.figures.replay import input_profiles
+from workbench.logs import Campaign
+from workbench.logs.mapping import Proposed
+from workbench.machines import plant_of
+from workbench.study.labels import metric_label
+from workbench.view.numbers import figures
+from workbench.view.page import Section, save_page
+from workbench.view.style import BLUE, line
+from workbench.view.words import words_of
+
+
+def run_figure(run: Run, signals: Sequence[str] | None = None) -> Any:
+    """The run's signals over time, a panel a signal. InputError for a signal that the run does not have."""
+    for name in signals or ():
+        if name not in run:
+            raise InputError(f"no signal '{name}'; {nearest(name, run.signals)}")
+    names = list(run.signals if signals is None else signals)
+    labels = [metric_label(name) for name in names]
+    panels = Panels(run.name, [f"{x.words}<br>({x.unit})" if x.unit else x.words for x in labels])
+    for row, (name, label) in enumerate(zip(names, labels, strict=True)):
+        panels.line(row, 0, run.time_s, run[name], label.words, line("measured", width=1.4), label.unit)
+    figure = panels.figure(140 + 130 * len(names))
+    return figure.update_layout(showlegend=False)
+
+
+def _signals(run: Run) -> Table:
+    rows = []
+    for name, values in run.signals.items():
+        known = values[np.isfinite(values)]
+        numbers = (known.min(), known.mean(), known.max()) if len(known) else (np.nan,) * 3
+        rows.append([name, *(figures(float(x), 4) for x in numbers)])
+    note = f"{len(run.time_s)} samples in {run.duration_s:.1f} s, payload {run.payload_kg:g} kg, from {run.source}."
+    return Table([words("signal"), Column("smallest"), Column("mean"), Column("largest")], rows, note)
+
+
+def _columns(run: Run) -> Mapping[str, Sequence[Any]]:
+    return {"time_s": run.time_s, **run.signals}  # type: ignore[dict-item]
+
+
+RUN = View({"signals": _signals}, {"signals": run_figure}, _columns, index="time_s")
+
+_RUN_COLUMNS = (
+    words("run"), Column("payload", "kg"), Column("length", "s"), Column("samples"), Column("step", "ms"),
+    words("signals"),
+)  # fmt: skip
+
+
+def _runs(campaign: Campaign) -> Table:
+    rows = [
+        [
+            run.name, f"{run.payload_kg:g}", f"{run.duration_s:.1f}", str(len(run.time_s)),
+            figures(1000.0 * run.sample_time_s), ", ".join(run.signals),
+        ]
+        for run in campaign.runs
+    ]  # fmt: skip
+    return Table(_RUN_COLUMNS, rows, "; ".join(campaign.all_notes))
+
+
+def _run_columns(campaign: Campaign) -> Mapping[str, Sequence[Any]]:
+    runs = campaign.runs
+    return {
+        "run": [run.name for run in runs],
+        "payload_kg": [run.payload_kg for run in runs],
+        "start_position_m": [run.start_position_m for run in runs],
+        "start_time_s": [run.start_time_s for run in runs],
+        "duration_s": [run.duration_s for run in runs],
+        "samples": [len(run.time_s) for run in runs],
+        "sample_time_s": [run.sample_time_s for run in runs],
+    }
+
+
+def _inputs(campaign: Campaign) -> Any:
+    machine = campaign.machine
+    return input_profiles(campaign.runs, plant_of(machine).input, words_of(machine).unit)
+
+
+CAMPAIGN = View({"runs": _runs}, {"input": _inputs}, _run_columns, index="run")
+
+
+def mapping_table(proposed: Proposed) -> Table:
+    rows = []
+    for p in proposed.proposals:
+        remark = ""
+        if p.guessed_unit:
+            said = f"its unit '{p.unit}' is not known" if p.unit else "its unit is not said"
+            remark = f"{said}: taken as SI; name the unit in the mapping, or a scale"
+        if p.others:
+            remark = "; ".join(part for part in (remark, f"also fits: {', '.join(p.others)}") if part)
+        rows.append([p.signal, p.column, p.unit or "–", f"{p.factor:.6g}", remark])
+    columns = [words("signal"), words("column"), words("unit"), Column("factor\nto SI"), words("remark")]
+    return Table(columns, rows)
+
+
+def write_page(signals: Sequence[tuple[str, str, Array, Array]], proposed: Proposed, name: str, path: Path) -> None:
+    """Replaces the page. InputError where it cannot be written."""
+    section = Section(
+        sentences=[f"Columns that are no signal: {', '.join(proposed.unused) or 'none'}."],
+        tables=[mapping_table(proposed)],
+        figures=[(drawn(signals), "Each signal in SI, at its own samples; up, hoisting and forward are positive.")],
+    )
+    hidden = path.with_name(f".{path.name}.part")
+    try:
+        save_page([section], hidden, f"Import of {name}")
+        os.replace(hidden, path)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
+
+
+def drawn(signals: Sequence[tuple[str, str, Array, Array]]) -> Any:
+    """signals: (signal, column, time in s, values in SI) of each."""
+    panels = Panels("Proposed signals", [signal.replace("_", " ") for signal, _, _, _ in signals])
+    for i, (signal, column, time_s, values) in enumerate(signals):
+        panels.line(i, 0, time_s, values, f"{signal}: {column}", {"color": BLUE, "width": 1.3})
+    figure = panels.figure(170 * len(signals) + 120)
+    figure.update_layout(showlegend=False)
+    return figure
